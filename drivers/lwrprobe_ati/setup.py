@@ -1,0 +1,81 @@
+"""Setting the device up through its console; every setting is read back before it is believed."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from lwrprobe.contracts import DeviceRefused
+from lwrprobe_ati.calibration import Calibration, parse_calibration
+from lwrprobe_ati.config import AtiConfig
+from lwrprobe_ati.console import Console
+
+
+@dataclass(slots=True, frozen=True)
+class Setup:
+    """What the device has confirmed."""
+
+    calibration: Calibration
+    firmware: str
+
+
+def set_up(console: Console, config: AtiConfig) -> Setup:
+    """Rate, power, filter and calibration as the configuration wants them; raises DeviceRefused."""
+    firmware = _firmware(console)
+    _set_rate(console, config)
+    _power(console, config.transducer)
+    _set_filter(console, config)
+    return Setup(_choose_calibration(console, config), firmware)
+
+
+def set_bias(console: Console, transducer: int, on: bool) -> None:
+    """Let the device subtract its present reading from now on, or no longer."""
+    console.ask(f"bias {transducer} {'on' if on else 'off'}", r"Bias")
+
+
+def _firmware(console: Console) -> str:
+    reply = console.ask("versions", r"^Firmware\s+\S+")
+    return re.search(r"(?m)^Firmware\s+(\S+)", reply)[1]
+
+
+def _set_rate(console: Console, config: AtiConfig) -> None:
+    pattern = r"Packet\s+rate\s*=\s*(\d+)[\s\S]*?Oversample\s*=\s*(\d+)"
+    reply = console.ask(f"rate {config.rate} {config.oversampling}", pattern)
+    rate, oversampling = (int(text) for text in re.search(pattern, reply).groups())
+    if (rate, oversampling) != (config.rate, config.oversampling):
+        raise DeviceRefused(
+            f"the device runs at {rate} Hz x {oversampling}, not at {config.rate} Hz x {config.oversampling} as asked"
+        )
+
+
+def _power(console: Console, transducer: int) -> None:
+    console.ask(f"xpwr {transducer} on", "")
+    pattern = rf"^\s*{transducer}\s+(ON|OFF)\s+(ON|OFF)\s*$"
+    reply = console.ask("xpwr", pattern)
+    if re.search(pattern, reply, re.MULTILINE)[2] != "ON":
+        raise DeviceRefused(f"transducer {transducer} stays without power: is it plugged into input {transducer}?")
+
+
+def _set_filter(console: Console, config: AtiConfig) -> None:
+    console.ask(f"filter {config.transducer} {config.filter} {config.taps}", "")
+    pattern = rf"^\s*{config.transducer}\s+([A-Za-z]+)\s+(\d+)\s*$"
+    reply = console.ask("filter", pattern)
+    kind, taps = re.search(pattern, reply, re.MULTILINE).groups()
+    if (kind.lower(), int(taps)) != (config.filter, config.taps):
+        raise DeviceRefused(f"the device filters with {kind} {taps}, not with {config.filter} {config.taps} as asked")
+
+
+def _choose_calibration(console: Console, config: AtiConfig) -> Calibration:
+    console.ask(f"trans {config.transducer}", rf"Transducer\s*=\s*{config.transducer}\b")
+    console.ask(
+        f"calib {config.calibration}",
+        rf"Transducer\s*=\s*{config.transducer}\s+Calibration\s*=\s*{config.calibration}\b",
+    )
+    reply = console.ask("cal", r"MaxRatings:\s*\d+\s+\d+(?:\s+\S+){6}")
+    calibration = parse_calibration(reply, config.transducer, config.calibration)
+    if config.serial and calibration.serial != config.serial:
+        raise DeviceRefused(
+            f"transducer {config.transducer} has the serial number {calibration.serial or '(none)'}, "
+            f"the configuration wants {config.serial}"
+        )
+    return calibration

@@ -1,0 +1,264 @@
+"""The KUKA LWR 4+ over FRI 1.0 as a driver plug-in: role arm."""
+
+from __future__ import annotations
+
+import atexit
+import time
+from typing import ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import (
+    DRIVER_CONTRACT,
+    ArmState,
+    ArmStatus,
+    DeviceRefused,
+    DriverContext,
+    DriverError,
+    InputError,
+    Reading,
+)
+from lwrprobe.contracts.samples import Vector
+from lwrprobe_fri.config import FriConfig
+from lwrprobe_fri.connection import Arrival, Connection, Traffic
+from lwrprobe_fri.readings import connection_readings
+from lwrprobe_fri.wire import Measurement, Quality, State
+
+
+class FriArm:
+    """The arm behind its controller.
+
+    `open` enters command mode; when that ends by itself, `read` raises until `restart`. Times are those of
+    `time.monotonic`, at the arrival of the measurement.
+    """
+
+    def __init__(self, config: FriConfig) -> None:
+        self.config = config
+        self.cycle = config.cycle or 0.01
+        self._line: Connection | None = None
+        self._seen = -1
+        self._before: Arrival | None = None
+        self._stopped = False
+
+    def __enter__(self) -> FriArm:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def connect(self) -> None:
+        """Only listen and mirror: measurements flow, nothing can move. Does nothing when already connected."""
+        if self._line is not None:
+            return
+        line = Connection(self.config)
+        line.open()
+        self._line, self._seen, self._before = line, -1, None
+        atexit.register(self.close)
+        try:
+            self._adopt_cycle(line.latest.measurement.cycle)
+        except InputError:
+            self.close()
+            raise
+
+    def open(self) -> None:
+        """Connect, enter command mode and be ready to take set points."""
+        self.connect()
+        try:
+            self.restart()
+        except DriverError:
+            self.close()
+            raise
+
+    def restart(self) -> None:
+        """Enter command mode, again if need be: ask for stop where it is half on, wait for quality, ask for start.
+
+        Raises DeviceRefused when the controller does not do so in time, ConnectionLost when it is silent.
+        """
+        line, config = self._connected(), self.config
+        line.let_go()
+        line.request("idle")
+        self._leave_command_mode(line)
+        wanted = Quality[config.quality.upper()]
+        line.wait_until(
+            lambda a: a.measurement.quality >= wanted,
+            config.start_timeout,
+            f"the connection did not become {config.quality}",
+        )
+        line.request("start")
+        hint = "; start it at the pendant" if config.krl == "none" else ""
+        line.wait_until(
+            lambda a: a.measurement.commandable, config.start_timeout, f"command mode was not entered{hint}"
+        )
+        line.take_over()
+        self._stopped = False
+        self._seen = line.latest.index
+
+    def read(self) -> ArmState:
+        """Wait for the next measurement; the newest one when several have come.
+
+        Raises ConnectionLost on silence and DriverError once command mode has ended by itself.
+        """
+        line = self._connected()
+        if line.loss:
+            raise DriverError(line.loss)
+        arrival = line.next(self._seen)
+        if line.loss:
+            raise DriverError(line.loss)
+        state = self._state(arrival, line)
+        self._seen, self._before = arrival.index, arrival
+        return state
+
+    def command(self, q: Vector) -> None:
+        """Set point (7,) rad for the next answer.
+
+        Raises InputError for anything but seven finite numbers, DeviceRefused for what the wire cannot follow or
+        while the arm takes no set points.
+        """
+        joints = np.asarray(q, dtype=np.float64)
+        if joints.shape != (7,) or not np.isfinite(joints).all():
+            raise InputError("q", q, "seven finite joint angles in rad")
+        line = self._connected()
+        if line.loss:
+            raise DriverError(line.loss)
+        if not line.following:
+            raise DeviceRefused(
+                "the arm was stopped; open or restart it to move again" if self._stopped else "not in command mode"
+            )
+        try:
+            line.aim(joints.tolist())
+        except DeviceRefused:
+            line.let_go()
+            self._stopped = True
+            raise
+
+    def stop(self) -> None:
+        """Brake along the present direction and hold; set points are refused until `open` or `restart`."""
+        line = self._line
+        if line is None:
+            return
+        self._stopped = True
+        line.let_go()
+        end = time.monotonic() + self.config.stop_timeout
+        while not line.resting and time.monotonic() < end:
+            try:
+                line.next(line.latest.index)
+            except DriverError:
+                return  # silent: the controller itself brakes when answers stay away
+
+    def close(self) -> None:
+        """Stop, ask the program to leave command mode, release the port."""
+        line = self._line
+        if line is None:
+            return
+        try:
+            self.stop()
+            self._leave_command_mode(line)
+        except DriverError:
+            pass  # whoever closes wants the port back; a silent controller has stopped by itself
+        finally:
+            self._line = None
+            line.close()
+            atexit.unregister(self.close)
+
+    @property
+    def measurement(self) -> Measurement | None:
+        """The newest datagram: drive temperatures, errors, warnings, torques, quality, statistics."""
+        return self._line.latest.measurement if self._line and self._line.latest else None
+
+    @property
+    def traffic(self) -> Traffic:
+        """What has been received, lost and late since `connect`."""
+        return self._connected().traffic
+
+    def timing(self) -> np.ndarray:
+        """(n, 2) s: arrival of the latest measurements by `time.monotonic`, and the time until the answer was sent."""
+        return self._connected().timing()
+
+    def readings(self, seconds: float) -> list[Reading]:
+        """Listen for some seconds and judge cycle, timing, losses, quality and drives; nothing moves."""
+        connected = self._line is not None
+        self.connect()
+        try:
+            return connection_readings(self._connected(), seconds)
+        finally:
+            if not connected:
+                self.close()
+
+    # --- insides ---
+
+    def _connected(self) -> Connection:
+        if self._line is None:
+            raise DriverError("the arm is not open")
+        return self._line
+
+    def _adopt_cycle(self, cycle: float) -> None:
+        cycle = round(cycle, 6)  # it travels in single precision
+        if self.config.cycle and abs(self.config.cycle - cycle) > 1e-5:
+            raise InputError(
+                "drivers.fri.cycle", self.config.cycle, f"0 or {cycle}, which the controller was opened with"
+            )
+        if self.config.silence < 2.0 * cycle:
+            raise InputError("drivers.fri.silence", self.config.silence, f"at least two cycles, {2 * cycle} s")
+        self.cycle = cycle
+
+    def _leave_command_mode(self, line: Connection) -> None:
+        """Back to monitor mode; also heals a program that still believes in a command mode that is gone."""
+        if self.config.krl == "none":
+            return
+
+        def commanding(arrival: Arrival) -> bool:
+            return arrival.measurement.state == State.CMD or line.claims_started(arrival.measurement)
+
+        if commanding(line.latest):
+            line.request("stop")
+            line.wait_until(lambda a: not commanding(a), self.config.stop_timeout, "command mode was not left")
+
+    def _state(self, arrival: Arrival, line: Connection) -> ArmState:
+        m = arrival.measurement
+        q = np.array(m.measured)
+        return ArmState(arrival.time, q, self._velocity(arrival, q), self._status(arrival), m.temperature)
+
+    def _velocity(self, arrival: Arrival, q: Vector) -> Vector:
+        before = self._before
+        if before is None or before.index >= arrival.index:
+            return np.zeros(7)
+        elapsed = (arrival.measurement.sequence - before.measurement.sequence) & 0xFFFF
+        return (q - np.array(before.measurement.measured)) / (max(1, elapsed) * self.cycle)
+
+    def _status(self, arrival: Arrival) -> int:
+        m = arrival.measurement
+        status = ArmStatus.OK
+        if m.state != State.CMD:
+            status |= ArmStatus.NOT_COMMANDING
+        if m.power == 0:
+            status |= ArmStatus.POWER_OFF
+        if m.error:
+            status |= ArmStatus.FAULT
+        if arrival.late:
+            status |= ArmStatus.LATE
+        return int(status)
+
+
+class FriDriver:
+    """Entry `fri` of the drivers: one arm, no sensor."""
+
+    Config: ClassVar[type] = FriConfig
+    contract: ClassVar[int] = DRIVER_CONTRACT
+    roles: ClassVar[frozenset[str]] = frozenset({"arm"})
+
+    def __init__(self, context: DriverContext) -> None:
+        self._arm = FriArm(context.config or FriConfig())
+
+    def arm(self) -> FriArm:
+        return self._arm
+
+    def sensor(self) -> None:
+        raise DriverError("the driver 'fri' fills the role arm alone; choose another one for the sensor")
+
+    def judge(self) -> None:
+        """A real device knows no ground truth."""
+
+    def readings(self, seconds: float) -> list[Reading]:
+        """Lines for `lwrprobe doctor`."""
+        return self._arm.readings(seconds)

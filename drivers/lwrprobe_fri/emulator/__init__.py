@@ -1,0 +1,8 @@
+"""An emulated KRC2 lr that speaks FRI 1.0 to the byte; shares no code with the driver."""
+
+from lwrprobe_fri.emulator.controller import Controller, ControllerSettings
+from lwrprobe_fri.emulator.device import FriEmulator
+from lwrprobe_fri.emulator.plant import LaggingArm, Plant
+from lwrprobe_fri.emulator.rating import Thresholds
+
+__all__ = ["Controller", "ControllerSettings", "FriEmulator", "LaggingArm", "Plant", "Thresholds"]

@@ -1,0 +1,68 @@
+"""One simulated world behind two emulated devices: the arm's set points move it, the sensor feels it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError
+from lwrprobe.contracts.plugins import load
+from lwrprobe.options import configure
+
+SENSOR_RATE = 1000.0
+"""Hz, at which the world is felt; the emulated device samples that at its own rate."""
+
+# What the line does to the samples is up to the emulated device.
+_IDEAL_LINE = {"latency": 0.0, "late_share": 0.0, "loss": 0.0, "saturation": False}
+
+
+class SimulatedWorld:
+    """The world of the simulator plug-in as the plant of an emulated controller and the load of a sensor.
+
+    Parameters
+    ----------
+    scene : resolved; its table `[drivers.sim]` sets the world up
+    seed : of its noise
+    start : (7,) rad where the arm stands, None = where the simulator puts it
+    """
+
+    def __init__(self, scene: Any, seed: int, start: np.ndarray | None = None) -> None:
+        plugin = load("driver", "sim", DRIVER_CONTRACT)
+        options = dict(scene.drivers.get("sim", {})) | _IDEAL_LINE
+        if start is not None:
+            options["start_q"] = start.tolist()
+        felt = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
+        driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), felt, seed))
+        self._arm, self._sensor, self.judge = driver.arm(), driver.sensor(), driver.judge()
+        self._arm.open()
+        self._sensor.open()
+        self._wrench = np.zeros(6)
+        self._joints = self._arm.read().q
+        self.refused = ""
+        """The last set point that the world could not follow, in words."""
+        # The first steps compile; after the sockets are open there is no time for that.
+        self.advance(self._joints, self._joints, 2.0 / SENSOR_RATE)
+
+    def joints(self) -> np.ndarray:
+        """(7,) rad, as the encoders read them."""
+        return self._joints.copy()
+
+    def advance(self, begin: np.ndarray, end: np.ndarray, seconds: float) -> None:
+        """Let time pass at the simulator's own cycle while the set point moves evenly."""
+        steps = max(1, round(seconds / self._arm.cycle))
+        for step in range(1, steps + 1):
+            self._command(begin + (step / steps) * (end - begin))
+            self._joints = self._arm.read().q
+            for sample in self._sensor.read():
+                self._wrench[:3], self._wrench[3:] = sample.force, sample.torque
+
+    def wrench(self, now: float) -> np.ndarray:
+        """(6,) N and N·m on the probe in the sensor frame, the latest."""
+        return self._wrench
+
+    def _command(self, q: np.ndarray) -> None:
+        try:
+            self._arm.command(q)
+        except DriverError as error:
+            self.refused = str(error)

@@ -1,0 +1,6 @@
+"""The simulator: driver plug-in `sim` for the roles arm and sensor, and the judge that knows the truth."""
+
+from lwrprobe_sim.config import SimConfig
+from lwrprobe_sim.driver import SimDriver
+
+__all__ = ["SimConfig", "SimDriver"]

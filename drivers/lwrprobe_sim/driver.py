@@ -1,0 +1,191 @@
+"""The plug-in `sim`: arm, sensor and judge of one simulated world."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import (
+    DRIVER_CONTRACT,
+    ArmState,
+    DeviceRefused,
+    DriverContext,
+    DriverError,
+    TrueContact,
+    WrenchSample,
+)
+from lwrprobe.contracts.driver import Role
+from lwrprobe_sim import link_kernels as links
+from lwrprobe_sim import world_kernels as kernels
+from lwrprobe_sim.config import SimConfig
+from lwrprobe_sim.world import World
+
+
+class SimDriver:
+    """One simulated world with an arm's face and a sensor's face; the arm's `read` moves time on.
+
+    Raises SceneError, InputError and DeviceRefused for a world that cannot be.
+    """
+
+    Config: ClassVar[type] = SimConfig
+    contract: ClassVar[int] = DRIVER_CONTRACT
+    roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
+    World: ClassVar[type] = World
+    """The physics without the faces, for whoever measures it."""
+
+    def __init__(self, context: DriverContext) -> None:
+        self._world = World(context.scene, context.config, context.seed)
+        self._sensor = SimSensor(self._world)
+        self._arm = SimArm(self._world, self._sensor, context.realtime)
+        self._judge = SimJudge(self._world)
+
+    def arm(self) -> SimArm:
+        """The arm's face."""
+        return self._arm
+
+    def sensor(self) -> SimSensor:
+        """The sensor's face; its clock is the arm's."""
+        return self._sensor
+
+    def judge(self) -> SimJudge:
+        """The truth, for the evaluator alone."""
+        return self._judge
+
+    @property
+    def left_out(self) -> list[dict[str, str]]:
+        """Effects that this world does without: `stage` and `why`."""
+        return list(self._world.left_out)
+
+
+class SimArm:
+    """A joint-position-controlled arm on a virtual clock."""
+
+    def __init__(self, world: World, sensor_face: SimSensor, realtime: bool) -> None:
+        self.cycle: float = world.config.cycle
+        self._world = world
+        self._sensor = sensor_face
+        self._realtime = realtime
+        self._open = False
+        self._began = 0.0
+        n = world.robot.n
+        self._q = world.state[kernels.Q_MEASURED : kernels.Q_MEASURED + n]
+        self._qd = world.state[kernels.QD : kernels.QD + n]
+        self._state, self._counts = world.state, world.counts
+
+    def open(self) -> None:
+        """Ready to take set points; the arm holds its place until one comes."""
+        self._open = True
+        self._began = time.perf_counter() - self._state[kernels.TIME]
+
+    def read(self) -> ArmState:
+        """The state one cycle later, with the last set point followed. Raises DriverError when not open."""
+        if not self._open:
+            raise DriverError("the simulated arm is not open")
+        self._sensor.ready = self._world.advance()
+        now = float(self._state[kernels.TIME])
+        if self._realtime:
+            ahead = self._began + now - time.perf_counter()
+            if ahead > 0.0:
+                time.sleep(ahead)
+        return ArmState(now, self._q.copy(), self._qd.copy())
+
+    def command(self, q: np.ndarray) -> None:
+        """Set point (n,) rad for the next cycle.
+
+        Raises DeviceRefused for one beyond a joint limit or further from the last one than the joint's speed limit
+        allows in one cycle, and InputError for a wrong shape.
+        """
+        status = self._world.command(q)
+        if status != 0:
+            self._refuse(q, status)
+
+    def stop(self) -> None:
+        """Brake all joints to rest; the next set point takes over again."""
+        self._counts[kernels.BRAKING] = 1
+
+    def close(self) -> None:
+        """Brake; may be called more than once."""
+        self.stop()
+        self._open = False
+
+    def _refuse(self, q: np.ndarray, status: int) -> None:
+        joint = abs(status) - 1
+        if status > 0:
+            low, high = self._world.robot.lower[joint], self._world.robot.upper[joint]
+            raise DeviceRefused(f"set point {q[joint]:.6g} rad of joint {joint + 1} is beyond {low:.4g} .. {high:.4g}")
+        jump = abs(q[joint] - self._state[kernels.SET + joint]) / self.cycle
+        speed = self._world.robot.speed[joint]
+        raise DeviceRefused(f"set point of joint {joint + 1} asks for {jump:.4g} rad/s, its limit is {speed:.4g}")
+
+
+class SimSensor:
+    """A six-axis sensor whose samples arrive as the arm's clock moves on."""
+
+    def __init__(self, world: World) -> None:
+        self.rate: float = world.scene.sensor.rate
+        self.latency: float = world.config.latency
+        self.ready = 0
+        self._world = world
+        self._streams = True
+
+    def open(self) -> None:
+        """Start streaming."""
+        self._streams = True
+
+    def read(self) -> list[WrenchSample]:
+        """What has arrived since the last call, oldest first."""
+        if self.ready == 0:
+            return []
+        rows = self._world.fetch()
+        self.ready = 0
+        if not self._streams:
+            return []
+        return [WrenchSample(row[0], np.array(row[1:4]), np.array(row[4:7]), int(row[7]), int(row[8])) for row in rows]
+
+    def tare(self) -> None:
+        """Take the mean of the last samples (at most 16) as zero; samples on their way keep the old zero."""
+        self._world.tare()
+
+    def stop(self) -> None:
+        """Stop streaming."""
+        self._streams = False
+
+    def close(self) -> None:
+        """Stop streaming; may be called more than once."""
+        self._streams = False
+
+
+class SimJudge:
+    """Ground truth of a run."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    @property
+    def link_collisions(self) -> int:
+        """How often sensor, holder, fingers or an arm link began to touch object or table."""
+        return int(self._world.counts[kernels.WATCH_COUNTS + links.COLLISIONS])
+
+    @property
+    def peak_force(self) -> float:
+        """N, the largest resultant of all contact forces on the sphere so far, friction included."""
+        return float(self._world.state[kernels.PEAK])
+
+    @property
+    def object_pose(self) -> np.ndarray:
+        """(4, 4) by which the movable object has left its place; identity without one."""
+        return self._world.object_pose()
+
+    def contact_at(self, sequence: int) -> TrueContact | None:
+        """The sphere's strongest contact at a sample's instant, None when it touched nothing.
+
+        `point` lies on the undeformed surface, `force` is that of this contact, `count` counts all contacts of sphere
+        and stick.
+        """
+        truth = self._world.truth
+        if not 0 < sequence < len(truth) or truth[sequence, 6] <= 0.0:
+            return None
+        row = truth[sequence]
+        return TrueContact(row[0:3].copy(), row[3:6].copy(), float(row[6]), int(row[7]))

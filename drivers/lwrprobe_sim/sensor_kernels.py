@@ -1,0 +1,104 @@
+"""The sensor's own faults: noise, drift, spikes, saturation, quantisation, and a line that delays and loses.
+
+Randomness is a counter hashed with the seed (splitmix64: Steele, Lea, Flood 2014), so that a sample's noise depends
+on its number alone and never on what was asked before.
+"""
+
+import math
+
+import numpy as np
+
+from lwrprobe.compiled import kernel
+
+NOISE_FORCE, NOISE_TORQUE, COUNT_FORCE, COUNT_TORQUE = range(4)
+RANGE = 4  # 6, N and N m
+BIAS = 10  # 6
+DRIFT = 16  # 6, per second
+SPIKES, SPIKE_FORCE, GARBAGE = 22, 23, 24  # chance a sample, N, chance a sample
+PERIOD, LATENCY, LATE_SHARE, LATE_BY, LOSS, BURST, BURST_LENGTH = 25, 26, 27, 28, 29, 30, 31
+FREEZE_FROM, FREEZE_TO, SKEW, LATE_LIMIT = 32, 33, 34, 35
+SETTINGS = 36
+
+# columns of a sample
+TIME, FORCE, TORQUE, SEQUENCE, STATUS, ARRIVAL, SAMPLE = 0, 1, 4, 7, 8, 9, 10
+
+# lwrprobe.contracts.SampleStatus
+SATURATED, LATE, LOST_BEFORE = 1, 2, 4
+
+# streams of random numbers: 0..5 are the axes' noise
+_SPIKE, _SPIKE_AXIS, _GARBAGE, _LATE, _LATE_BY, _LOSS, _BURST = 8, 9, 10, 11, 12, 13, 14
+
+
+@kernel
+def uniform(seed, stream, number):
+    """A number in (0, 1) that depends on nothing but the three integers."""
+    z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(stream) * np.uint64(0xD1B54A32D192ED03)
+    z = z + np.uint64(number) * np.uint64(0xBF58476D1CE4E5B9) + np.uint64(0x9E3779B97F4A7C15)
+    for _ in range(2):
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z = z ^ (z >> np.uint64(31))
+    return (float(z >> np.uint64(11)) + 0.5) / 9007199254740992.0
+
+
+@kernel
+def normal_pair(seed, stream, number):
+    """Two independent standard normal numbers (Box, Muller 1958)."""
+    length = math.sqrt(-2.0 * math.log(uniform(seed, stream, number)))
+    angle = 2.0 * math.pi * uniform(seed, stream + 1, number)
+    return length * math.cos(angle), length * math.sin(angle)
+
+
+@kernel
+def measure(s, seed, number, time, wrench, out):
+    """The sample that the sensor makes of the true wrench (6,) at its instant; into out (SAMPLE,)."""
+    status = 0
+    spike = -1
+    if s[SPIKES] > 0.0 and uniform(seed, _SPIKE, number) < s[SPIKES]:
+        spike = int(3.0 * uniform(seed, _SPIKE_AXIS, number))
+    noise_a = noise_b = 0.0
+    for i in range(6):
+        sigma = s[NOISE_FORCE] if i < 3 else s[NOISE_TORQUE]
+        count = s[COUNT_FORCE] if i < 3 else s[COUNT_TORQUE]
+        value = wrench[i] + s[BIAS + i] + s[DRIFT + i] * time
+        if sigma > 0.0:
+            if i % 2 == 0:
+                noise_a, noise_b = normal_pair(seed, i, number)
+                value += sigma * noise_a
+            else:
+                value += sigma * noise_b
+        if i == spike:
+            value += s[SPIKE_FORCE]
+        if count > 0.0:
+            value = count * math.floor(value / count + 0.5)
+        limit = s[RANGE + i]
+        if abs(value) >= limit:
+            value = math.copysign(limit, value)
+            status |= SATURATED
+        out[FORCE + i] = value
+    if s[GARBAGE] > 0.0 and uniform(seed, _GARBAGE, number) < s[GARBAGE]:
+        out[FORCE] = math.nan
+    out[TIME] = time + s[SKEW]
+    out[SEQUENCE] = number
+    out[STATUS] = status
+
+
+@kernel
+def lost(s, seed, number):
+    """True when the sample never arrives: single losses, and bursts that swallow all that begins within them."""
+    if s[LOSS] > 0.0 and uniform(seed, _LOSS, number) < s[LOSS]:
+        return True
+    if s[BURST] > 0.0:
+        for back in range(int(s[BURST_LENGTH] / s[PERIOD]) + 1):
+            if number - back > 0 and uniform(seed, _BURST, number - back) < s[BURST]:
+                return True
+    return False
+
+
+@kernel
+def delay(s, seed, number):
+    """s from the instant of measurement to arrival."""
+    wait = s[LATENCY]
+    if s[LATE_SHARE] > 0.0 and uniform(seed, _LATE, number) < s[LATE_SHARE]:
+        wait += s[LATE_BY] * uniform(seed, _LATE_BY, number)
+    return wait

@@ -1,0 +1,226 @@
+"""What the probe touches: rows of contacts on the sphere and on the stick.
+
+Most of the time nothing is near. Each body therefore keeps how far it can still move before it must be looked at
+again: the distance found last, minus all motion since.
+"""
+
+from lwrprobe.compiled import kernel
+from lwrprobe_sim import contact_kernels as contact
+from lwrprobe_sim import scenery_kernels as scenery
+
+ROWS_MAX = 12
+MATERIALS_MAX = 33
+MARGIN = 1e-4
+"""m beyond the motion of a step within which surfaces are taken along as possible contacts."""
+_STRIDE = 1e-3  # along a touching stick
+_REFINED = 1e-4
+_ACROSS = 0.3
+
+RADIUS, STICK_RADIUS, STICK_LENGTH = range(3)
+FREE_SPHERE, FREE_STICK = 3, 4
+MATERIAL = 5  # rows of 5: stiffness, damping, static and sliding friction, shear
+POINT = MATERIAL + 5 * MATERIALS_MAX
+SETTINGS = POINT + 3
+
+
+@kernel
+def may_touch(s, drift, moved, turned):
+    """True when sphere or stick may be near something after moving on by at most these."""
+    s[FREE_SPHERE] -= drift
+    s[FREE_STICK] -= drift + moved + turned * s[STICK_LENGTH]
+    return s[FREE_SPHERE] <= 0.0 or s[FREE_STICK] <= 0.0
+
+
+@kernel
+def find(s, v, counts, numbers, indices, tip, centre, reach, rows):
+    """Rows for all surfaces within `reach` of the sphere at `centre` and of the stick behind it; returns how many.
+
+    `s` is this file's, `v` and `counts` the scenery's part of the world.
+    """
+    n = 0
+    n, bound = _around(s, v, counts, numbers, indices, centre, s[RADIUS], reach, 1.0, rows, n)
+    s[FREE_SPHERE] = bound - s[RADIUS] - reach if n == 0 else 0.0
+    if s[STICK_LENGTH] > 0.0 and s[FREE_STICK] <= 0.0:
+        n = _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n)
+    return n
+
+
+@kernel
+def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, n):
+    """Append a row for each surface within `reach` of a ball; how many rows there are, and how far all is at least."""
+    found, bound = scenery.contacts_near(v, counts, numbers, indices, centre, radius + reach)
+    for k in range(min(found, ROWS_MAX - n)):
+        row = rows[n]
+        point, normal = scenery.FOUND + 3 * k, scenery.FOUND + 3 * (scenery.FOUND_MAX + k)
+        along = 0.0
+        for i in range(3):
+            row[contact.CENTRE + i], row[contact.NORMAL + i] = centre[i], v[normal + i]
+            along += (centre[i] - v[point + i]) * v[normal + i]
+        row[contact.GAP] = along - radius
+        row[contact.RADIUS] = radius
+        row[contact.LEVER] = lever
+        row[contact.BODY] = counts[scenery.MATERIAL + k]
+        material = MATERIAL + 5 * counts[scenery.MATERIAL + k]
+        row[contact.STIFFNESS] = s[material]
+        row[contact.DAMPING] = s[material + 1]
+        row[contact.STATIC] = s[material + 2]
+        row[contact.SLIDING] = s[material + 3]
+        row[contact.SHEAR] = s[material + 4]
+        n += 1
+    return n, bound
+
+
+@kernel
+def _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n):
+    """Append at most one row for the lower and one for the upper half of the stick, where each is nearest.
+
+    Two, since a stick that lies against a wall rests on both ends of the touching part.
+    """
+    length, radius = s[STICK_LENGTH], s[STICK_RADIUS]
+    middle = 0.5 * (s[RADIUS] + length)
+    point = s[POINT:SETTINGS]
+    free = scenery.NOTHING
+    last = -1.0
+    for half in range(2):
+        low = s[RADIUS] if half == 0 else middle
+        high = middle if half == 0 else length
+        at, nearest, clear = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, low, high)
+        free = min(free, clear)
+        if nearest < radius + reach and at - last > 1e-3:
+            point[0], point[1], point[2] = stick_point(tip, centre, length, at)
+            first = n
+            n, _ = _around(s, v, counts, numbers, indices, point, radius, reach, 1.0 - at / length, rows, n)
+            n = _keep_deepest_across(rows, first, n, tip)
+        last = at
+    s[FREE_STICK] = free - reach
+    return n
+
+
+@kernel
+def stick_point(tip, centre, length, at):
+    """Point `at` m behind the sphere on the straight line from its centre to the stick's unbent foot."""
+    share = at / length
+    return (
+        centre[0] + share * (tip[9] - length * tip[6] - centre[0]),
+        centre[1] + share * (tip[10] - length * tip[7] - centre[1]),
+        centre[2] + share * (tip[11] - length * tip[8] - centre[2]),
+    )
+
+
+@kernel
+def _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, low, high):
+    """(place, distance of the axis, lower bound of the clearance) of the nearest place between low and high.
+
+    The distance changes by at most 1 m per metre: strides of half the clearance miss nothing.
+    """
+    place, nearest, clear = low, scenery.NOTHING, scenery.NOTHING
+    radius = s[STICK_RADIUS]
+    at = low
+    while True:
+        value = _stick_distance(s, v, counts, numbers, indices, tip, centre, at)
+        clear = min(clear, 0.5 * (value - radius))
+        if value < nearest - 1e-9:
+            place, nearest = at, value
+        if at >= high:
+            break
+        at = min(high, at + max(0.5 * abs(value - radius), _STRIDE))
+    if nearest < radius + _STRIDE:
+        low, high = max(low, place - _STRIDE), min(high, place + _STRIDE)
+        while high - low > _REFINED:
+            left, right = low + 0.382 * (high - low), high - 0.382 * (high - low)
+            at_left = _stick_distance(s, v, counts, numbers, indices, tip, centre, left)
+            at_right = _stick_distance(s, v, counts, numbers, indices, tip, centre, right)
+            if at_left < nearest - 1e-9:
+                place, nearest = left, at_left
+            if at_right < nearest - 1e-9:
+                place, nearest = right, at_right
+            low, high = (low, right) if at_left <= at_right else (left, high)
+    return place, nearest, clear
+
+
+@kernel
+def _stick_distance(s, v, counts, numbers, indices, tip, centre, at):
+    """Distance from the stick's axis, exact where it matters, else nearer to zero than that."""
+    x, y, z = stick_point(tip, centre, s[STICK_LENGTH], at)
+    bound = scenery.distance_bound(v, counts, numbers, indices, x, y, z)
+    if abs(bound) > s[STICK_RADIUS] + 2.0 * _STRIDE:
+        return bound
+    return scenery.distance(v, counts, numbers, indices, x, y, z)
+
+
+@kernel
+def _keep_deepest_across(rows, first, n, tip):
+    """Of the rows from `first` on keep the deepest that presses across the stick: along it, it ends in other bodies."""
+    best = -1
+    for i in range(first, n):
+        row = rows[i]
+        along = row[contact.NORMAL] * tip[6] + row[contact.NORMAL + 1] * tip[7] + row[contact.NORMAL + 2] * tip[8]
+        if abs(along) < _ACROSS and (best < 0 or row[contact.GAP] < rows[best, contact.GAP]):
+            best = i
+    if best < 0:
+        return first
+    if best != first:
+        rows[first] = rows[best]
+    return first + 1
+
+
+@kernel
+def stiffest(rows, n):
+    """N/m of the stiffest contact; that of hard steel where there is none, lest one is overlooked."""
+    stiffness = 0.0 if n > 0 else 1e7
+    for i in range(n):
+        stiffness = max(stiffness, rows[i, contact.STIFFNESS])
+    return stiffness
+
+
+@kernel
+def inherit(rows, n, old_rows, n_old, old_centre, old_tip, tip, length, turn):
+    """Give each row what its contact was before this step: bristle, penetration, slip speed.
+
+    `turn` (3,) is the rotation vector of the tip in this step: a sphere that turns rubs on the surface.
+    """
+    for i in range(n):
+        row = rows[i]
+        n0, n1, n2 = row[contact.NORMAL], row[contact.NORMAL + 1], row[contact.NORMAL + 2]
+        lever, r = row[contact.LEVER], row[contact.RADIUS]
+        at = (1.0 - lever) * length
+        x, y, z = old_centre[0], old_centre[1], old_centre[2]
+        if lever < 1.0:
+            x, y, z = stick_point(old_tip, old_centre, length, at)
+        d0, d1, d2 = row[contact.CENTRE] - x, row[contact.CENTRE + 1] - y, row[contact.CENTRE + 2] - z
+        row[contact.PENETRATION] = max(0.0, -(row[contact.GAP] - (n0 * d0 + n1 * d1 + n2 * d2)))
+        d0 -= r * (turn[1] * n2 - turn[2] * n1)
+        d1 -= r * (turn[2] * n0 - turn[0] * n2)
+        d2 -= r * (turn[0] * n1 - turn[1] * n0)
+        row[contact.SLIP] = 0.0
+        match = _same_contact(row, old_rows, n_old)
+        if match >= 0:
+            d0 += old_rows[match, contact.BRISTLE]
+            d1 += old_rows[match, contact.BRISTLE + 1]
+            d2 += old_rows[match, contact.BRISTLE + 2]
+            row[contact.SLIP] = old_rows[match, contact.SLIP]
+        along = d0 * n0 + d1 * n1 + d2 * n2
+        row[contact.BRISTLE] = d0 - along * n0
+        row[contact.BRISTLE + 1] = d1 - along * n1
+        row[contact.BRISTLE + 2] = d2 - along * n2
+
+
+@kernel
+def _same_contact(row, old_rows, n_old):
+    """Index of the pressing old row on the same object with the most similar normal and place, -1 when none is near."""
+    best, match = 0.7, -1
+    for k in range(n_old):
+        old = old_rows[k]
+        if old[contact.PRESS] <= 0.0 or old[contact.BODY] != row[contact.BODY]:
+            continue
+        if (old[contact.LEVER] == 1.0) != (row[contact.LEVER] == 1.0):
+            continue
+        alike = (
+            old[contact.NORMAL] * row[contact.NORMAL]
+            + old[contact.NORMAL + 1] * row[contact.NORMAL + 1]
+            + old[contact.NORMAL + 2] * row[contact.NORMAL + 2]
+            - abs(old[contact.LEVER] - row[contact.LEVER])
+        )
+        if alike > best:
+            best, match = alike, k
+    return match

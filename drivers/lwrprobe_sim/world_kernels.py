@@ -1,0 +1,577 @@
+"""One cycle of the simulated world: arm, touch, wrench, samples, link collisions, in one call.
+
+All state lives in two arrays, so that the call from Python stays cheap: `world` (float64) and `counts` (int64), laid
+out by the constants below.
+"""
+
+import math
+
+from lwrprobe.compiled import kernel
+from lwrprobe.kinematics.chain_kernels import LOWER, SPEED, UPPER, tip_and_jacobian, tip_frame
+from lwrprobe_sim import body_kernels as body
+from lwrprobe_sim import contact_kernels as contact
+from lwrprobe_sim import link_kernels as links
+from lwrprobe_sim import scenery_kernels as scenery
+from lwrprobe_sim import sensor_kernels as sensor
+from lwrprobe_sim import touch_kernels as touch
+
+JOINTS_MAX = 16
+DELAY_MAX = 64
+QUEUE = 256
+RECENT_MAX = 16
+_LOOKS = 6
+_UNFELT = 1e-5
+"""N, force that a surface as round as the sphere would make of the part that is taken for flat."""
+RECORD = 14
+"""Wrench 6, contact point 3, normal 3, force, number of contacts: what is true at one instant."""
+
+# --- settings
+CYCLE, FOLLOW, ENCODER, BRAKE = range(4)
+RELAX, TIP_MASS, SENSOR_DISTANCE, LOAD, SLOW, INERTIA = range(4, 10)
+COMPLIANCE = 10  # 3, m/N in the tip frame
+LOAD_CENTRE = 13  # 3, m in the sensor frame
+GRAVITY = 16  # 3, m/s^2
+JOINT_COMPLIANCE = 19  # JOINTS_MAX, rad/(N m)
+SENSOR = JOINT_COMPLIANCE + JOINTS_MAX
+SCENERY = SENSOR + sensor.SETTINGS
+BODY = SCENERY + scenery.SETTINGS
+TOUCH = BODY + body.SETTINGS
+WATCH = TOUCH + touch.SETTINGS
+# --- state
+SET = WATCH + links.SETTINGS  # set point of the last cycle
+SET_SPEED = SET + JOINTS_MAX
+Q = SET_SPEED + JOINTS_MAX  # where the motors are
+Q_MEASURED = Q + JOINTS_MAX
+QD = Q_MEASURED + JOINTS_MAX
+TIP = QD + JOINTS_MAX  # 12, frame tuple of the undeflected tip
+CENTRE = TIP + 12  # 3, the sphere's centre
+BEND = CENTRE + 3  # 3, stick's deflection, world frame
+VELOCITY = BEND + 3  # 3, of the sphere
+LOAD_AT = VELOCITY + 3  # 3, the load's centre of mass
+LOAD_SPEED = LOAD_AT + 3  # 3
+TIME, PEAK, SPHERE_FORCE = range(LOAD_SPEED + 3, LOAD_SPEED + 6)
+TOUCHED = LOAD_SPEED + 6  # 3, point of the last main contact
+RECORD_OLD = TOUCHED + 3
+RECORD_NEW = RECORD_OLD + RECORD
+LAST_SAMPLE = RECORD_NEW + RECORD
+SCRATCH = LAST_SAMPLE + sensor.SAMPLE
+LINE = SCRATCH + 80  # set points on their way, DELAY_MAX x JOINTS_MAX
+ROWS_OLD = LINE + DELAY_MAX * JOINTS_MAX
+ROWS = ROWS_OLD + touch.ROWS_MAX * contact.WIDTH
+WAITING = ROWS + touch.ROWS_MAX * contact.WIDTH
+READY = WAITING + QUEUE * sensor.SAMPLE
+JACOBIAN = READY + QUEUE * sensor.SAMPLE
+RECENT = JACOBIAN + 6 * JOINTS_MAX
+WORLD = RECENT + 6 * RECENT_MAX
+
+# --- counts
+CYCLES, STEPS, JOINTS, DELAY, SEED, TAKEN, N_WAITING, N_READY, GAP, BRAKING = range(10)
+N_ROWS, N_FOUND, IN_TURNS, UNBALANCED, HAS_JOINT_COMPLIANCE, NEAR_STEPS = range(10, 16)
+SCENERY_COUNTS = 16
+WATCH_COUNTS = SCENERY_COUNTS + scenery.COUNTS
+COUNTS = WATCH_COUNTS + links.COUNTS
+
+
+@kernel
+def accept(world, counts, chain, q):
+    """Take the set point q (n,) for the next cycle; 0, or i + 1 for a joint limit, -(i + 1) for a jump of joint i."""
+    n = counts[JOINTS]
+    reach = world[CYCLE] * (1.0 + 1e-6)
+    for i in range(n):
+        if not (chain[i + 1, LOWER] - 1e-9 <= q[i] <= chain[i + 1, UPPER] + 1e-9):
+            return i + 1
+        if not abs(q[i] - world[SET + i]) <= chain[i + 1, SPEED] * reach:
+            return -(i + 1)
+    for i in range(n):
+        world[SET_SPEED + i] = (q[i] - world[SET + i]) / world[CYCLE]
+        world[SET + i] = q[i]
+    counts[BRAKING] = 0
+    return 0
+
+
+@kernel
+def advance(world, counts, chain, numbers, indices, truth):
+    """The world one cycle on; returns the number of samples that have arrived and wait to be fetched."""
+    counts[CYCLES] += 1
+    before = world[TIME]
+    world[TIME] = counts[CYCLES] * world[CYCLE]
+    _swap_records(world)
+    goal = world[SCRATCH : SCRATCH + JOINTS_MAX]
+    _move_set_point(world, counts, chain, goal)
+    steps = counts[STEPS]
+    n = counts[JOINTS]
+    q = world[Q : Q + JOINTS_MAX]
+    start = world[SCRATCH + JOINTS_MAX : SCRATCH + 2 * JOINTS_MAX]
+    start[:n] = q[:n]
+    joint_travel = 0.0
+    for i in range(n):
+        joint_travel += abs(goal[i] - start[i]) / steps
+    for k in range(steps):
+        share = (k + 1.0) / steps
+        for i in range(n):
+            q[i] = start[i] + share * (goal[i] - start[i])
+        _step(world, counts, chain, numbers, indices, world[CYCLE] / steps, joint_travel)
+    _read_encoders(world, counts, start)
+    if world[LOAD] > 0.0:
+        _feel_load(world)
+    _sample(world, counts, truth, before)
+    return _deliver(world, counts)
+
+
+@kernel
+def _swap_records(world):
+    for i in range(RECORD):
+        world[RECORD_OLD + i] = world[RECORD_NEW + i]
+        world[RECORD_NEW + i] = 0.0
+
+
+@kernel
+def _move_set_point(world, counts, chain, goal):
+    """Where the motors will be at the end of the cycle, into goal: set point, through the delay line and the lag."""
+    n = counts[JOINTS]
+    if counts[BRAKING] == 1:
+        for i in range(n):
+            speed = world[SET_SPEED + i]
+            slower = math.copysign(max(0.0, abs(speed) - world[BRAKE] * world[CYCLE]), speed)
+            ahead = world[SET + i] + slower * world[CYCLE]
+            world[SET + i] = min(max(ahead, chain[i + 1, LOWER]), chain[i + 1, UPPER])
+            world[SET_SPEED + i] = slower
+    line = world[LINE:ROWS_OLD].reshape((DELAY_MAX, JOINTS_MAX))
+    slot = counts[CYCLES] % DELAY_MAX
+    late = (counts[CYCLES] - counts[DELAY]) % DELAY_MAX
+    for i in range(n):
+        line[slot, i] = world[SET + i]
+        goal[i] = line[late, i] + world[FOLLOW] * (world[Q + i] - line[late, i])
+
+
+@kernel
+def _read_encoders(world, counts, start):
+    sigma = world[ENCODER]
+    for i in range(counts[JOINTS]):
+        q = world[Q + i]
+        world[QD + i] = (q - start[i]) / world[CYCLE]
+        if sigma > 0.0:
+            q += sigma * sensor.normal_pair(counts[SEED] + 1, 2 * i, counts[CYCLES])[0]
+        world[Q_MEASURED + i] = q
+
+
+@kernel
+def _step(world, counts, chain, numbers, indices, step, joint_travel):
+    """One physical step to where the motors are now: stick, sphere, object and links."""
+    tip = tip_frame(chain, world[Q : Q + JOINTS_MAX])
+    old = world[TIP:CENTRE]
+    moved = math.sqrt((tip[9] - old[9]) ** 2 + (tip[10] - old[10]) ** 2 + (tip[11] - old[11]) ** 2)
+    turned = 0.0
+    for i in range(9):
+        turned += (tip[i] - old[i]) ** 2
+    turned = math.sqrt(turned)
+    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
+    free = world[SCRATCH + 41 : SCRATCH + 44]
+    _carrier(world, tip, step, compliance, free)
+    drift = math.sqrt(
+        (free[0] - world[CENTRE]) ** 2 + (free[1] - world[CENTRE + 1]) ** 2 + (free[2] - world[CENTRE + 2]) ** 2
+    )
+    if touch.may_touch(world[TOUCH:WATCH], drift, moved, turned) or counts[N_ROWS] > 0:
+        counts[NEAR_STEPS] += 1
+        if counts[HAS_JOINT_COMPLIANCE] == 1:
+            _add_joints(world, counts, chain, compliance)
+        _touch(world, counts, numbers, indices, tip, drift, step)
+    else:
+        counts[N_FOUND] = 0
+        _swing_free(world, tip, free, step)
+    if counts[SCENERY_COUNTS + scenery.MOVABLE] == 1:
+        shifted = body.move(world[BODY:TOUCH], world[SCENERY:BODY], step)
+        world[TOUCH + touch.FREE_SPHERE] -= shifted
+        world[TOUCH + touch.FREE_STICK] -= shifted
+        world[WATCH + links.FREE] -= shifted
+    around, watched = counts[SCENERY_COUNTS:WATCH_COUNTS], counts[WATCH_COUNTS:COUNTS]
+    links.watch(
+        world[WATCH:SET], watched, world[SCENERY:BODY], around, numbers, indices,
+        chain, world[Q:TIP], tip, moved, turned, joint_travel,
+    )  # fmt: skip
+    for i in range(12):
+        old[i] = tip[i]
+
+
+@kernel
+def _swing_free(world, tip, free, step):
+    for i in range(3):
+        world[VELOCITY + i] = (free[i] - world[CENTRE + i]) / step
+        world[CENTRE + i] = free[i]
+        world[BEND + i] = free[i] - tip[9 + i]
+    for i in range(RECORD):
+        world[RECORD_NEW + i] = 0.0
+    for i in range(6):
+        world[BODY + body.PUSH + i] = 0.0
+
+
+@kernel
+def _carrier(world, tip, step, compliance, free):
+    """The affine law of the sphere's carrier in this step: centre = free + compliance @ force.
+
+    Per axis of the tip, with stick compliance c, relaxation time t, mass m and the stick's deflection u, backward
+    Euler of m c y'' + t u' + u = c f.
+    """
+    c = world[COMPLIANCE : COMPLIANCE + 3]
+    compliance[:] = 0.0
+    free[0], free[1], free[2] = tip[9], tip[10], tip[11]
+    if c[0] == 0.0 and c[1] == 0.0 and c[2] == 0.0:
+        return
+    lag = world[RELAX] / step
+    heavy = world[TIP_MASS] / (step * step)
+    for a in range(3):
+        if c[a] == 0.0:
+            continue
+        axis = (tip[3 * a], tip[3 * a + 1], tip[3 * a + 2])
+        bend = axis[0] * world[BEND] + axis[1] * world[BEND + 1] + axis[2] * world[BEND + 2]
+        coast = 0.0
+        for i in range(3):
+            coast += axis[i] * (world[CENTRE + i] + step * world[VELOCITY + i] - tip[9 + i])
+        share = 1.0 / (1.0 + lag + heavy * c[a])
+        rest = share * (lag * bend + heavy * c[a] * coast)
+        for i in range(3):
+            free[i] += rest * axis[i]
+            for j in range(3):
+                compliance[i, j] += share * c[a] * axis[i] * axis[j]
+
+
+@kernel
+def _add_joints(world, counts, chain, compliance):
+    """Add what the joints give way to `compliance`: J C J^T."""
+    jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
+    tip_and_jacobian(chain, world[Q : Q + JOINTS_MAX], jac)
+    for k in range(counts[JOINTS]):
+        soft = world[JOINT_COMPLIANCE + k]
+        for i in range(3):
+            for j in range(3):
+                compliance[i, j] += soft * jac[i, k] * jac[j, k]
+
+
+@kernel
+def _touch(world, counts, numbers, indices, tip, drift, step):
+    """Contacts in balance at the end of the step; forces into the new record and onto the movable object."""
+    b = world[BODY:TOUCH]
+    at = world[SCRATCH + 50 : SCRATCH + 53]
+    n = 0
+    for _ in range(2):
+        if counts[SCENERY_COUNTS + scenery.MOVABLE] == 1:
+            body.respond(b, world[TOUCHED : TOUCHED + 3], step)
+        n = _balance(world, counts, numbers, indices, tip, drift, step)
+        _sum_up(world, n, tip)
+        if counts[SCENERY_COUNTS + scenery.MOVABLE] == 0:
+            break
+        _push(world, counts, n)
+        if b[body.MODE] != body.RESTING or not body.breaks_loose(b):
+            break
+    _carry_over(world, counts, n, at, tip, step)
+    _into_sensor_frame(world, tip)
+
+
+@kernel
+def _balance(world, counts, numbers, indices, tip, drift, step):
+    """Find rows and balance them; the sphere's centre after the step into `at`; returns the number of rows.
+
+    All is seen from the movable object, as if it kept its place: what it gives way counts as compliance. Contacts
+    with other objects in the same step see its motion one step late.
+    """
+    s, v, b = world[TOUCH:WATCH], world[SCENERY:BODY], world[BODY:TOUCH]
+    rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
+    old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
+    old_tip, old_centre = world[TIP:CENTRE], world[CENTRE:BEND]
+    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
+    softer = world[SCRATCH + 56 : SCRATCH + 65].reshape((3, 3))
+    free, x = world[SCRATCH + 41 : SCRATCH + 44], world[SCRATCH + 44 : SCRATCH + 47]
+    relative, at = world[SCRATCH + 47 : SCRATCH + 50], world[SCRATCH + 50 : SCRATCH + 53]
+    turn = world[SCRATCH + 53 : SCRATCH + 56]
+    scratch = world[SCRATCH + 65 : SCRATCH + 77].reshape((4, 3))
+    _rotation_vector(old_tip, tip, turn)
+    for i in range(3):
+        at[i] = old_centre[i] + tip[9 + i] - old_tip[9 + i]
+        for j in range(3):
+            softer[i, j] = compliance[i, j] + b[body.GIVE + 3 * i + j]
+    n = 0
+    done = 1
+    reach = drift + touch.MARGIN
+    # The surface is flat in the balance: look again where the centre has come to, until that makes no force.
+    for _ in range(_LOOKS):
+        n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, tip, at, reach, rows)
+        touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, old_tip, tip, s[touch.STICK_LENGTH], turn)
+        for i in range(3):
+            relative[i] = free[i] - b[body.AHEAD + i] - at[i]
+            x[i] = 0.0
+        done = contact.settle(rows, n, relative, softer, step, world[SLOW], x, scratch)
+        for i in range(3):
+            at[i] += x[i]
+        if (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) * touch.stiffest(rows, n) < 2.0 * s[touch.RADIUS] * _UNFELT:
+            break
+        reach = touch.MARGIN
+    counts[IN_TURNS] += done == 2
+    counts[UNBALANCED] += done == 0
+    return n
+
+
+@kernel
+def _rotation_vector(old, new, out):
+    """Small rotation from one frame to the next: half the sum of old axis x new axis."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = 0.0
+        for a in range(3):
+            out[i] += 0.5 * (old[3 * a + j] * new[3 * a + k] - old[3 * a + k] * new[3 * a + j])
+
+
+@kernel
+def _sum_up(world, n, tip):
+    """Total force, torque about the tip (both world frame) and main contact of the balanced rows into the record."""
+    rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
+    record = world[RECORD_NEW : RECORD_NEW + RECORD]
+    record[:] = 0.0
+    main = -1
+    best = 0.0
+    on_sphere, total, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(n):
+        row = rows[i]
+        if row[contact.PRESS] <= 0.0:
+            continue
+        record[13] += 1.0
+        force = (row[contact.FORCE], row[contact.FORCE + 1], row[contact.FORCE + 2])
+        total = _plus(total, force)
+        torque = _plus(torque, _cross(_arm(row, tip[9], tip[10], tip[11]), force))
+        if row[contact.LEVER] == 1.0:
+            on_sphere = _plus(on_sphere, force)
+            if _length(force) > best:
+                best, main = _length(force), i
+    world[SPHERE_FORCE] = _length(on_sphere)
+    for i in range(3):
+        record[i], record[3 + i] = total[i], torque[i]
+    if main < 0:
+        return
+    row = rows[main]
+    record[12] = best
+    for j in range(3):
+        depth = row[contact.GAP] + row[contact.RADIUS]
+        world[TOUCHED + j] = row[contact.CENTRE + j] - depth * row[contact.NORMAL + j]
+        record[6 + j] = world[TOUCHED + j]
+        record[9 + j] = row[contact.NORMAL + j]
+
+
+@kernel
+def _arm(row, x, y, z):
+    """From a point to where the hard ball of the probe is touched."""
+    r = row[contact.RADIUS]
+    return (
+        row[contact.CENTRE] - r * row[contact.NORMAL] - x,
+        row[contact.CENTRE + 1] - r * row[contact.NORMAL + 1] - y,
+        row[contact.CENTRE + 2] - r * row[contact.NORMAL + 2] - z,
+    )
+
+
+@kernel
+def _plus(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _length(a):
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@kernel
+def _push(world, counts, n):
+    """What the probe does to the movable object, about the middle of its foot."""
+    rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
+    b = world[BODY:TOUCH]
+    x, y = body.foot_middle(b)
+    force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(n):
+        row = rows[i]
+        if row[contact.BODY] == 1.0 + counts[SCENERY_COUNTS + scenery.FIXED]:
+            pushed = (-row[contact.FORCE], -row[contact.FORCE + 1], -row[contact.FORCE + 2])
+            force = _plus(force, pushed)
+            torque = _plus(torque, _cross(_arm(row, x, y, b[body.BASE]), pushed))
+    for i in range(3):
+        b[body.PUSH + i], b[body.PUSH + 3 + i] = force[i], torque[i]
+
+
+@kernel
+def _carry_over(world, counts, n, at, tip, step):
+    """State at the end of the step: sphere, stick, pressing rows; what the object moved shifts them all."""
+    rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
+    old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
+    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
+    free, b = world[SCRATCH + 41 : SCRATCH + 44], world[BODY:TOUCH]
+    kept = 0
+    eased = (0.0, 0.0, 0.0)
+    for i in range(n):
+        row = rows[i]
+        if row[contact.PRESS] > 0.0:
+            a = row[contact.LEVER]
+            eased = _plus(eased, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
+            old_rows[kept] = row
+            kept += 1
+    counts[N_ROWS], counts[N_FOUND] = kept, n
+    world[PEAK] = max(world[PEAK], world[SPHERE_FORCE])
+    for i in range(3):
+        centre = at[i]
+        if b[body.MODE] != body.RESTING:
+            centre = free[i] + compliance[i, 0] * eased[0] + compliance[i, 1] * eased[1] + compliance[i, 2] * eased[2]
+        world[VELOCITY + i] = (centre - world[CENTRE + i]) / step
+        world[CENTRE + i] = centre
+        world[BEND + i] = centre - tip[9 + i]
+    if counts[HAS_JOINT_COMPLIANCE] == 1:
+        _take_off_joints(world, counts, eased)
+
+
+@kernel
+def _take_off_joints(world, counts, force):
+    """Leave in BEND what the stick alone has given way."""
+    jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
+    for k in range(counts[JOINTS]):
+        angle = world[JOINT_COMPLIANCE + k] * (jac[0, k] * force[0] + jac[1, k] * force[1] + jac[2, k] * force[2])
+        for i in range(3):
+            world[BEND + i] -= jac[i, k] * angle
+
+
+@kernel
+def _into_sensor_frame(world, tip):
+    """The new record's wrench, about the undeflected tip in the world frame, as the sensor has it."""
+    r = world[RECORD_NEW : RECORD_NEW + 6]
+    # the sensor is behind the tip, and moves with it when the joints give way
+    arm = (
+        world[SENSOR_DISTANCE] * tip[6] + tip[9] - (world[CENTRE] - world[BEND]),
+        world[SENSOR_DISTANCE] * tip[7] + tip[10] - (world[CENTRE + 1] - world[BEND + 1]),
+        world[SENSOR_DISTANCE] * tip[8] + tip[11] - (world[CENTRE + 2] - world[BEND + 2]),
+    )
+    force = (r[0], r[1], r[2])
+    torque = _plus((r[3], r[4], r[5]), _cross(arm, force))
+    for i in range(3):
+        r[i] = tip[3 * i] * force[0] + tip[3 * i + 1] * force[1] + tip[3 * i + 2] * force[2]
+        r[3 + i] = tip[3 * i] * torque[0] + tip[3 * i + 1] * torque[1] + tip[3 * i + 2] * torque[2]
+
+
+@kernel
+def _feel_load(world):
+    """Add weight and inertia of what hangs on the sensor to the new record's wrench."""
+    tip = world[TIP:CENTRE]
+    c0, c1, c2 = world[LOAD_CENTRE], world[LOAD_CENTRE + 1], world[LOAD_CENTRE + 2]
+    pull = world[SCRATCH : SCRATCH + 3]
+    for i in range(3):
+        at = tip[9 + i] - world[SENSOR_DISTANCE] * tip[6 + i] + tip[i] * c0 + tip[3 + i] * c1 + tip[6 + i] * c2
+        speed = (at - world[LOAD_AT + i]) / world[CYCLE]
+        pull[i] = world[LOAD] * (world[GRAVITY + i] - world[INERTIA] * (speed - world[LOAD_SPEED + i]) / world[CYCLE])
+        world[LOAD_AT + i], world[LOAD_SPEED + i] = at, speed
+    f0 = tip[0] * pull[0] + tip[1] * pull[1] + tip[2] * pull[2]
+    f1 = tip[3] * pull[0] + tip[4] * pull[1] + tip[5] * pull[2]
+    f2 = tip[6] * pull[0] + tip[7] * pull[1] + tip[8] * pull[2]
+    world[RECORD_NEW] += f0
+    world[RECORD_NEW + 1] += f1
+    world[RECORD_NEW + 2] += f2
+    world[RECORD_NEW + 3] += c1 * f2 - c2 * f1
+    world[RECORD_NEW + 4] += c2 * f0 - c0 * f2
+    world[RECORD_NEW + 5] += c0 * f1 - c1 * f0
+
+
+@kernel
+def _sample(world, counts, truth, before):
+    """Take all samples whose instants lie in this cycle and send them off."""
+    s = world[SENSOR:SCENERY]
+    waiting = world[WAITING:READY].reshape((QUEUE, sensor.SAMPLE))
+    record = world[SCRATCH : SCRATCH + RECORD]
+    fresh = world[SCRATCH + 16 : SCRATCH + 16 + sensor.SAMPLE]
+    last = world[LAST_SAMPLE : LAST_SAMPLE + sensor.SAMPLE]
+    while (counts[TAKEN] + 1) * s[sensor.PERIOD] <= world[TIME] + 1e-12:
+        counts[TAKEN] += 1
+        number = counts[TAKEN]
+        instant = number * s[sensor.PERIOD]
+        _between(world, min(1.0, (instant - before) / (world[TIME] - before)), record)
+        if number < truth.shape[0]:
+            for i in range(8):
+                truth[number, i] = record[6 + i]
+        if sensor.lost(s, counts[SEED], number):
+            counts[GAP] = 1
+            continue
+        sensor.measure(s, counts[SEED], number, instant, record, fresh)
+        for i in range(6):
+            world[RECENT + 6 * (number % RECENT_MAX) + i] = fresh[sensor.FORCE + i]
+        if s[sensor.FREEZE_FROM] <= instant < s[sensor.FREEZE_TO]:
+            for i in range(sensor.SAMPLE):
+                fresh[i] = last[i]
+        elif counts[GAP] == 1:
+            fresh[sensor.STATUS] += sensor.LOST_BEFORE
+            counts[GAP] = 0
+        wait = sensor.delay(s, counts[SEED], number)
+        if wait > s[sensor.LATE_LIMIT]:
+            fresh[sensor.STATUS] = int(fresh[sensor.STATUS]) | sensor.LATE
+        # the line keeps the order: one late sample holds up those behind it
+        fresh[sensor.ARRIVAL] = max(instant + wait, last[sensor.ARRIVAL])
+        for i in range(sensor.SAMPLE):
+            last[i] = fresh[i]
+        if counts[N_WAITING] < QUEUE:
+            waiting[counts[N_WAITING]] = fresh
+            counts[N_WAITING] += 1
+        else:
+            counts[GAP] = 1
+
+
+@kernel
+def _between(world, share, out):
+    """The record at a share of the cycle: linear between alike ends, else the nearer end's contact."""
+    old, new = world[RECORD_OLD : RECORD_OLD + RECORD], world[RECORD_NEW : RECORD_NEW + RECORD]
+    for i in range(6):
+        out[i] = old[i] + share * (new[i] - old[i])
+    alike = old[13] == new[13] and old[9] * new[9] + old[10] * new[10] + old[11] * new[11] > 0.99
+    nearer = new if share >= 0.5 else old
+    for i in range(6, RECORD):
+        out[i] = old[i] + share * (new[i] - old[i]) if alike else nearer[i]
+
+
+@kernel
+def _deliver(world, counts):
+    """Move what has arrived from the line to the counter; the oldest goes when nobody fetches."""
+    waiting = world[WAITING:READY].reshape((QUEUE, sensor.SAMPLE))
+    ready = world[READY:JACOBIAN].reshape((QUEUE, sensor.SAMPLE))
+    arrived = 0
+    while arrived < counts[N_WAITING] and waiting[arrived, sensor.ARRIVAL] <= world[TIME] + 1e-12:
+        if counts[N_READY] == QUEUE:
+            for k in range(QUEUE - 1):
+                ready[k] = ready[k + 1]
+            counts[N_READY] -= 1
+        ready[counts[N_READY]] = waiting[arrived]
+        counts[N_READY] += 1
+        arrived += 1
+    if arrived > 0:
+        for k in range(counts[N_WAITING] - arrived):
+            waiting[k] = waiting[k + arrived]
+        counts[N_WAITING] -= arrived
+    return counts[N_READY]
+
+
+@kernel
+def place(world, counts, chain):
+    """Put the arm where world[Q] says, at rest and in the air."""
+    n = counts[JOINTS]
+    line = world[LINE:ROWS_OLD].reshape((DELAY_MAX, JOINTS_MAX))
+    for i in range(n):
+        world[SET + i] = world[Q_MEASURED + i] = world[Q + i]
+        world[SET_SPEED + i] = world[QD + i] = 0.0
+        for k in range(DELAY_MAX):
+            line[k, i] = world[Q + i]
+    tip = tip_frame(chain, world[Q : Q + JOINTS_MAX])
+    for i in range(12):
+        world[TIP + i] = tip[i]
+    for i in range(3):
+        world[CENTRE + i] = tip[9 + i]
+        world[BEND + i] = world[VELOCITY + i] = world[LOAD_SPEED + i] = 0.0
+        world[LOAD_AT + i] = tip[9 + i] - world[SENSOR_DISTANCE] * tip[6 + i]
+        for a in range(3):
+            world[LOAD_AT + i] += tip[3 * a + i] * world[LOAD_CENTRE + a]
+    counts[N_ROWS] = 0
+    for i in range(RECORD):
+        world[RECORD_OLD + i] = world[RECORD_NEW + i] = 0.0
+    if world[LOAD] > 0.0:
+        _feel_load(world)

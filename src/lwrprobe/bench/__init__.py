@@ -1,0 +1,16 @@
+"""`lwrprobe bench`: error against run time, side by side with the peers that are installed.
+
+One module a bench, each with `run(quick: bool, options: dict[str, str]) -> BenchReport`; `BENCHES` names them
+without importing them.
+"""
+
+BENCHES: dict[str, str] = {
+    "kinematics": "lwrprobe.bench.kinematics",
+    "trajectory": "lwrprobe.bench.trajectory",
+    "clearance": "lwrprobe.bench.clearance",
+    "mapping": "lwrprobe.bench.mapping",
+    "contact": "lwrprobe.bench.contact",
+    "loop": "lwrprobe.bench.loop",
+    "simulation": "lwrprobe.bench.simulation",
+    "reconstruction": "lwrprobe.bench.reconstruction",
+}

@@ -1,0 +1,290 @@
+"""Clearance beside the collision libraries: five links of a probe against the voxels of a block.
+
+Each library gets what serves it best: one manager of links against one manager of voxel boxes, both trees of boxes. The
+poses have the tip near the object, as in a run; every pose is asked of everyone in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.timing import interleave
+from lwrprobe.bench.voxel_block import EDGE, block_surface
+from lwrprobe.collision import NO_FRAMES, ClearanceQuery
+from lwrprobe.contracts import LinkShape, UnknownNameError
+from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.mapping import VoxelMap
+
+OURS, COAL, FCL = "lwrprobe", "coal", "python-fcl"
+TENFOLD = (100, 1_000, 10_000, 100_000)
+BRUTE_VOXELS = 1_000
+COAL_LEAD, COAL_LEAD_P99, FCL_LEAD, MOST_ERROR = 2.0, 5.0, 30.0, 1e-6
+
+Ask = Callable[[np.ndarray], float]
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """`lwrprobe bench clearance`; options `poses`, `rounds`."""
+    for name in options:
+        if name not in ("poses", "rounds"):
+            raise UnknownNameError("bench clearance option", name, ["poses", "rounds"])
+    poses_wanted = int(options.get("poses", "60" if quick else "200"))
+    rounds = int(options.get("rounds", "3" if quick else "7"))
+    libraries, missing = _libraries()
+    report = BenchReport("clearance", "Clearance between links and voxels", machine=_machine())
+    report.notes = [f"{name} is not installed: left out" for name in missing]
+
+    times: dict[int, dict[str, np.ndarray]] = {}
+    rows = []
+    for count in TENFOLD[:3] if quick else TENFOLD:
+        bench = _Setting(count, poses_wanted, libraries)
+        times[count] = bench.times(rounds)
+        rows.append([count, *bench.row(times[count])])
+        if count == BRUTE_VOXELS:
+            error = bench.error_against_brute_force(10 if quick else 40)
+    names = [OURS, *libraries]
+    columns = ["voxels", *(f"{name} {what}" for name in names for what in ("median", "p99"))]
+    columns += ["batch, a pose", "add a voxel", "1 mm ahead", "nearest, mm (median)"]
+    title = f"us a query over {poses_wanted} poses (each the median of {rounds} rounds)"
+    report.tables = [Table(title, columns, rows), _ratio_table(times, list(libraries))]
+    report.verdicts = _verdicts(times, libraries)
+    if error is None:
+        report.notes.append("no brute force without coal: the error was not measured")
+    else:
+        text = f"{1e6 * error:.2g} um"
+        report.verdicts.append(
+            Verdict(f"error against brute force below 1 um, {BRUTE_VOXELS} voxels", text, error <= MOST_ERROR)
+        )
+    report.notes.append("add a voxel: into a map that has them all, seen by the next query; nothing is rebuilt")
+    report.figures["time"] = lambda figure: _draw(figure, times)
+    return report
+
+
+def probe_links() -> list[LinkShape]:
+    """Stick, sensor, holder and two fingers of a probe, behind its tip."""
+
+    def at(z: float, y: float = 0.0) -> np.ndarray:
+        pose = np.eye(4)
+        pose[1:3, 3] = y, z
+        return pose
+
+    return [
+        LinkShape("stick", "cylinder", (0.002, 0.040), at(-0.025)),
+        LinkShape("sensor", "cylinder", (0.0085, 0.0145), at(-0.05225)),
+        LinkShape("holder", "cylinder", (0.0125, 0.040), at(-0.0795)),
+        LinkShape("finger_left", "box", (0.012, 0.020, 0.070), at(-0.12, 0.0225)),
+        LinkShape("finger_right", "box", (0.012, 0.020, 0.070), at(-0.12, -0.0225)),
+    ]
+
+
+def tip_poses(count: int, middle: np.ndarray, size: np.ndarray, seed: int = 7) -> np.ndarray:
+    """(count, 4, 4): the tip 5 to 30 mm off the surface of a block, pointing at it within 45 deg."""
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for pose in poses:
+        axis, sign = rng.integers(3), rng.choice([-1.0, 1.0])
+        outward = sign * np.eye(3)[axis]
+        pose[:3, 3] = middle + rng.uniform(-0.5, 0.5, 3) * size
+        pose[axis, 3] = middle[axis] + sign * (0.5 * size[axis] + rng.uniform(0.005, 0.03))
+        aside = np.cross(outward, rng.normal(size=3))
+        lean = rng.uniform(0.0, np.pi / 4)
+        z = -np.cos(lean) * outward + np.sin(lean) * aside / np.linalg.norm(aside)
+        x = np.cross(aside, z)
+        pose[:3, 0], pose[:3, 2] = x / np.linalg.norm(x), z
+        pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
+    return poses
+
+
+class _Setting:
+    """A block of so many voxels, the poses, and everyone who can answer."""
+
+    def __init__(self, count: int, poses: int, libraries: dict[str, Any]) -> None:
+        self.centres, middle, size = block_surface(count)
+        self.poses = tip_poses(poses, middle, size)
+        self.voxels = VoxelMap(EDGE)
+        self.voxels.insert(self.centres)
+        self.query = ClearanceQuery(probe_links(), self.voxels)
+        self.libraries = libraries
+        self.asks: dict[str, Ask] = {OURS: self._ours()}
+        if FCL in libraries:
+            self.asks[FCL] = _fcl(libraries[FCL], self.centres)
+        if COAL in libraries:
+            self.asks[COAL] = _coal(libraries[COAL], self.centres)
+        self.asks = {name: self.asks[name] for name in (OURS, *libraries)}
+
+    def times(self, rounds: int) -> dict[str, np.ndarray]:
+        """Seconds (poses,) of everyone."""
+        each: dict[str, list[float]] = {name: [] for name in self.asks}
+        for pose in self.poses:
+            calls = {name: (lambda ask=ask, pose=pose: ask(pose)) for name, ask in self.asks.items()}
+            for name, seconds in interleave(calls, rounds).items():
+                each[name].append(float(np.median(seconds)))
+        return {name: np.array(seconds) for name, seconds in each.items()}
+
+    def row(self, times: dict[str, np.ndarray]) -> list[float]:
+        """Medians and 99th percentiles of everyone in us, then what only ours does."""
+        query, poses = self.query, self.poses
+        steps = [(pose, _moved(pose, 0.001)) for pose in poses]
+        fresh = iter(np.random.default_rng(1).uniform(0.5, 0.7, (5000, 3)))  # elsewhere: the object stays as it is
+        batch = interleave({"": lambda: query.nearest_batch(poses)}, 9)[""]
+        ahead = interleave({"": lambda: [query.ahead(a, b) for a, b in steps]}, 3)[""]
+        nearest = [query.nearest(pose).distance for pose in poses]
+        added = interleave({"": lambda: [self.voxels.insert_point(next(fresh)) for _ in range(200)]}, 9)[""]
+        cells = [1e6 * float(np.percentile(seconds, q)) for seconds in times.values() for q in (50, 99)]
+        cells += [1e6 * float(np.median(batch)) / len(poses), 1e6 * float(np.median(added)) / 200]
+        return [*cells, 1e6 * float(np.median(ahead)) / len(poses), 1e3 * float(np.median(nearest))]
+
+    def error_against_brute_force(self, poses: int) -> float | None:
+        """Largest difference [m] from coal's narrow phase over all pairs of link and voxel; None without coal."""
+        if COAL not in self.libraries:
+            return None
+        nearest = _coal_all_pairs(self.libraries[COAL], self.centres)
+        return max(abs(self.asks[OURS](pose) - nearest(pose)) for pose in self.poses[:poses])
+
+    def _ours(self) -> Ask:
+        answer = np.empty(8)
+
+        def ask(pose: np.ndarray) -> float:
+            self.query.nearest_into(pose, NO_FRAMES, answer)
+            return answer[0]
+
+        return ask
+
+
+def _libraries() -> tuple[dict[str, Any], list[str]]:
+    found, missing = {}, []
+    for name, module in ((FCL, "fcl"), (COAL, "coal")):
+        try:
+            found[name] = import_module(module)
+        except ImportError:
+            missing.append(name)
+    return found, missing
+
+
+def _machine() -> dict[str, str]:
+    return machine() | versions("numpy", "numba", FCL, COAL)
+
+
+def _moved(pose: np.ndarray, step: float) -> np.ndarray:
+    moved = pose.copy()
+    moved[0, 3] += step
+    return moved
+
+
+def _fcl(fcl: Any, centres: np.ndarray) -> Ask:
+    links = probe_links()
+    bodies = [fcl.CollisionObject(fcl.Box(*k.size) if k.kind == "box" else fcl.Cylinder(*k.size)) for k in links]
+    robot, objects = fcl.DynamicAABBTreeCollisionManager(), fcl.DynamicAABBTreeCollisionManager()
+    robot.registerObjects(bodies)
+    objects.registerObjects([fcl.CollisionObject(fcl.Box(EDGE, EDGE, EDGE), fcl.Transform(p)) for p in centres])
+    robot.setup()
+    objects.setup()
+
+    def ask(pose: np.ndarray) -> float:
+        for link, body in zip(links, bodies):
+            placed = pose @ link.pose
+            body.setTransform(fcl.Transform(placed[:3, :3], placed[:3, 3]))
+        robot.update()
+        data = fcl.DistanceData()
+        robot.distance(objects, data, fcl.defaultDistanceCallback)
+        return max(data.result.min_distance, 0.0)
+
+    return ask
+
+
+def _coal_bodies(coal: Any, links: list[LinkShape]) -> list[Any]:
+    return [coal.CollisionObject(coal.Box(*k.size) if k.kind == "box" else coal.Cylinder(*k.size)) for k in links]
+
+
+def _coal_place(coal: Any, links: list[LinkShape], bodies: list[Any], pose: np.ndarray) -> None:
+    for link, body in zip(links, bodies):
+        placed = pose @ link.pose
+        body.setTransform(coal.Transform3s(placed[:3, :3], placed[:3, 3]))
+        body.computeAABB()
+
+
+def _coal_voxels(coal: Any, centres: np.ndarray) -> list[Any]:
+    return [coal.CollisionObject(coal.Box(EDGE, EDGE, EDGE), coal.Transform3s(np.eye(3), p)) for p in centres]
+
+
+def _coal(coal: Any, centres: np.ndarray) -> Ask:
+    links = probe_links()
+    bodies, boxes = _coal_bodies(coal, links), _coal_voxels(coal, centres)
+    robot, objects = coal.DynamicAABBTreeCollisionManager(), coal.DynamicAABBTreeCollisionManager()
+    for manager, members in ((robot, bodies), (objects, boxes)):
+        for member in members:
+            manager.registerObject(member)
+        manager.setup()
+
+    def ask(pose: np.ndarray) -> float:
+        _coal_place(coal, links, bodies, pose)
+        robot.update()
+        callback = coal.DistanceCallBackDefault()
+        callback.init()
+        robot.distance(objects, callback)
+        return max(callback.data.result.min_distance, 0.0)
+
+    ask.boxes = boxes  # the manager does not keep them alive
+    return ask
+
+
+def _coal_all_pairs(coal: Any, centres: np.ndarray) -> Ask:
+    links = probe_links()
+    bodies, boxes = _coal_bodies(coal, links), _coal_voxels(coal, centres)
+    request = coal.DistanceRequest()
+    request.gjk_tolerance = 1e-9
+
+    def ask(pose: np.ndarray) -> float:
+        _coal_place(coal, links, bodies, pose)
+        best = np.inf
+        for body in bodies:
+            for box in boxes:
+                best = min(best, coal.distance(body, box, request, coal.DistanceResult()))
+        return max(best, 0.0)
+
+    return ask
+
+
+def _ratio_table(times: dict[int, dict[str, np.ndarray]], peers: list[str]) -> Table:
+    columns = ["voxels", *(f"{name} {what}" for name in peers for what in ("median", "p99"))]
+    rows = [[n, *(_ratio(by_who, name, q) for name in peers for q in (50, 99))] for n, by_who in times.items()]
+    return Table("Times as long as ours", columns, rows)
+
+
+def _ratio(by_who: dict[str, np.ndarray], name: str, percent: float) -> float:
+    return float(np.percentile(by_who[name], percent) / np.percentile(by_who[OURS], percent))
+
+
+def _verdicts(times: dict[int, dict[str, np.ndarray]], libraries: dict[str, Any]) -> list[Verdict]:
+    held = []
+
+    def promise(text: str, name: str, percent: float, lead: float, at_least: int) -> None:
+        ratios = [_ratio(by_who, name, percent) for n, by_who in times.items() if n >= at_least]
+        held.append(Verdict(text, f"{min(ratios):.2g} x at worst", min(ratios) >= lead))
+
+    if COAL in libraries:
+        promise(f"{COAL_LEAD:g} x faster than coal's managers", COAL, 50, COAL_LEAD, 0)
+        promise(f"{COAL_LEAD_P99:g} x at the 99th percentile from 10000 voxels on", COAL, 99, COAL_LEAD_P99, 10_000)
+    if FCL in libraries:
+        promise(f"{FCL_LEAD:g} x faster than python-fcl's managers from 1000 voxels on", FCL, 50, FCL_LEAD, 1_000)
+    return held
+
+
+def _draw(figure: Any, times: dict[int, dict[str, np.ndarray]]) -> None:
+    axes = figure.subplots()
+    counts = list(times)
+    for name in times[counts[0]]:
+        middle, high = ([1e6 * np.percentile(times[n][name], q) for n in counts] for q in (50, 99))
+        (line,) = axes.plot(counts, middle, "o-", label=name)
+        axes.plot(counts, high, ":", color=line.get_color())
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("voxels of 2 mm")
+    axes.set_ylabel("us a query: median, 99th percentile dotted")
+    axes.grid(alpha=0.3)
+    axes.legend()

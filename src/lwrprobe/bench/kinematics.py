@@ -1,0 +1,413 @@
+"""Kinematics side by side with every installed peer, on the LWR 4+ with a tool of 0.25 m.
+
+Poses come from joint values drawn evenly within the limits, so that each has a solution. A success is an answer within
+1e-6 m, 1e-6 rad (by our own forward kinematics) and the joint limits; a jump, a success that moves a joint by more than
+0.5 rad from its start; a false success, an answer that a library calls a solution and that misses.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.bench.kinematics_peers import Array, Peer, Solve, installed_peers, lwrprobe_peer
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.timing import interleave
+from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.kinematics import IKSolver, IKStatus, Robot, chain_kernels, lwr4
+
+TOLERANCE = 1e-6
+JUMP = 0.5
+NEAR = 0.05
+BEYOND = 0.05
+BLOCK = 50
+OPTIONS = {"targets": "poses that every solver gets", "cold": "random poses for our own count of successes"}
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What one solver made of a set of targets, one row a target."""
+
+    seconds: Array
+    answered: Array
+    success: Array
+    jump: Array
+    residual: Array
+
+    @property
+    def false(self) -> Array:
+        """Answers called a solution that are none."""
+        return self.answered & ~self.success
+
+    def row(self) -> list[float]:
+        """Median and p99 in us, then per cent of successes, jumps and false successes."""
+        shares = (100.0 * share.mean() for share in (self.success, self.jump, self.false))
+        return [1e6 * np.median(self.seconds), 1e6 * np.quantile(self.seconds, 0.99), *shares]
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """Measure; `options`: `targets` and `cold`, numbers of poses."""
+    unknown = set(options) - set(OPTIONS)
+    if unknown:
+        raise UnknownNameError("option", sorted(unknown)[0], OPTIONS)
+    count = int(options.get("targets", 200 if quick else 2000))
+    cold = int(options.get("cold", 5000 if quick else 100_000))
+    robot = lwr4(tool=_shift(0.25))
+    peers, missing = installed_peers(robot)
+    peers.insert(0, lwrprobe_peer(robot))
+    report = BenchReport("kinematics", "Kinematics against the best peers (LWR 4+, tool 0.25 m)", notes=missing)
+    report.machine = machine() | {"date": time.strftime("%Y-%m-%d")} | versions(*sorted({p.package for p in peers}))
+    with _silence():
+        _forward(report, robot, peers, quick)
+        _solving(report, robot, peers, count, cold)
+        _hard_cases(report, robot, peers, 25 if quick else 200)
+        _out_of_reach(report, robot, peers, min(count, 300))
+        _invalid(report, robot, peers)
+        _work_precision(report, robot, peers, 40 if quick else 300)
+    if not quick:
+        _compile_time(report)
+    return report
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Some peers write to the terminal from compiled code at every failure."""
+    kept = [os.dup(1), os.dup(2)]
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 1), os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(kept[0], 1), os.dup2(kept[1], 2)
+        for descriptor in (*kept, sink):
+            os.close(descriptor)
+
+
+def _forward(report: BenchReport, robot: Robot, peers: list[Peer], quick: bool) -> None:
+    rounds, rng = (30 if quick else 200), np.random.default_rng(1)
+    qs = rng.uniform(robot.lower, robot.upper, (10_000, robot.n))
+    tip, jac = np.empty((4, 4)), np.empty((6, robot.n))
+    forward = _per_call({p.name: (p.forward, tip) for p in peers if p.forward}, qs, rounds)
+    jacobian = _per_call({p.name: (p.jacobian, jac) for p in peers if p.jacobian}, qs, rounds)
+    many = {p.name: (lambda call=p.batch: call(qs)) for p in peers if p.batch}
+    batch = {name: np.median(s) / len(qs) for name, s in interleave(many, max(rounds // 10, 5)).items()}
+    compiled = _compiled(robot, qs, max(rounds // 10, 5))
+    rows = []
+    for peer in peers:
+        times = [table.get(peer.name) for table in (forward, jacobian, batch)]
+        if any(times):
+            own = 1e6 * compiled if peer.name == "lwrprobe" else None
+            rows.append([peer.name, *(None if t is None else 1e6 * t for t in times), own])
+    columns = ["library", "tip [us]", "Jacobian [us]", "tip in a batch of 10 000 [us]", "tip, called in njit [us]"]
+    report.tables.append(Table("Forward kinematics and Jacobian, one call from Python into a buffer", columns, rows))
+    own, rival, toolbox = (name for name in ("lwrprobe", "pin", "rtb LM chan"))
+    for what, table in (("tip", forward), ("Jacobian", jacobian)):
+        if rival in table:
+            text = f"{1e6 * table[own]:.3g} us against {1e6 * table[rival]:.3g} us"
+            report.verdicts.append(Verdict(f"one {what} not slower than pin's", text, table[own] <= table[rival]))
+    report.verdicts.append(Verdict("a tip in njit <= 0.2 us", f"{1e6 * compiled:.3g} us", compiled <= 0.2e-6))
+    if toolbox in batch:
+        lead, text = batch[toolbox] / batch[own], f"{1e6 * batch[own]:.3g} us"
+        held = batch[own] <= 0.25e-6 and lead >= 5.0
+        report.verdicts.append(Verdict("a batch <= 0.25 us, 5 times ahead of rtb", f"{text}, {lead:.3g} times", held))
+
+
+def _per_call(calls: dict[str, tuple[Callable, Array]], qs: Array, rounds: int) -> dict[str, float]:
+    """Median seconds of one call; calls are timed in blocks, since the clock itself takes as long as the fastest."""
+
+    def block(call: Callable, out: Array) -> Callable[[], None]:
+        def repeat() -> None:
+            for q in qs[:BLOCK]:
+                call(q, out)
+
+        return repeat
+
+    timed = interleave({name: block(*pair) for name, pair in calls.items()}, rounds)
+    return {name: float(np.median(seconds)) / BLOCK for name, seconds in timed.items()}
+
+
+def _compiled(robot: Robot, qs: Array, rounds: int) -> float:
+    """Median seconds of one tip where compiled code asks for one after another."""
+    tips = np.empty((len(qs), 4, 4))
+    timed = interleave({"tips": lambda: chain_kernels.forward_batch(robot.chain, qs, tips)}, rounds)["tips"]
+    return float(np.median(timed)) / len(qs)
+
+
+def _solving(report: BenchReport, robot: Robot, peers: list[Peer], count: int, cold: int) -> None:
+    qs, poses = _targets(robot, count, 2)
+    rng = np.random.default_rng(3)
+    near = np.clip(qs + rng.uniform(-NEAR, NEAR, qs.shape), robot.lower, robot.upper)
+    anywhere = rng.uniform(robot.lower, robot.upper, qs.shape)
+    columns = ["library", "median [us]", "p99 [us]", "success [%]", "jumps [%]", "false successes [%]"]
+    tracked = _outcomes(robot, {p.name: p.track for p in peers if p.track}, poses, near)
+    rows = [[name, *outcome.row()] for name, outcome in tracked.items()]
+    report.tables.append(Table(f"Tracking: {count} poses, starts within {NEAR} rad", columns, rows))
+    started = _outcomes(robot, {p.name: p.cold for p in peers if p.cold}, poses, anywhere)
+    rows = [[name, *outcome.row()] for name, outcome in started.items()]
+    report.tables.append(Table(f"Cold starts: {count} poses, random starts", columns, rows))
+    _solving_verdicts(report, tracked, started, count)
+    _many(report, robot, cold)
+
+
+def _solving_verdicts(
+    report: BenchReport, tracked: dict[str, Outcome], started: dict[str, Outcome], count: int
+) -> None:
+    for what, table, limits, factor in (("tracking", tracked, (6, 15), 4.0), ("a cold start", started, (5, 30), 10.0)):
+        median, p99, success, jumps, false = table["lwrprobe"].row()
+        promise = f"{what}: median <= {limits[0]} us, p99 <= {limits[1]} us"
+        held = median <= limits[0] and p99 <= limits[1]
+        report.verdicts.append(Verdict(promise, f"{median:.3g} us, {p99:.3g} us", held))
+        done = f"{success:.4g} %, {false:.4g} %"
+        report.verdicts.append(Verdict(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0))
+        if what == "tracking":
+            report.verdicts.append(Verdict(f"{what}: no jump", f"{jumps:.4g} %", jumps == 0.0))
+        whole = {name: o.row()[0] for name, o in table.items() if name != "lwrprobe" and o.success.all()}
+        if whole:
+            best = min(whole, key=whole.__getitem__)
+            lead = whole[best] / median
+            promise = f"{what}: {factor:g} times faster than the best peer that solves all"
+            report.verdicts.append(Verdict(promise, f"{lead:.3g} times ({best})", lead >= factor))
+
+
+def _many(report: BenchReport, robot: Robot, count: int) -> None:
+    qs, poses = _targets(robot, count, 4)
+    seeds = np.random.default_rng(5).uniform(robot.lower, robot.upper, qs.shape)
+    outcome = _outcomes(robot, {"lwrprobe": lwrprobe_peer(robot).cold}, poses, seeds)["lwrprobe"]
+    failed, false = int((~outcome.success).sum()), int(outcome.false.sum())
+    promise = f"cold starts: all of {count} random poses, no false success"
+    report.verdicts.append(Verdict(promise, f"{failed} failed, {false} false", failed == false == 0))
+    worst = 1e6 * outcome.seconds.max()
+    report.notes.append(f"slowest of {count} cold starts: {worst:.4g} us (the machine's own pauses included)")
+
+
+def _targets(robot: Robot, count: int, seed: int) -> tuple[Array, Array]:
+    qs = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (count, robot.n))
+    return qs, robot.fk_batch(qs)
+
+
+def _outcomes(robot: Robot, solvers: dict[str, Solve], poses: Array, seeds: Array) -> dict[str, Outcome]:
+    """Solvers take turns, a block of targets each, so that each finds the caches as warm as its own loop leaves them;
+    answers are judged outside the clock."""
+    count = len(poses)
+    outcomes = {
+        name: Outcome(np.empty(count), *(np.zeros(count, bool) for _ in range(3)), np.full(count, np.nan))
+        for name in solvers
+    }
+    for solve in solvers.values():
+        _answer(solve, poses[0], seeds[0])
+    for start in range(0, count, BLOCK):
+        for name, solve in solvers.items():
+            for k in range(start, min(start + BLOCK, count)):
+                seconds, q = _answer(solve, poses[k], seeds[k])
+                _judge(robot, outcomes[name], k, seconds, q, poses[k], seeds[k])
+    return outcomes
+
+
+def _answer(solve: Solve, pose: Array, seed: Array) -> tuple[float, Array | None]:
+    begin = time.perf_counter()
+    try:
+        q = solve(pose, seed)
+    except Exception:
+        q = None
+    return time.perf_counter() - begin, q
+
+
+def _judge(robot: Robot, outcome: Outcome, k: int, seconds: float, q: Array | None, pose: Array, seed: Array) -> None:
+    outcome.seconds[k] = seconds
+    if q is None or len(q) != robot.n or not np.isfinite(q).all():
+        return
+    q = np.ascontiguousarray(q, dtype=float)
+    position, rotation = _errors(robot, q, pose)
+    outcome.answered[k] = True
+    outcome.residual[k] = max(position, rotation)
+    outcome.success[k] = max(position, rotation) <= TOLERANCE and robot.within_limits(q, 1e-9)
+    outcome.jump[k] = outcome.success[k] and np.abs(q - seed).max() > JUMP
+
+
+def _errors(robot: Robot, q: Array, pose: Array) -> tuple[float, float]:
+    tip = np.empty((4, 4))
+    robot.fk_into(q, tip)
+    # rounding of the rotation itself is 1e-15, so that the small angle is the Frobenius distance over sqrt(2)
+    return float(np.linalg.norm(tip[:3, 3] - pose[:3, 3])), float(np.linalg.norm((tip - pose)[:3, :3]) / np.sqrt(2.0))
+
+
+def hard_cases(robot: Robot, count: int, seed: int) -> dict[str, Array]:
+    """(count, n) joint values each, at and around the singularities and limits of a seven-joint arm."""
+    rng = np.random.default_rng(seed)
+
+    def fixed(**joints: Any) -> Array:
+        qs = rng.uniform(robot.lower, robot.upper, (count, robot.n))
+        for name, value in joints.items():
+            qs[:, int(name[1]) - 1] = value
+        return qs
+
+    one = fixed()
+    joint = rng.integers(0, robot.n, count)
+    one[np.arange(count), joint] = np.where(rng.random(count) < 0.5, robot.lower[joint], robot.upper[joint])
+    return {
+        "q4 = 0": fixed(q4=0.0),
+        "q4 = 1e-6": fixed(q4=1e-6),
+        "q6 = 0": fixed(q6=0.0),
+        "q2 = 0": fixed(q2=0.0),
+        "q2 = q4 = q6 = 0": fixed(q2=0.0, q4=0.0, q6=0.0),
+        "q3 = +-90 deg, q6 = 0": fixed(q3=rng.choice([-0.5, 0.5], count) * np.pi, q6=0.0),
+        "one joint at its limit": one,
+        "all joints at limits": np.where(rng.random((count, robot.n)) < 0.5, robot.lower, robot.upper),
+    }
+
+
+def _hard_cases(report: BenchReport, robot: Robot, peers: list[Peer], count: int) -> None:
+    rng = np.random.default_rng(6)
+    trackers = {p.name: p.track for p in peers if p.track}
+    starters = {p.name: p.cold for p in peers if p.cold}
+    rows, kept = [], True
+    for case, qs in hard_cases(robot, count, 7).items():
+        poses = robot.fk_batch(qs)
+        near = np.clip(qs + rng.uniform(-NEAR, NEAR, qs.shape), robot.lower, robot.upper)
+        anywhere = rng.uniform(robot.lower, robot.upper, qs.shape)
+        for start, solvers, seeds in (("near", trackers, near), ("random", starters, anywhere)):
+            outcomes = _outcomes(robot, solvers, poses, seeds)
+            rows.append([case, start, *(100.0 * o.success.mean() for o in outcomes.values())])
+            kept = kept and bool(outcomes["lwrprobe"].success.all())
+    title = f"Hard cases, success in % of {count} poses each"
+    report.tables.append(Table(title, ["case", "start", *trackers], rows))
+    report.verdicts.append(Verdict("100 % in every hard case, near and random", "100 %" if kept else "less", kept))
+
+
+def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: int) -> None:
+    """Poses of the straight arm, moved outward by BEYOND along the line from shoulder to wrist."""
+    qs, _ = _targets(robot, count, 8)
+    qs[:, 3] = 0.0
+    nearest = robot.fk_batch(qs)
+    poses = nearest.copy()
+    for k, q in enumerate(qs):
+        wrist = robot.link_frames(q)[-1][:3, 3]
+        poses[k, :3, 3] += BEYOND * wrist / np.linalg.norm(wrist)
+    seeds = np.random.default_rng(9).uniform(robot.lower, robot.upper, qs.shape)
+    rows = []
+    for peer in peers:
+        if peer.cold and peer.name != "lwrprobe":
+            outcome = _outcomes(robot, {peer.name: peer.cold}, poses[:20], seeds)[peer.name]
+            called = "called a solution" if outcome.answered.any() else "nothing"
+            rows.append([peer.name, 1e6 * np.median(outcome.seconds), called, None])
+    own, miss, told = _own_out_of_reach(robot, poses, seeds, nearest)
+    rows.insert(0, ["lwrprobe", own, f"{told} and the nearest pose", miss])
+    columns = ["library", "median [us]", "answer", "error of the nearest pose [m]"]
+    report.tables.append(Table(f"Targets {BEYOND} m out of reach", columns, rows))
+    held = own <= 20.0 and miss <= 1e-6 and told == "UNREACHABLE"
+    promise = "out of reach: <= 20 us, UNREACHABLE, nearest pose to 1e-6 m"
+    report.verdicts.append(Verdict(promise, f"{own:.3g} us, {told}, {miss:.2g} m", held))
+
+
+def _own_out_of_reach(robot: Robot, poses: Array, seeds: Array, nearest: Array) -> tuple[float, float, str]:
+    """Median us, largest error of the nearest pose and of the distance short, and the status they all have."""
+    solver, q = IKSolver(robot), np.empty(robot.n)
+    seconds, misses, told = [], [], set()
+    solver.reach(poses[0], seeds[0], q)
+    for pose, seed, best in zip(poses, seeds, nearest):
+        begin = time.perf_counter()
+        status = solver.reach(pose, seed, q)
+        seconds.append(time.perf_counter() - begin)
+        told.add(IKStatus(status).name)
+        short = _errors(robot, q, pose)[0]
+        misses.append(max(*_errors(robot, q, best), abs(short - BEYOND)))
+    return 1e6 * float(np.median(seconds)), float(max(misses)), " or ".join(sorted(told))
+
+
+def _invalid(report: BenchReport, robot: Robot, peers: list[Peer]) -> None:
+    q = 0.5 * robot.upper
+    pose = robot.fk(q).A
+    broken = {name: pose.copy() for name in ("NaN", "infinite", "scaled rotation", "left-handed rotation")}
+    broken["NaN"][0, 0] = np.nan
+    broken["infinite"][0, 3] = np.inf
+    broken["scaled rotation"][:3, :3] *= 1.1
+    broken["left-handed rotation"][:3, 0] *= -1.0
+    solver = IKSolver(robot)
+    rows = [["lwrprobe", *(_reaction(lambda p, s: solver.solve(p, s).q, p, q) for p in broken.values())]]
+    rows[0].append(_reaction(lambda p, s: solver.solve(p, s).q, pose, q[:-1]))
+    for peer in peers:
+        if peer.cold and peer.name != "lwrprobe" and "default" not in peer.name:
+            reactions = [_reaction(peer.cold, p, q) for p in broken.values()]
+            rows.append([peer.name, *reactions, _reaction(peer.cold, pose, q[:-1])])
+    report.tables.append(Table("Invalid input", ["library", *broken, "seed too short"], rows))
+    typed = all(cell.startswith("InputError") for cell in rows[0][1:])
+    report.verdicts.append(Verdict("invalid input: one typed error", "in every case" if typed else "no", typed))
+
+
+def _reaction(solve: Solve, pose: Array, seed: Array) -> str:
+    try:
+        q = solve(pose, seed)
+    except InputError as error:
+        return f"InputError: {error.field}"
+    except BaseException as error:
+        return type(error).__name__
+    if q is None:
+        return "no answer"
+    return "success reported" if np.isfinite(q).all() else "NaN out"
+
+
+def _work_precision(report: BenchReport, robot: Robot, peers: list[Peer], count: int) -> None:
+    qs, poses = _targets(robot, count, 10)
+    seeds = np.clip(qs + np.random.default_rng(11).uniform(-NEAR, NEAR, qs.shape), robot.lower, robot.upper)
+    solvers = {(p.name, s): p.knob(s) for p in peers if p.knob for s in p.settings}
+    outcomes = _outcomes(robot, solvers, poses, seeds)
+    curves: dict[str, list[list[float]]] = {}
+    for (name, setting), outcome in outcomes.items():
+        if outcome.answered.any():
+            found = outcome.residual[outcome.answered]
+            point = [setting, 1e6 * np.median(outcome.seconds), np.median(found), found.max(), outcome.answered.mean()]
+            curves.setdefault(name, []).append([float(x) for x in point])
+    report.data["work_precision"] = curves
+    report.data["work_precision_columns"] = ["setting", "median us", "median residual", "largest residual", "answered"]
+    report.figures["work-precision"] = lambda figure: _draw(figure, curves)
+
+
+def _draw(figure: Any, curves: dict[str, list[list[float]]]) -> None:
+    left, right = figure.subplots(1, 2, sharey=True, sharex=True)
+    for axes, column, title in ((left, 2, "median residual"), (right, 3, "largest residual")):
+        for name, points in curves.items():
+            xy = np.array(points)
+            style = {"lw": 2.5, "color": "black", "zorder": 3} if name == "lwrprobe" else {"lw": 1.2}
+            axes.plot(xy[:, 1], np.maximum(xy[:, column], 1e-17), "o-", ms=4, label=name, **style)
+        axes.axhline(TOLERANCE, color="0.6", lw=0.8, ls="--")
+        axes.set(xscale="log", yscale="log", xlabel="run time, median [us]", title=title)
+        axes.grid(alpha=0.3)
+    left.set_ylabel("residual of what is called a solution [m, rad]")
+    right.legend(fontsize=8)
+    figure.suptitle("IK while tracking: error against run time, each solver over its own settings")
+
+
+def _compile_time(report: BenchReport) -> None:
+    """Wall and CPU seconds of a fresh process that uses every kernel once, with an empty and with a filled cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        cold, warm = _first_use(folder), _first_use(folder)
+    rows = [["empty cache", *cold], ["filled cache", *warm]]
+    columns = ["", "wall [s]", "CPU [s]"]
+    report.tables.append(Table("First use of all kinematics kernels in a fresh process", columns, rows))
+    report.verdicts.append(Verdict("cold compilation < 15 s", f"{cold[0]:.3g} s", cold[0] < 15.0))
+    report.verdicts.append(Verdict("filled cache < 0.5 s", f"{warm[0]:.3g} s", warm[0] < 0.5))
+
+
+def _first_use(cache: str) -> tuple[float, float]:
+    environment = os.environ | {"NUMBA_CACHE_DIR": cache}
+    script = Path(__file__).with_name("kinematics_first_use.py")
+    answer = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True)
+    wall, cpu = answer.stdout.split()
+    return float(wall), float(cpu)
+
+
+def _shift(z: float) -> Array:
+    out = np.eye(4)
+    out[2, 3] = z
+    return out

@@ -1,0 +1,258 @@
+"""Reconstructors side by side: error against run time and against the number of contacts.
+
+The data are those of an ideal scan along lines (see `sampled_lines`), as raw contacts and as the voxel centres that
+the source kept. The phases of the lines are spread evenly, so that no end of an object is lucky; the objects are
+about symmetric, which makes 1/8 and 3/8 stand for 5/8 and 7/8 as well. Errors are two-sided, above the lowest height
+of the sphere's centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.bench.reconstruction_peers import Method, peers
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.sampled_lines import LOWEST, sample_lines, voxelised
+from lwrprobe.bench.timing import interleave
+from lwrprobe.contracts import InputError, LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
+from lwrprobe.evaluation import mesh_error
+from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.reconstruction.concave_hull import ConcaveHull
+from lwrprobe.reconstruction.contact_surface import ContactSurface
+from lwrprobe.reconstruction.convex_hull import ConvexHull
+from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
+from lwrprobe.reconstruction.poisson import Poisson
+from lwrprobe.scene import load_scene
+
+SCENES = (
+    "block",
+    "cylinder_vertical",
+    "cylinder_horizontal",
+    "bridge",
+    "combination",
+    "polystyrene_1",
+    "polystyrene_2",
+    "jaw_chuck",
+    "stacked_blocks",
+)
+CONVEX = ("block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks")
+DEFAULT = "contact_surface"
+OPTIONS = ("phases", "pitches", "scenes")
+_SAMPLES = 4000  # of each surface, for the errors
+
+
+@dataclass(slots=True, frozen=True)
+class Outcome:
+    """One method on one record; lengths in mm, volume error in percent, NaN where the mesh is open."""
+
+    method: str
+    scene: str
+    pitch: float
+    data: str
+    contacts: int
+    mean: float
+    worst: float
+    volume: float
+    watertight: bool
+    seconds: float
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """`lwrprobe bench reconstruction`; options `scenes`, `pitches` (mm) and `phases`, each separated by commas."""
+    for name in options:
+        if name not in OPTIONS:
+            raise UnknownNameError("bench reconstruction option", name, OPTIONS)
+    scenes = options["scenes"].split(",") if "scenes" in options else list(SCENES[::3] if quick else SCENES)
+    pitches = _numbers(options, "pitches", [10.0] if quick else [5.0, 10.0, 15.0])
+    phases = _numbers(options, "phases", [0.375] if quick else [0.125, 0.375])
+    others, missing = peers()
+    methods = _own() | others
+    outcomes: list[Outcome] = []
+    failures: dict[str, str] = {}
+    for scene in scenes:
+        solid = load_scene(scene).solid()
+        for pitch in pitches:
+            for phase in phases:
+                raw = sample_lines(solid, 1e-3 * pitch, phase)
+                for data, record in (("raw", raw), ("voxels", voxelised(raw))):
+                    outcomes += _measure(methods, record, solid, (scene, pitch, data), failures)
+    return _report(outcomes, failures, missing, len(phases))
+
+
+def _numbers(options: dict[str, str], name: str, default: list[float]) -> list[float]:
+    try:
+        return [float(text) for text in options[name].split(",")] if name in options else default
+    except ValueError:
+        raise InputError(f"bench option {name}", options[name], "numbers separated by commas") from None
+
+
+def _own() -> dict[str, Method]:
+    workers = {
+        DEFAULT: ContactSurface(),
+        "convex_hull": ConvexHull(),
+        "concave_hull, automatic": ConcaveHull(),
+        "concave_hull, 15 mm": ConcaveHull(ConcaveHull.Config(alpha=0.015)),
+        "hermite_rbf": HermiteRbf(),
+        "poisson, contact normals": Poisson(),
+        "poisson, as the source": Poisson(Poisson.Config(normals="estimated")),
+    }
+    return {name: _mesh_of(worker) for name, worker in workers.items()}
+
+
+def _mesh_of(worker: Any) -> Method:
+    return lambda record: worker.reconstruct(record).mesh
+
+
+def _measure(
+    methods: dict[str, Method], record: TouchRecord, solid: Any, place: tuple, failures: dict[str, str]
+) -> list[Outcome]:
+    """All methods on one record, taking turns; one that fails is named once in the notes."""
+    meshes: dict[str, TriangleMesh] = {}
+
+    def keep(name: str) -> Callable[[], None]:
+        def call() -> None:
+            meshes[name] = methods[name](record)
+
+        return call
+
+    working = {}
+    for name in methods:
+        try:
+            keep(name)()
+            working[name] = keep(name)
+        except (LwrprobeError, RuntimeError) as error:  # a peer's own error counts as no mesh
+            failures.setdefault(name, f"{place[0]}, {place[1]:g} mm, {place[2]}: {error}")
+    seconds = interleave(working, 2)
+    outcomes = []
+    for name in working:
+        try:
+            found = mesh_error(meshes[name], solid, LOWEST, samples=_SAMPLES)
+        except InputError as error:
+            failures.setdefault(name, f"{place[0]}, {place[1]:g} mm, {place[2]}: {error}")
+            continue
+        volume = np.nan if found.volume_error is None else 100.0 * abs(found.volume_error)
+        outcomes.append(
+            Outcome(
+                name, *place, len(record.points), 1e3 * found.mean, 1e3 * found.hausdorff, volume, found.watertight,
+                float(np.median(seconds[name])),
+            )
+        )  # fmt: skip
+    return outcomes
+
+
+def _report(outcomes: list[Outcome], failures: dict[str, str], missing: list[str], phases: int) -> BenchReport:
+    report = BenchReport("reconstruction", "Reconstruction: error against run time and against contacts")
+    report.machine = machine() | versions("numpy", "numba", "scipy", "open3d", "pymeshlab")
+    groups = sorted({(o.pitch, o.data) for o in outcomes})
+    report.tables = [_summary(outcomes, pitch, data) for pitch, data in groups] + [_by_scene(outcomes)]
+    report.verdicts = _verdicts(outcomes)
+    report.notes = [
+        "Errors in mm: mean of both ways and the largest of all, above z = 6 mm; mean over "
+        f"{phases} line phases of each object, then the median over objects",
+    ]
+    report.notes += [f"{name} is not installed: left out" for name in missing]
+    report.notes += [f"{name} gave no mesh (first on {where})" for name, where in failures.items()]
+    report.figures = {
+        "time": lambda figure: _draw(figure, outcomes, "seconds", "run time, s"),
+        "contacts": lambda figure: _draw(figure, outcomes, "contacts", "number of contacts"),
+    }
+    report.data["outcomes"] = [{name: getattr(o, name) for name in Outcome.__slots__} for o in outcomes]
+    return report
+
+
+def _per_scene(outcomes: list[Outcome], method: str, pitch: float, data: str, value: str) -> dict[str, float]:
+    """Mean over phases by scene; the scenes for which the value is known."""
+    found: dict[str, list[float]] = {}
+    for o in outcomes:
+        if (o.method, o.pitch, o.data) == (method, pitch, data):
+            found.setdefault(o.scene, []).append(float(getattr(o, value)))
+    means = {scene: float(np.mean(values)) for scene, values in found.items()}
+    return {scene: mean for scene, mean in means.items() if np.isfinite(mean)}
+
+
+def _median(values: dict[str, float]) -> float | None:
+    return float(np.median(list(values.values()))) if values else None
+
+
+def _summary(outcomes: list[Outcome], pitch: float, data: str) -> Table:
+    rows = []
+    for method in dict.fromkeys(o.method for o in outcomes):
+        closed = _per_scene(outcomes, method, pitch, data, "watertight")
+        if closed:
+            values = [_median(_per_scene(outcomes, method, pitch, data, v)) for v in ("mean", "worst", "volume")]
+            whole = f"{sum(share == 1.0 for share in closed.values())} of {len(closed)}"
+            rows.append([method, *values, whole, _median(_per_scene(outcomes, method, pitch, data, "seconds"))])
+    columns = ["method", "mean mm", "max mm", "volume error %", "watertight", "time s"]
+    return Table(f"Lines {pitch:g} mm apart, {data}", columns, rows)
+
+
+def _by_scene(outcomes: list[Outcome]) -> Table:
+    columns = ["object", "lines mm", "data", "mean mm", "max mm", "volume error %", "hull's mean mm", "time s"]
+    rows = []
+    for scene in dict.fromkeys(o.scene for o in outcomes):
+        for pitch, data in sorted({(o.pitch, o.data) for o in outcomes}):
+            own = [_per_scene(outcomes, DEFAULT, pitch, data, v).get(scene) for v in ("mean", "worst", "volume")]
+            hull = _per_scene(outcomes, "convex_hull", pitch, data, "mean").get(scene)
+            seconds = _per_scene(outcomes, DEFAULT, pitch, data, "seconds").get(scene)
+            rows.append([scene, pitch, data, *own, hull, seconds])
+    return Table(f"{DEFAULT}, object by object", columns, rows)
+
+
+def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
+    verdicts = []
+    for pitch, data, mean, worst in ((10.0, "raw", 0.30, 2.5), (10.0, "voxels", 0.45, 3.5), (15.0, "raw", 0.9, 5.0)):
+        for value, limit, label in (("mean", mean, "mean"), ("worst", worst, "max")):
+            found = _per_scene(outcomes, DEFAULT, pitch, data, value)
+            if found:
+                above = [scene for scene, error in found.items() if error > limit]
+                told = f"median {_median(found):.3g} mm; {len(found) - len(above)} of {len(found)} objects within it"
+                told += f" (above: {', '.join(above)})" if above else ""
+                promise = f"{label} error <= {limit:g} mm at {pitch:g} mm lines, {data}"
+                verdicts.append(Verdict(promise, told, not above))
+    own = [o for o in outcomes if o.method == DEFAULT]
+    volume = _per_scene(outcomes, DEFAULT, 10.0, "raw", "volume")
+    if volume:
+        told = f"median {_median(volume):.2g} %, largest {max(volume.values()):.2g} %"
+        verdicts.append(Verdict("volume error <= 3 % at 10 mm lines, raw", told, max(volume.values()) <= 3.0))
+    open_ones = sum(not o.watertight for o in own)
+    verdicts.append(Verdict("always watertight", f"{len(own) - open_ones} of {len(own)} meshes", not open_ones))
+    slowest = max(o.seconds for o in own)
+    usual = float(np.median([o.seconds for o in own]))
+    verdicts.append(Verdict("<= 0.5 s", f"median {usual:.2f} s, slowest {slowest:.2f} s", slowest <= 0.5))
+    worse = [f"{s}, {p:g} mm, {d}" for s, p, d in _worse_than_hull(outcomes)]
+    told = "nowhere worse" if not worse else "worse on " + "; ".join(worse)
+    verdicts.append(Verdict("never worse than the hull on a convex object", told, not worse))
+    return verdicts
+
+
+def _worse_than_hull(outcomes: list[Outcome]) -> list[tuple[str, float, str]]:
+    worse = []
+    for pitch, data in sorted({(o.pitch, o.data) for o in outcomes}):
+        own, hull = (_per_scene(outcomes, method, pitch, data, "mean") for method in (DEFAULT, "convex_hull"))
+        worse += [(s, pitch, data) for s in CONVEX if s in own and s in hull and own[s] > hull[s]]
+    return worse
+
+
+def _draw(figure: Any, outcomes: list[Outcome], value: str, label: str) -> None:
+    """Mean error against a value, one mark an object and pitch, raw contacts."""
+    axes = figure.subplots()
+    for i, method in enumerate(dict.fromkeys(o.method for o in outcomes)):
+        chosen = [o for o in outcomes if o.method == method and o.data == "raw"]
+        x, y = [getattr(o, value) for o in chosen], [o.mean for o in chosen]
+        own = method == DEFAULT
+        axes.scatter(
+            x,
+            y,
+            s=34 if own else 14,
+            marker="osv^D"[i % 5],
+            label=method,
+            color=f"C{i % 10}",
+            alpha=0.9 if own else 0.5,
+        )
+    axes.set(xscale="log", yscale="log", xlabel=label, ylabel="mean error, mm")
+    axes.grid(True, which="both", linewidth=0.3)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -1,0 +1,113 @@
+"""What every bench returns, and how it is shown: tables on screen, JSON, Markdown, PNG."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(slots=True)
+class Table:
+    """A titled table; cells are numbers or text, None where there is nothing to say."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[Any]]
+
+
+@dataclass(slots=True)
+class Verdict:
+    """One promise held against what was measured."""
+
+    promise: str
+    measured: str
+    held: bool
+
+
+@dataclass(slots=True)
+class BenchReport:
+    """One bench's outcome.
+
+    `figures` maps a file stem to a function that draws on a fresh matplotlib `Figure`; `data` is what `--json`
+    writes besides the tables.
+    """
+
+    name: str
+    title: str
+    tables: list[Table] = field(default_factory=list)
+    verdicts: list[Verdict] = field(default_factory=list)
+    figures: dict[str, Callable[[Any], None]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    data: dict[str, Any] = field(default_factory=dict)
+    machine: dict[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able content."""
+        return {
+            "bench": self.name,
+            "title": self.title,
+            "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+            "machine": self.machine,
+            "tables": [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in self.tables],
+            "verdicts": [{"promise": v.promise, "measured": v.measured, "held": v.held} for v in self.verdicts],
+            "notes": self.notes,
+            **self.data,
+        }
+
+    def as_markdown(self) -> str:
+        """The page that goes into docs/: machine, tables, verdicts, pictures."""
+        record = self.as_dict()
+        lines = [f"# {self.title}", "", f"`lwrprobe bench {self.name}`, {record['date']}; "]
+        lines[-1] += ", ".join(f"{key} {value}" for key, value in self.machine.items())
+        for table in self.tables:
+            lines += ["", f"## {table.title}", "", "| " + " | ".join(table.columns) + " |"]
+            lines.append("|" + "---|" * len(table.columns))
+            lines += ["| " + " | ".join(cell_text(cell) for cell in row) + " |" for row in table.rows]
+        if self.verdicts:
+            lines += ["", "## Held against the promises", "", "| promise | measured | held |", "|---|---|---|"]
+            lines += [f"| {v.promise} | {v.measured} | {'yes' if v.held else '**no**'} |" for v in self.verdicts]
+        if self.notes:
+            lines += ["", *(f"- {note}" for note in self.notes)]
+        lines += [line for stem in self.figures for line in ("", f"![{stem}]({self.name}-{stem}.png)")]
+        return "\n".join(lines) + "\n"
+
+    def write(self, json_file: Path | None = None, out: Path | None = None) -> list[Path]:
+        """Write JSON to `json_file`, Markdown and PNG into `out`; returns what was written."""
+        written = []
+        if json_file is not None:
+            json_file.parent.mkdir(parents=True, exist_ok=True)
+            json_file.write_text(json.dumps(self.as_dict(), indent=1, default=float) + "\n")
+            written.append(json_file)
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            page = out / f"{self.name}.md"
+            page.write_text(self.as_markdown())
+            written.append(page)
+            written += [self._draw(stem, out) for stem in self.figures]
+        return written
+
+    def _draw(self, stem: str, out: Path) -> Path:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.0, 5.5), dpi=130, layout="constrained")
+        FigureCanvasAgg(figure)
+        self.figures[stem](figure)
+        path = out / f"{self.name}-{stem}.png"
+        figure.savefig(path)
+        return path
+
+
+def cell_text(cell: Any) -> str:
+    """A table cell as text: four significant digits, a dash for nothing."""
+    if cell is None:
+        return "-"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, float):
+        return f"{cell:.4g}"
+    return str(cell)

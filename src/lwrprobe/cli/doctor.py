@@ -1,0 +1,89 @@
+"""`lwrprobe doctor`: versions, plug-ins, what is missing and how to get it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import metadata, version
+from typing import Annotated
+
+import typer
+
+import lwrprobe
+
+
+def doctor(
+    arm: Annotated[str | None, typer.Option(help="Connect to this arm and read for some seconds.")] = None,
+    sensor: Annotated[str | None, typer.Option(help="Connect to this sensor and read for some seconds.")] = None,
+    scene: Annotated[str, typer.Option(help="Scene whose [drivers.*] tables hold the addresses.")] = "empty",
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the scene, repeatable.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=600.0, help="How long to read.")] = 5.0,
+) -> None:
+    """Check the installation; with --arm or --sensor, check a device: nothing is commanded."""
+    if arm is None and sensor is None:
+        lines = _installation()
+    else:
+        lines = _devices([name for name in (arm, sensor) if name is not None], scene, settings or [], seconds)
+    bad = 0
+    for line, good in lines:
+        typer.echo(("  " if good else "! ") + line)
+        bad += not good
+    typer.echo("everything is as it should be" if not bad else f"{bad} things need attention (marked !)")
+    if bad:
+        raise typer.Exit(1)
+
+
+def _installation() -> Iterator[tuple[str, bool]]:
+    from lwrprobe.contracts.plugins import GROUPS, discover
+    from lwrprobe.evaluation.machine import machine
+
+    yield f"lwrprobe {lwrprobe.__version__}", True
+    for key, value in machine().items():
+        yield f"{key:<24} {value}", True
+    yield from _libraries()
+    for kind in GROUPS:
+        for plugin in discover(kind):
+            yield _plugin_line(plugin), not plugin.broken
+
+
+def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool]]:
+    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError
+    from lwrprobe.contracts.plugins import load
+    from lwrprobe.options import configure
+    from lwrprobe.scene import load_scene
+
+    loaded = load_scene(scene, settings)
+    for name in dict.fromkeys(names):
+        plugin = load("driver", name, DRIVER_CONTRACT)
+        if not hasattr(plugin, "readings"):
+            raise InputError("driver", name, "a driver of a device, with readings to show")
+        config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
+        for reading in plugin(DriverContext(config, loaded)).readings(seconds):
+            yield f"{name} {reading.name:<24} {reading.value}", reading.good
+
+
+def _libraries() -> list[tuple[str, bool]]:
+    from packaging.requirements import Requirement
+
+    rows = []
+    for text in metadata("lwrprobe").get_all("Requires-Dist") or []:
+        need = Requirement(text)
+        extra = _extra(need)
+        try:
+            found = version(need.name)
+        except ImportError:
+            how = f"pip install 'lwrprobe[{extra}]'" if extra else "pip install --force-reinstall lwrprobe"
+            rows.append((f"{need.name:<24} not installed{'' if not extra else ' (optional)'}: {how}", bool(extra)))
+            continue
+        good = need.specifier.contains(found, prereleases=True)
+        rows.append((f"{need.name:<24} {found}" + ("" if good else f", but {need.specifier} is needed"), good))
+    return rows
+
+
+def _extra(need) -> str:
+    marker = str(need.marker or "")
+    return marker.split('"')[1] if marker.startswith("extra") and '"' in marker else ""
+
+
+def _plugin_line(plugin) -> str:
+    state = f"broken: {plugin.broken}" if plugin.broken else f"from {plugin.distribution} {plugin.version}"
+    return f"{plugin.kind} {plugin.name:<22} {state}"

@@ -1,0 +1,95 @@
+"""`lwrprobe explore SCENE`: explore, and show what the probe is doing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def explore(
+    scene: Annotated[str, typer.Argument(help="A built-in scene (`lwrprobe list scenes`) or a scene file.")],
+    strategy: Annotated[str | None, typer.Option(help="Strategy plug-in.")] = None,
+    arm: Annotated[str | None, typer.Option(help="Driver plug-in of the arm.")] = None,
+    sensor: Annotated[str | None, typer.Option(help="Driver plug-in of the sensor.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; runs/SCENE when left out.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="key=value of the scene file, e.g. strategy.step=0.005; repeatable."),
+    ] = None,
+    realtime: Annotated[bool, typer.Option(help="A simulator keeps pace with the wall clock.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as the last line of output.")] = False,
+    quiet: Annotated[bool, typer.Option(help="No progress, no table.")] = False,
+) -> None:
+    """Explore an object nobody can see, and leave a cloud, a map, a mesh and a picture."""
+    from lwrprobe.cli.progress import ProgressLine
+    from lwrprobe.scene import load_scene
+
+    given = (
+        ("strategy.name", strategy),
+        ("arm.driver", arm),
+        ("sensor.driver", sensor),
+        ("run.seed", seed),
+    )
+    overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
+    with ProgressLine(quiet) as line:
+        line.tell(f"loading scene {scene}")
+        loaded = load_scene(scene, overrides)
+        from lwrprobe.exploration.explore import explore as run
+
+        folder = out if out is not None else Path("runs") / loaded.name
+        summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell)
+    if not quiet:
+        _show(summary, folder)
+    if as_json:
+        typer.echo(json.dumps(summary))
+    if summary["status"] != "done":
+        if quiet:
+            typer.echo(f"lwrprobe: {summary['reason']}", err=True)
+        raise typer.Exit(1)
+
+
+def _toml(value: Any) -> str:
+    return json.dumps(value)
+
+
+def _show(summary: dict[str, Any], folder: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(stderr=True)
+    grid = Table(show_header=False, box=None, pad_edge=False)
+    for name, text in _rows(summary):
+        grid.add_row(f"[dim]{name}[/dim]", text)
+    console.print(grid)
+    console.print(f"run folder: {folder}", highlight=False)
+
+
+def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    parts = summary["wall_time_parts_s"]
+    rows = [
+        ("status", f"{summary['status']}: {summary['reason']}"),
+        ("contacts", f"{summary['contacts']} in {summary['voxels']} voxels"),
+        ("robot time", f"{summary['sim_time_s']:.1f} s, {summary['real_time_factor']:.1f} times as fast as real"),
+        ("wall time", ", ".join(f"{name} {seconds:.1f} s" for name, seconds in parts.items())),
+        ("peak force", f"{summary['peak_force_n']:.2f} N"),
+    ]
+    if summary["link_collisions"] is not None:
+        rows.append(("link collisions", str(summary["link_collisions"])))
+    if summary["coverage"] is not None:
+        rows.append(("coverage", f"{summary['coverage']:.1%} of what the sphere can reach"))
+    for key, label, unit in (
+        ("contact_error_mm", "contact error", "mm"),
+        ("surface_error_mm", "surface error", "mm"),
+        ("normal_error_deg", "normal error", "deg"),
+    ):
+        if summary[key] is not None:
+            rows.append((label, ", ".join(f"{name} {value:.3f}" for name, value in summary[key].items()) + f" {unit}"))
+    if summary["mesh_error_mm"] is not None:
+        mesh = summary["mesh_error_mm"]
+        rows.append(("mesh error", f"{mesh['method']}: mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
+    rows += [("left out", f"{item['stage']}: {item['why']}") for item in summary["left_out"]]
+    return rows

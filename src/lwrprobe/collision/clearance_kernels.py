@@ -1,0 +1,281 @@
+"""The nearest pair between links and the voxels of a bit tree (kernels, private).
+
+Depth first over pairs of link and cube, nearest first, one best distance for all links. A link's signed distance s is
+convex, so the plane that touches it at one point is below it everywhere: with n its gradient at the centre of a box
+with half edges h, no point of the box is nearer than s - (|n_x| h_x + |n_y| h_y + |n_z| h_z). The plane of a node sorts
+its children; each gets its own when its turn comes. What survives down to a voxel, or to a filled cube, is measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.collision.gjk_kernels import TOLERANCE, core_distance
+from lwrprobe.collision.shape_kernels import CUBE, KIND, ROW, SIZE, TRANSLATION, distance_to, margin, place, support
+from lwrprobe.compiled import kernel
+from lwrprobe.mapping.kernels import (
+    CENTRE_KEY,
+    COUNT,
+    EDGE,
+    FULL,
+    LOWER,
+    ROOT,
+    TOP,
+    UPPER,
+    bit_count,
+    link_at,
+    lowest_bit,
+    real,
+)
+
+DISTANCE, ON_ROBOT, ON_MAP, WHO, ANSWER = 0, 1, 4, 7, 8  # places in an answer, and its length
+PENDING = 64 * (TOP + 1)
+MOST_PROJECTIONS = 6
+
+
+@kernel
+def forget(answer):
+    """An answer that holds nothing yet."""
+    for k in range(ANSWER):
+        answer[k] = np.nan
+    answer[DISTANCE], answer[WHO] = np.inf, -1.0
+
+
+@kernel
+def take_nearer(a, b, who, simplex, work, pair, answer):
+    """Measure shapes a and b, from row 0 of `simplex` on, and take them into the answer if they are nearer."""
+    first, second = margin(a), margin(b)
+    length = core_distance(a, b, simplex, work, answer[DISTANCE] + first + second, pair)
+    distance = length - first - second
+    if distance >= answer[DISTANCE]:
+        return
+    if distance > TOLERANCE:
+        on_a, on_b = first / length, 1.0 - second / length
+    else:
+        # In collision both witnesses are one point, inside both.
+        distance, on_a = 0.0, first / (first + second) if first > 0.0 else 0.0
+        on_b = on_a
+    answer[DISTANCE], answer[WHO] = distance, who
+    for k in range(3):
+        way = pair[3 + k] - pair[k]
+        answer[ON_ROBOT + k] = pair[k] + on_a * way
+        answer[ON_MAP + k] = pair[k] + on_b * way
+
+
+@kernel
+def box_around(words, edge, node, level, kx, ky, kz):
+    """Box around what a cube of 4^level voxels' edge holds: centre, then half edges."""
+    size = np.int64(1) << (2 * level)
+    x0, x1, y0, y1, z0, z1 = kx, kx + size, ky, ky + size, kz, kz + size
+    if node != 0:
+        size >>= 2
+        (ax, bx), (ay, by), (az, bz) = extents(words[node])
+        # High up a node's children are wider than all that there is.
+        x0, x1 = max(kx + ax * size, words[LOWER]), min(kx + bx * size, words[UPPER] + 1)
+        y0, y1 = max(ky + ay * size, words[LOWER + 1]), min(ky + by * size, words[UPPER + 1] + 1)
+        z0, z1 = max(kz + az * size, words[LOWER + 2]), min(kz + bz * size, words[UPPER + 2] + 1)
+    half = 0.5 * edge
+    x, y, z = half * (x0 + x1 - 2 * CENTRE_KEY), half * (y0 + y1 - 2 * CENTRE_KEY), half * (z0 + z1 - 2 * CENTRE_KEY)
+    return x, y, z, half * (x1 - x0), half * (y1 - y0), half * (z1 - z0)
+
+
+@kernel
+def extent(flags):
+    """First and one past the last of the four flags (bits) that is set."""
+    first = 0 if flags & 1 else (1 if flags & 2 else (2 if flags & 4 else 3))
+    last = 4 if flags & 8 else (3 if flags & 4 else (2 if flags & 2 else 1))
+    return first, last
+
+
+@kernel
+def extents(mask):
+    """Extents of the children in a mask along x, y, z."""
+    z = (
+        (mask & 0xFFFF != 0)
+        | (mask & 0xFFFF0000 != 0) << 1
+        | (mask & 0xFFFF00000000 != 0) << 2
+        | (mask >> 48 != 0) << 3
+    )
+    layer = (mask | mask >> 16 | mask >> 32 | mask >> 48) & 0xFFFF
+    y = (layer & 0xF != 0) | (layer & 0xF0 != 0) << 1 | (layer & 0xF00 != 0) << 2 | (layer & 0xF000 != 0) << 3
+    row = (layer | layer >> 4 | layer >> 8 | layer >> 12) & 0xF
+    return extent(row), extent(y), extent(z)
+
+
+@kernel
+def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pair, answer):
+    """Measure a link and a cube, given the link's signed distance and its gradient at the cube's centre.
+
+    Back and forth between the nearest point of the link and that point's nearest in the cube: a few steps are enough
+    unless edges or faces are nearly parallel; then GJK goes on from there.
+    """
+    x0, x1, y0, y1, z0, z1 = x - half, x + half, y - half, y + half, z - half, z + half
+    for _ in range(MOST_PROJECTIONS):
+        if s <= 0.0:
+            record(answer, who, 0.0, x, y, z, x, y, z)
+            return
+        px, py, pz = x - s * gx, y - s * gy, z - s * gz
+        low = s + gx * ((x0 if gx > 0.0 else x1) - x)
+        low += gy * ((y0 if gy > 0.0 else y1) - y)
+        low += gz * ((z0 if gz > 0.0 else z1) - z)
+        if low >= answer[DISTANCE] - TOLERANCE:
+            return
+        if s - low <= TOLERANCE:
+            record(answer, who, s, px, py, pz, x, y, z)
+            return
+        x, y, z = min(max(px, x0), x1), min(max(py, y0), y1), min(max(pz, z0), z1)
+        s, gx, gy, gz = distance_to(shape, x, y, z)
+    back = s + margin(shape)
+    simplex[0, 0], simplex[0, 1], simplex[0, 2] = -back * gx, -back * gy, -back * gz
+    simplex[0, 3], simplex[0, 4], simplex[0, 5] = x - back * gx, y - back * gy, z - back * gz
+    cube[KIND], cube[SIZE], cube[SIZE + 1], cube[SIZE + 2] = CUBE, half, half, half
+    cube[TRANSLATION], cube[TRANSLATION + 1], cube[TRANSLATION + 2] = x0 + half, y0 + half, z0 + half
+    take_nearer(shape, cube, who, simplex, work, pair, answer)
+
+
+@kernel
+def record(answer, who, distance, ax, ay, az, bx, by, bz):
+    """An answer with its witness points."""
+    answer[DISTANCE], answer[WHO] = distance, who
+    answer[ON_ROBOT], answer[ON_ROBOT + 1], answer[ON_ROBOT + 2] = ax, ay, az
+    answer[ON_MAP], answer[ON_MAP + 1], answer[ON_MAP + 2] = bx, by, bz
+
+
+@kernel
+def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
+    """Put an entry among those from `base` upwards, the nearest on top: a cube of 4^level voxels' edge and its node.
+
+    A filled cube has no node: 0.
+    """
+    slot = depth
+    while slot > base and bounds[slot - 1] < bound:
+        bounds[slot] = bounds[slot - 1]
+        stack[slot, 0], stack[slot, 1] = stack[slot - 1, 0], stack[slot - 1, 1]
+        slot -= 1
+    bounds[slot] = bound
+    stack[slot, 0] = node | who << 32
+    stack[slot, 1] = kx | ky << 16 | kz << 32 | level << 48
+
+
+@kernel
+def descend(words, node, level, child, kx, ky, kz):
+    """Where the way down from a child first forks: node (0 for a filled cube), level whose cube it is, lowest key."""
+    while True:
+        size = np.int64(1) << (2 * level)
+        kx, ky, kz = kx + (child & 3) * size, ky + ((child >> 2) & 3) * size, kz + (child >> 4) * size
+        if level == 0:
+            return np.int64(0), level, kx, ky, kz
+        node = link_at(words, node, child)
+        if node == FULL:
+            return np.int64(0), level, kx, ky, kz
+        if bit_count(words[node]) != 1:
+            return node, level, kx, ky, kz
+        child = lowest_bit(words[node])
+        level -= 1
+
+
+@kernel
+def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
+    """Push all children of a node that may be nearer than `best` by the node's own plane; the stack's new height."""
+    base = depth
+    rest = words[node]
+    while rest != 0:
+        child = lowest_bit(rest)
+        rest &= rest - 1
+        below, at_level, cx, cy, cz = descend(words, node, level - 1, child, kx, ky, kz)
+        x, y, z, hx, hy, hz = box_around(words, edge, below, at_level, cx, cy, cz)
+        bound = gx * x + gy * y + gz * z + offset - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)
+        if bound < best:
+            push(bounds, stack, depth, base, bound, who, below, at_level, cx, cy, cz)
+            depth += 1
+    return depth
+
+
+@kernel
+def expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
+    """The same for a node whose children are voxels: their bounds are the plane's values, stepped along three axes."""
+    base = depth
+    low = (kx - CENTRE_KEY + 0.5) * gx + (ky - CENTRE_KEY + 0.5) * gy + (kz - CENTRE_KEY + 0.5) * gz
+    low = offset + edge * (low - 0.5 * (abs(gx) + abs(gy) + abs(gz)))
+    rest = words[node]
+    while rest != 0:
+        child = lowest_bit(rest)
+        rest &= rest - 1
+        cx, cy, cz = child & 3, (child >> 2) & 3, child >> 4
+        bound = low + edge * (cx * gx + cy * gy + cz * gz)
+        if bound < best:
+            push(bounds, stack, depth, base, bound, who, 0, 0, kx + cx, ky + cy, kz + cz)
+            depth += 1
+    return depth
+
+
+@kernel
+def nearest(words, rows, tip, frames, answer):
+    """Nearest pair of links, given as rows in their carriers' frames, and voxels at a tip pose and link frames."""
+    forget(answer)
+    if words[COUNT] == 0:
+        return
+    edge = real(words[EDGE])
+    shapes, cube = np.empty(rows.shape), np.empty(ROW)
+    simplex, work, pair = np.empty((4, 6)), np.empty((16, 4)), np.empty(6)
+    bounds, stack = np.empty(PENDING + rows.shape[0]), np.empty((PENDING + rows.shape[0], 2), np.int64)
+    place(rows, tip, frames, shapes)
+    depth = 0
+    x, y, z, hx, hy, hz = box_around(words, edge, ROOT, TOP + 1, 0, 0, 0)
+    for who in range(rows.shape[0]):
+        s, gx, gy, gz = distance_to(shapes[who], x, y, z)
+        bound = s - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)
+        push(bounds, stack, depth, 0, bound, who, ROOT, TOP + 1, 0, 0, 0)
+        depth += 1
+    while depth > 0 and answer[DISTANCE] > 0.0:
+        depth -= 1
+        best = answer[DISTANCE] - TOLERANCE
+        if bounds[depth] >= best:
+            continue
+        node, who = stack[depth, 0] & 0xFFFFFFFF, stack[depth, 0] >> 32
+        packed = stack[depth, 1]
+        kx, ky, kz, level = packed & 0xFFFF, (packed >> 16) & 0xFFFF, (packed >> 32) & 0xFFFF, packed >> 48
+        x, y, z, hx, hy, hz = box_around(words, edge, node, level, kx, ky, kz)
+        shape = shapes[who]
+        s, gx, gy, gz = distance_to(shape, x, y, z)
+        if node == 0:
+            take_cube(shape, who, s, gx, gy, gz, x, y, z, hx, cube, simplex, work, pair, answer)
+            continue
+        if s - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz) >= best:
+            continue
+        offset = s - (gx * x + gy * y + gz * z)
+        if level == 1:
+            depth = expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth)
+        else:
+            depth = expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth)
+
+
+@kernel
+def nearest_batch(words, rows, tips, frames, answers):
+    """The same at tip poses (n, 4, 4) and link frames (n, m, 4, 4); answers (n, 8)."""
+    for i in range(tips.shape[0]):
+        nearest(words, rows, tips[i], frames[i], answers[i])
+
+
+@kernel
+def nearest_among(shapes, pairs, answer):
+    """Nearest of the given pairs (k, 2) of links that stand in the world; `WHO` is the pair's number."""
+    forget(answer)
+    simplex, work, pair = np.empty((4, 6)), np.empty((16, 4)), np.empty(6)
+    for i in range(pairs.shape[0]):
+        a, b = shapes[pairs[i, 0]], shapes[pairs[i, 1]]
+        for k in range(3):
+            simplex[0, k] = a[TRANSLATION + k] - b[TRANSLATION + k]
+            simplex[0, 3 + k] = a[TRANSLATION + k]
+        take_nearer(a, b, i, simplex, work, pair, answer)
+
+
+@kernel
+def lowest(shapes):
+    """Number of the link that reaches lowest, and its lowest height."""
+    who, height = -1, np.inf
+    for i in range(shapes.shape[0]):
+        z = support(shapes[i], 0.0, 0.0, -1.0)[2] - margin(shapes[i])
+        if z < height:
+            who, height = i, z
+    return who, height

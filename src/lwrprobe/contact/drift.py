@@ -1,0 +1,112 @@
+"""The sensor's zero wanders: watched, and corrected, in free space only."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.contact.conditioner import WrenchConditioner
+from lwrprobe.contact.wrench import Wrench
+from lwrprobe.contracts import InputError
+from lwrprobe.contracts.samples import Vector
+
+
+@dataclass(slots=True, frozen=True)
+class BiasChange:
+    """One correction of the zero.
+
+    Attributes
+    ----------
+    time : s; change : (6,) N and N·m added to the bias; rate : N/min of the force part since the last correction
+    """
+
+    time: float
+    change: Vector
+    rate: float
+
+
+class DriftWatch:
+    """Follows the mean of what the sensor reads while the probe is free, and moves the zero there when asked.
+
+    A slow contact must not be taken for drift: samples above `touch_force`, or marked in any way, are left out; what
+    was gathered is dropped when a contact begins, together with the `guard` seconds before it; and a drift faster
+    than `max_rate` is not corrected but reported as `suspicious`.
+
+    Parameters
+    ----------
+    conditioner : whose bias is corrected
+    touch_force : N, above it the probe is not free
+    window : s of free space needed for a correction
+    guard : s before a contact that are not trusted
+    max_rate : N/min, faster than any sensor drifts (0.05 N/min is much; a warm-up may reach ten times that)
+    """
+
+    def __init__(
+        self,
+        conditioner: WrenchConditioner,
+        *,
+        touch_force: float = 0.1,
+        window: float = 1.0,
+        guard: float = 0.25,
+        max_rate: float = 0.5,
+    ) -> None:
+        for name, value in (("touch_force", touch_force), ("window", window), ("max_rate", max_rate)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise InputError(f"drift.{name}", value, "a positive number")
+        self._conditioner = conditioner
+        self._touch_force, self._window, self._guard, self._max_rate = touch_force, window, guard, max_rate
+        self._begin: float | None = None
+        self._recent: deque[tuple[float, Vector]] = deque()
+        self._sum, self._count = np.zeros(6), 0
+        self._last_time: float | None = None
+        self.changes: list[BiasChange] = []
+        self.suspicious = False
+
+    def observe(self, wrench: Wrench, free: bool) -> None:
+        """One conditioned wrench; `free` is what the caller knows of the motion (away from any surface)."""
+        if not free or not wrench.usable or wrench.magnitude > self._touch_force:
+            self._forget()
+            return
+        if self._begin is None:
+            self._begin = wrench.time
+        if self._last_time is None:
+            self._last_time = wrench.time
+        self._recent.append((wrench.time, np.concatenate([wrench.force, wrench.torque])))
+        while self._recent and self._recent[0][0] < wrench.time - self._guard:
+            self._sum += self._recent.popleft()[1]
+            self._count += 1
+
+    @property
+    def drift(self) -> Vector:
+        """(6,) N and N·m, mean reading of the present stretch of free space, zero before the guard has passed."""
+        return self._sum / self._count if self._count else np.zeros(6)
+
+    @property
+    def ready(self) -> bool:
+        """Free for long enough that `rezero` may be called."""
+        return self._begin is not None and self._count > 0 and self._recent[-1][0] - self._begin >= self._window
+
+    def rezero(self) -> BiasChange | None:
+        """Move the conditioner's zero to the mean reading; None when not `ready` or when the drift is suspicious."""
+        if not self.ready:
+            return None
+        now, change = self._recent[-1][0], self.drift
+        minutes = max(now - self._last_time, self._window) / 60.0
+        rate = float(np.linalg.norm(change[:3])) / minutes
+        noise = 3.0 * self._conditioner.probe.force_resolution / np.sqrt(self._count) / minutes
+        self.suspicious = rate > self._max_rate + noise
+        self._forget()
+        if self.suspicious:
+            return None
+        self._conditioner.shift_bias(change)
+        self._last_time = now
+        self.changes.append(BiasChange(now, change, rate))
+        return self.changes[-1]
+
+    def _forget(self) -> None:
+        self._begin = None
+        self._recent.clear()
+        self._sum[:] = 0.0
+        self._count = 0

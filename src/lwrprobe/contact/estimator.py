@@ -1,0 +1,244 @@
+"""Where the sphere is touched: estimators with one signature, chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from lwrprobe.contact import fused_kernels, kernels
+from lwrprobe.contact.wrench import Wrench, WrenchNoise
+from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
+from lwrprobe.contracts.samples import Vector
+
+TRUSTED: Final = 0.5
+"""A contact whose trust is below this must not enter the map."""
+
+REASONS: Final = (
+    "",
+    "near-zero force",
+    "saturated axis",
+    "axis misses the sphere",
+    "stale",
+    "invalid",
+    "unconfirmed jump",
+    "imprecise",
+    "ambiguous normal",
+)
+"""Why a contact is trusted little.
+
+- *near-zero force*: under `Settings.near_zero`; noise has no direction.
+- *saturated axis*: one of the six is at the end of its range.
+- *axis misses the sphere*: the line of action passes the sphere, or meets it at a slope that no friction up to
+  `Settings.max_friction` explains: two contacts, or the stick is touching.
+- *stale*: the sample is late, out of order or a repetition.
+- *invalid*: no reading (NaN, infinite, beyond the sensor), or the bridge voltage is low.
+- *unconfirmed jump*: may be a spike; the next sample tells.
+- *imprecise*: the noise at this force leaves more than `Settings.trusted_error` of expected error.
+- *ambiguous normal*: the normal turned more than one contact on a moving sphere can: an inner edge with two contacts
+  (`fused` alone sees this).
+"""
+
+
+@dataclass(slots=True, frozen=True)
+class Settings:
+    """What all estimators have in common.
+
+    Attributes
+    ----------
+    noise : of one conditioned reading; None = the probe's resolutions (`WrenchNoise.of`)
+    near_zero : N, below it a force has no direction
+    max_friction : largest friction coefficient thought possible
+    trusted_error : rad, expected error of the normal at which a contact is just trusted
+    lever_error : m, how well the sphere's centre is known in the sensor frame (see `check_probe`)
+    zero_error : N, how far the zero of a force axis may have wandered since the bias was taken; torque axes in
+        proportion to the resolutions
+    indentation : m/N, of the object under the sphere; the point is given where the surface lies without force
+    speed_noise : m/s, standard deviation of the velocity's components (`fused`)
+    hidden_compliance : m/N, of whatever yields and is not in the centre's velocity (`fused`)
+    """
+
+    noise: WrenchNoise | None = None
+    near_zero: float = 0.05
+    max_friction: float = 1.5
+    trusted_error: float = 0.1
+    lever_error: float = 5e-5
+    zero_error: float = 0.003
+    indentation: float = 0.0
+    speed_noise: float = 5e-4
+    hidden_compliance: float = 1e-4
+
+    def __post_init__(self) -> None:
+        for name in ("near_zero", "max_friction", "trusted_error"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise InputError(f"contact.{name}", value, "a positive number")
+        for name in ("lever_error", "zero_error", "indentation", "speed_noise", "hidden_compliance"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InputError(f"contact.{name}", value, "a finite number, zero or more")
+
+
+class Estimator(Protocol):
+    """One signature for all."""
+
+    name: str
+
+    def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
+        """The contact of one conditioned wrench; never raises, never NaN, trust 0 and a reason when there is none.
+
+        A contact without trust still has a normal, along the force, for whoever has to give way to it; the zero vector
+        where there is no force at all.
+
+        Parameters
+        ----------
+        wrench : sensor frame
+        centre : (3,) m, the sphere's centre in the world (where it really is, see `Deflection`)
+        rotation : (3, 3), sensor frame in the world
+        velocity : (3,) m/s, of the sphere's centre in the world
+        """
+
+    def reset(self) -> None:
+        """Forget what earlier samples have taught about the surface (a jump to another place)."""
+
+
+class SampleEstimator:
+    """An estimator that looks at one sample alone.
+
+    `force_direction` is the source's (Rau 2017): `point = centre - r f/|f|`, wrong by r sin(atan(mu)) along the surface
+    under friction mu. `wrench_axis` is intrinsic contact sensing (Bicchi, Salisbury, Brock 1993, sec. 4): a contact
+    transmits a pure force, so its point is where the line of action of the wrench enters the sphere.
+    """
+
+    def __init__(self, name: str, kernel: Callable, params: np.ndarray) -> None:
+        self.name = name
+        self._kernel = kernel
+        self._params = params
+        self._given = np.zeros(kernels.INPUT)
+
+    def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
+        """See `Estimator.estimate`."""
+        out = np.empty(kernels.OUTPUT)
+        reason = self._kernel(fill(self._given, wrench, centre, rotation, velocity), self._params, out)
+        return as_contact(self._given, out, reason)
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+
+def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
+    """The estimator of that name; raises UnknownNameError listing the known ones."""
+    settings = Settings() if settings is None else settings
+    if name not in ESTIMATORS:
+        raise UnknownNameError("contact.estimator", name, ESTIMATORS)
+    return ESTIMATORS[name](probe, settings)
+
+
+def shared_params(probe: Probe, settings: Settings, size: int = kernels.P_OWN) -> np.ndarray:
+    """Parameter array of the kernels, with room for an estimator's own."""
+    if not (np.isfinite(probe.radius) and probe.radius > 0.0 and np.isfinite(probe.sensor_distance)):
+        raise InputError("probe", (probe.radius, probe.sensor_distance), "a positive radius and a finite distance")
+    noise = settings.noise or WrenchNoise.of(probe)
+    params = np.zeros(size)
+    params[kernels.P_RADIUS], params[kernels.P_DISTANCE] = probe.radius, probe.sensor_distance
+    params[kernels.P_COMPLIANCE : kernels.P_COMPLIANCE + 3] = probe.compliance
+    params[kernels.P_FORCE_NOISE], params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
+    params[kernels.P_NEAR_ZERO] = settings.near_zero
+    params[kernels.P_MAX_SINE] = np.sin(np.arctan(settings.max_friction))
+    params[kernels.P_TRUSTED_ERROR] = settings.trusted_error
+    params[kernels.P_LEVER_ERROR] = settings.lever_error
+    params[kernels.P_INDENTATION] = settings.indentation
+    ratio = probe.torque_resolution / probe.force_resolution if probe.force_resolution > 0.0 else 0.0
+    along, across = ratio * settings.zero_error, probe.sensor_distance * settings.zero_error
+    params[kernels.P_ZERO_ALONG] = (along / probe.radius) ** 2
+    params[kernels.P_ZERO_ACROSS] = (along**2 + across**2) / probe.radius**2
+    return params
+
+
+def fill(given: np.ndarray, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> np.ndarray:
+    """One estimate's input as the kernels want it, in place."""
+    given[0:3] = wrench.force
+    given[3:6] = wrench.torque
+    given[6:9] = centre
+    given[9:12] = velocity
+    given[12:21].reshape(3, 3)[:] = rotation
+    given[21] = wrench.status
+    given[22] = wrench.time
+    given[23] = wrench.zeroing
+    return given
+
+
+def as_contact(given: np.ndarray, out: np.ndarray, reason: int) -> Contact:
+    """The kernels' output in the house's words."""
+    return Contact(
+        given[kernels.I_TIME].item(),
+        out[0:3],
+        out[3:6],
+        out[6:9],
+        given[6:9].copy(),
+        out[kernels.O_TRUST].item(),
+        REASONS[reason],
+    )
+
+
+class FusedEstimator:
+    """Both estimators with their noise models, friction learnt while sliding, and the last normals as prior.
+
+    Sources, each a quadratic form in the normal weighted by its variance (see `fused_kernels`): the wrench axis; the
+    motion, perpendicular to the normal while the surface is followed; friction, which opposes the slip, so that
+    force, slip and normal lie in one plane; the friction angle, learnt by a scalar Kalman filter; the last normal,
+    carried on as it turned of late. Motion and friction are used only while the wrench axis does not contradict them
+    (chi-squared, one sample and running mean): a probe that sticks does not slide. While it slides, the normal is
+    known without torque, and what the torque shows beyond it is learnt as the wandering of the sensor's zero, which
+    a long lever magnifies: 10 mN at 50 mm turn the wrench axis of 1 N by 6 degrees.
+    """
+
+    name = "fused"
+
+    def __init__(self, probe: Probe, settings: Settings) -> None:
+        self._params = shared_params(probe, settings, fused_kernels.PARAMS)
+        self._params[fused_kernels.P_SPEED_NOISE] = settings.speed_noise
+        self._params[fused_kernels.P_YIELD] = settings.hidden_compliance
+        self._params[fused_kernels.P_SLIP_ANGLE] = 0.003
+        self._params[fused_kernels.P_MIN_SPEED] = max(2e-3, 3.0 * settings.speed_noise)
+        self._params[fused_kernels.P_MEMORY] = 0.25
+        self._params[fused_kernels.P_LEAVE] = 1.5e-4
+        self._state = np.zeros(fused_kernels.STATE)
+        self._state[fused_kernels.S_FRICTION] = 0.3
+        self._state[fused_kernels.S_FRICTION_VAR] = 0.3**2
+        self._given = np.zeros(kernels.INPUT)
+
+    def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
+        """See `Estimator.estimate`."""
+        out = np.empty(kernels.OUTPUT)
+        given = fill(self._given, wrench, centre, rotation, velocity)
+        reason = fused_kernels.fused(given, self._params, self._state, out)
+        return as_contact(given, out, reason)
+
+    def reset(self) -> None:
+        """Forget the surface; what was learnt of friction stays."""
+        self._state[fused_kernels.S_BEGUN] = 0.0
+
+    @property
+    def friction(self) -> tuple[float, float]:
+        """Friction coefficient as learnt so far and its standard deviation."""
+        state = self._state
+        return float(state[fused_kernels.S_FRICTION]), float(np.sqrt(state[fused_kernels.S_FRICTION_VAR]))
+
+
+def _force_direction(probe: Probe, settings: Settings) -> Estimator:
+    return SampleEstimator("force_direction", kernels.force_direction, shared_params(probe, settings))
+
+
+def _wrench_axis(probe: Probe, settings: Settings) -> Estimator:
+    return SampleEstimator("wrench_axis", kernels.wrench_axis, shared_params(probe, settings))
+
+
+ESTIMATORS: Final[dict[str, Callable[[Probe, Settings], Estimator]]] = {
+    "force_direction": _force_direction,
+    "wrench_axis": _wrench_axis,
+    "fused": FusedEstimator,
+}
+"""Known estimators by name."""

@@ -1,0 +1,97 @@
+"""The vocabulary of the house: all that a plug-in author has to know.
+
+Plain dataclasses and protocols on numpy arrays, SI units, float64, world frame unless said otherwise.
+"""
+
+from lwrprobe.contracts.contact import Clearance, Contact
+from lwrprobe.contracts.driver import (
+    DRIVER_CONTRACT,
+    Arm,
+    Driver,
+    DriverContext,
+    Judge,
+    Reading,
+    Sensor,
+    TrueContact,
+)
+from lwrprobe.contracts.errors import (
+    ConnectionLost,
+    DeviceRefused,
+    DriverError,
+    FormatError,
+    InputError,
+    LwrprobeError,
+    MissingExtraError,
+    PluginError,
+    SafetyStop,
+    SceneError,
+    StaleData,
+    UnknownNameError,
+)
+from lwrprobe.contracts.motion import Done, Feed, Goal, Motion, as_pose
+from lwrprobe.contracts.probe import LinkShape, Probe
+from lwrprobe.contracts.samples import ArmState, ArmStatus, SampleStatus, WrenchSample
+from lwrprobe.contracts.strategy import (
+    STRATEGY_CONTRACT,
+    Area,
+    MapView,
+    Observation,
+    Progress,
+    Strategy,
+    Task,
+)
+from lwrprobe.contracts.surface import (
+    RECONSTRUCTOR_CONTRACT,
+    Reconstruction,
+    Reconstructor,
+    TouchRecord,
+    TriangleMesh,
+)
+
+__all__ = [
+    "DRIVER_CONTRACT",
+    "RECONSTRUCTOR_CONTRACT",
+    "STRATEGY_CONTRACT",
+    "Area",
+    "Arm",
+    "ArmState",
+    "ArmStatus",
+    "Clearance",
+    "ConnectionLost",
+    "Contact",
+    "DeviceRefused",
+    "Done",
+    "Driver",
+    "DriverContext",
+    "DriverError",
+    "Feed",
+    "FormatError",
+    "Goal",
+    "InputError",
+    "Judge",
+    "LinkShape",
+    "LwrprobeError",
+    "MapView",
+    "MissingExtraError",
+    "Motion",
+    "Observation",
+    "PluginError",
+    "Probe",
+    "Progress",
+    "Reading",
+    "Reconstruction",
+    "Reconstructor",
+    "SafetyStop",
+    "SampleStatus",
+    "SceneError",
+    "Sensor",
+    "StaleData",
+    "Strategy",
+    "Task",
+    "TouchRecord",
+    "TriangleMesh",
+    "TrueContact",
+    "UnknownNameError",
+    "WrenchSample",
+    "as_pose",
+]

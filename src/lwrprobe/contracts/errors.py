@@ -1,0 +1,97 @@
+"""The typed errors of the house: one root, one branch a room.
+
+Every error carries a sentence that names the field, the value and what was allowed. The command line
+prints that sentence and nothing else; only `LwrprobeError` and its children are ever expected there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class LwrprobeError(Exception):
+    """Root of all errors that lwrprobe raises on purpose."""
+
+
+class InputError(LwrprobeError, ValueError):
+    """A value given by the user is not acceptable.
+
+    Parameters
+    ----------
+    field : the name of the value, as the user knows it (`"pose"`, `"probe.radius"`)
+    value : what was given
+    allowed : what would have been accepted, in words
+    """
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{field}: got {_brief(value)}; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        return type(self), (self.field, self.value, self.allowed)
+
+
+class UnknownNameError(InputError):
+    """A name is not among the known ones; the message lists them and the nearest match."""
+
+    def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
+        self.kind = kind
+        self.known = sorted(known)
+        near = get_close_matches(str(name), self.known, n=1)
+        allowed = ", ".join(self.known) if self.known else f"(no {kind} is known)"
+        if near:
+            allowed += f" (did you mean {near[0]!r}?)"
+        super().__init__(kind, name, allowed)
+
+    def __reduce__(self) -> tuple[type, tuple]:
+        return type(self), (self.field, self.value, self.known)
+
+
+class SceneError(InputError):
+    """A scene file cannot be used."""
+
+
+class FormatError(LwrprobeError, ValueError):
+    """A file is not what its ending or header says; the message names the file and the place."""
+
+
+class MissingExtraError(LwrprobeError, ImportError):
+    """An optional library is needed for this and is not installed."""
+
+    def __init__(self, what: str, library: str, extra: str) -> None:
+        super().__init__(
+            f"{what} needs the library {library!r}, which is not installed; "
+            f"get it with: pip install 'lwrprobe[{extra}]'"
+        )
+
+
+class PluginError(LwrprobeError):
+    """A plug-in failed; the message names the plug-in."""
+
+
+class DriverError(LwrprobeError):
+    """A device, or the line to it, failed."""
+
+
+class ConnectionLost(DriverError):
+    """The device stopped answering, or never answered."""
+
+
+class StaleData(DriverError):
+    """Data came, but too late, frozen or out of order to be used."""
+
+
+class DeviceRefused(DriverError):
+    """The device answered and refused what was asked."""
+
+
+class SafetyStop(LwrprobeError):
+    """A guard stopped the arm; the message says which limit and by how much."""
+
+
+def _brief(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 120 else text[:117] + "..."

@@ -1,0 +1,85 @@
+"""What a strategy asks for: a goal to reach, a feed to keep, or the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.contracts.errors import InputError
+from lwrprobe.contracts.samples import Vector
+
+
+def as_pose(value: object, field: str = "pose") -> np.ndarray:
+    """(4, 4) float64 array from a `spatialmath.SE3` or anything array-like; refuses what is no rigid motion.
+
+    Raises InputError naming `field` for a wrong shape, a NaN, or a rotation that is not orthonormal to 1e-6 or
+    is left-handed.
+    """
+    try:
+        pose = np.asarray(getattr(value, "A", value), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(field, value, "an SE3 or a (4, 4) homogeneous matrix") from error
+    if pose.shape != (4, 4):
+        raise InputError(field, pose.shape, "an SE3 or a (4, 4) homogeneous matrix")
+    if not np.isfinite(pose).all():
+        raise InputError(field, pose.tolist(), "finite numbers only")
+    r = pose[:3, :3]
+    if np.abs(r.T @ r - np.eye(3)).max() > 1e-6 or np.linalg.det(r) < 0.0:
+        raise InputError(field, r.tolist(), "a right-handed orthonormal rotation")
+    if np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
+        raise InputError(field, pose[3].tolist(), "a last row of 0 0 0 1")
+    return pose
+
+
+@dataclass(slots=True)
+class Goal:
+    """Move the tip to a pose on a straight, jerk-limited line and stop there.
+
+    Attributes
+    ----------
+    pose : (4, 4) world frame; a `spatialmath.SE3` is accepted and converted
+    speed : m/s, upper bound of the tip's speed on the way
+    turn_rate : rad/s, upper bound of the turning rate, None = the scene's
+    reason : a few words for the run's trace
+    """
+
+    pose: np.ndarray
+    speed: float
+    reason: str = ""
+    turn_rate: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pose, np.ndarray):
+            self.pose = as_pose(self.pose, "goal.pose")
+
+
+@dataclass(slots=True)
+class Feed:
+    """Keep the tip moving at a velocity until the next step; after `hold` seconds without one, stop.
+
+    Attributes
+    ----------
+    velocity : (3,) m/s, world frame
+    hold : s
+    pose : (4, 4) whose orientation is held or turned to meanwhile, None = keep the present orientation
+    """
+
+    velocity: Vector
+    hold: float = 0.05
+    reason: str = ""
+    pose: np.ndarray | None = None
+
+
+@dataclass(slots=True)
+class Done:
+    """The strategy has nothing left to do.
+
+    `complete` is False when it gave up; `reason` is one sentence for the summary.
+    """
+
+    reason: str
+    complete: bool = True
+
+
+Motion = Goal | Feed | Done

@@ -1,0 +1,87 @@
+"""Finding plug-ins by entry point, without letting a broken one take anything else down.
+
+Groups: `lwrprobe.drivers`, `lwrprobe.emulators`, `lwrprobe.strategies`, `lwrprobe.robots`,
+`lwrprobe.reconstructors`. The built-in ones are declared in the same way as a third party's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from lwrprobe.contracts.errors import PluginError, UnknownNameError
+
+GROUPS = {
+    "driver": "lwrprobe.drivers",
+    "emulator": "lwrprobe.emulators",
+    "strategy": "lwrprobe.strategies",
+    "robot": "lwrprobe.robots",
+    "reconstructor": "lwrprobe.reconstructors",
+}
+
+
+@dataclass(slots=True, frozen=True)
+class Plugin:
+    """One discovered plug-in.
+
+    `broken` is the reason why it cannot be used, empty when it can; `loaded` is None until `load` is called.
+    """
+
+    kind: str
+    name: str
+    module: str
+    distribution: str
+    version: str
+    loaded: Any = None
+    broken: str = ""
+
+
+def names(kind: str) -> list[str]:
+    """Names of all plug-ins of a kind, sorted; imports none of them."""
+    return sorted({entry.name for entry in _entries(kind)})
+
+
+def discover(kind: str) -> list[Plugin]:
+    """All plug-ins of a kind, imported; one that cannot be imported is listed with its reason."""
+    return [_describe(kind, entry) for entry in sorted(_entries(kind), key=lambda e: e.name)]
+
+
+def load(kind: str, name: str, contract: int | None = None) -> Any:
+    """The object behind one name.
+
+    Raises UnknownNameError for an unknown name and PluginError, naming the plug-in, for one that cannot be
+    imported or was written for another version of the contract.
+    """
+    found = [entry for entry in _entries(kind) if entry.name == name]
+    if not found:
+        raise UnknownNameError(kind, name, names(kind))
+    plugin = _describe(kind, found[0], contract)
+    if plugin.broken:
+        raise PluginError(f"{kind} plug-in {name!r} ({plugin.module}): {plugin.broken}")
+    return plugin.loaded
+
+
+def _entries(kind: str) -> list[EntryPoint]:
+    if kind not in GROUPS:
+        raise UnknownNameError("plug-in kind", kind, GROUPS)
+    seen: dict[tuple[str, str], EntryPoint] = {}
+    for entry in entry_points(group=GROUPS[kind]):
+        seen.setdefault((entry.name, entry.value), entry)
+    return list(seen.values())
+
+
+def _describe(kind: str, entry: EntryPoint, contract: int | None = None) -> Plugin:
+    dist = entry.dist
+    loaded, broken = None, ""
+    try:
+        loaded = entry.load()
+    except Exception as error:
+        broken = f"{type(error).__name__}: {error}"
+    else:
+        stated = getattr(loaded, "contract", None)
+        if contract is not None and stated != contract:
+            broken = f"written for contract {stated}, this lwrprobe speaks contract {contract}"
+    return Plugin(
+        kind, entry.name, entry.value, dist.name if dist else "?", dist.version if dist else "?", loaded, broken
+    )

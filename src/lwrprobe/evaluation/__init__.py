@@ -1,0 +1,28 @@
+"""Error metrics, error against run time, reports."""
+
+from lwrprobe.evaluation.coverage import Coverage, coverage, coverage_over_time, end_errors
+from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
+from lwrprobe.evaluation.mesh_error import MeshError, deviation, face_deviation, is_watertight, mesh_error
+from lwrprobe.evaluation.point_error import NormalError, PointError, normal_error, point_error, surface_error
+from lwrprobe.evaluation.reach import Reach, reach
+
+__all__ = [
+    "Coverage",
+    "MeshError",
+    "NormalError",
+    "PointError",
+    "Reach",
+    "coverage",
+    "coverage_over_time",
+    "deviation",
+    "end_errors",
+    "face_deviation",
+    "is_watertight",
+    "lower_bound_path",
+    "lower_bound_time",
+    "mesh_error",
+    "normal_error",
+    "point_error",
+    "reach",
+    "surface_error",
+]

@@ -1,0 +1,41 @@
+"""Clearance of the probe's links: the stick keeps another distance than the body behind it.
+
+While the sphere touches a wall the stick is only (sphere radius - stick radius) away from it, by design, and its
+touch is felt by the sensor. The body is neither near by design nor felt. So the two are asked separately and the
+more urgent answer counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lwrprobe.collision import ClearanceQuery
+from lwrprobe.contracts import Clearance, LinkShape
+from lwrprobe.mapping import VoxelMap
+
+STICK = "stick"
+
+
+class ClearanceStage:
+    """Nearest link-to-map pair each strategy step, the one with the least reserve of distance."""
+
+    def __init__(self, links: Sequence[LinkShape], voxels: VoxelMap, body: float, stick: float) -> None:
+        behind = [link for link in links if link.name != STICK]
+        sticks = [link for link in links if link.name == STICK]
+        groups = ((behind, body), (sticks, stick))
+        self._queries = [(ClearanceQuery(group, voxels), keep) for group, keep in groups if group]
+        self.smallest = np.inf
+
+    def nearest(self, pose: np.ndarray) -> Clearance:
+        """The most urgent pair at a tip pose (4, 4); `required` says how far that link has to keep."""
+        urgent: Clearance | None = None
+        for query, keep in self._queries:
+            found = query.nearest(pose)
+            found.required = keep
+            if urgent is None or found.distance - keep < urgent.distance - urgent.required:
+                urgent = found
+            self.smallest = min(self.smallest, found.distance)
+        assert urgent is not None
+        return urgent

@@ -1,0 +1,383 @@
+"""The loop: from wrench samples and arm states to set points, one arm cycle at a time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contact import TRUSTED
+from lwrprobe.contracts import (
+    Contact,
+    Done,
+    DriverError,
+    Goal,
+    Motion,
+    Observation,
+    PluginError,
+    Progress,
+    SafetyStop,
+    SampleStatus,
+    Task,
+    WrenchSample,
+)
+from lwrprobe.exploration.guards import ForceGuard, SilenceGuard
+from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
+from lwrprobe.exploration.recorder import Recorder
+from lwrprobe.exploration.rig import Rig
+from lwrprobe.exploration.stage_clock import StageClock
+from lwrprobe.kinematics import IKStatus
+
+STAGES = (
+    "arm", "sensor", "condition", "estimate", "map", "clearance", "strategy", "trajectory", "ik", "governor", "record",
+)  # fmt: skip
+
+FORGET = 0.5
+"""s without a touch, after which the surface is another one for the contact estimator."""
+
+WatchFunction = Callable[["Glimpse"], None]
+
+
+@dataclass(slots=True, frozen=True)
+class Glimpse:
+    """What a progress display is shown ten times a second of wall time."""
+
+    time: float
+    wall: float
+    progress: Progress
+    contacts: int
+    force: float
+
+
+@dataclass(slots=True)
+class Outcome:
+    """How a run ended and what it did on the way."""
+
+    status: str
+    reason: str
+    time: float
+    path: float
+    contact_path: float
+    peak_felt: float
+    guard_interventions: int
+    slowed_cycles: int
+    stages: list[dict[str, Any]]
+    counters: Any
+
+
+class Explorer:
+    """Runs one strategy over one rig until it is done, stopped or interrupted."""
+
+    def __init__(
+        self, scene: Any, pipeline: Pipeline, rig: Rig, recorder: Recorder, watch: WatchFunction | None
+    ) -> None:
+        self.scene = scene
+        self.pipe = pipeline
+        self.rig = rig
+        self.recorder = recorder
+        self.watch = watch
+        self.clock = StageClock(STAGES)
+        self.cycle = rig.arm.cycle
+        n = pipeline.robot.n
+        self._q = np.zeros(n)
+        self._next = np.zeros(n)
+        self._ahead = np.zeros(n)
+        self._pose = np.eye(4)
+        self._states: deque[tuple[float, np.ndarray]] = deque(maxlen=64)
+        self._joint_step = pipeline.robot.speed * self.cycle
+        contact = scene.contact
+        self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed)
+        self._silence = SilenceGuard(max(0.1, 5.0 / rig.sensor.rate))
+        self._blocked = ""
+        self._motion: Motion | None = None
+        self._zero_time = 0.0
+        self._time = 0.0
+        self._last_tip: np.ndarray | None = None
+        self._path = self._contact_path = self._peak = 0.0
+        self._slowed = 0
+        self._rows = 0
+        self._wall_shown = 0.0
+        self._force = 0.0
+        self._touched_last = -np.inf
+
+    # Before the strategy
+
+    def take_place(self, pose: np.ndarray, q: np.ndarray) -> None:
+        """Move to the start in joint space when the arm stands elsewhere, then rest there."""
+        state = self.rig.arm.read()
+        robot = self.pipe.robot
+        self._q[:] = state.q
+        if np.abs(state.q - q).max() > 1e-6:
+            from lwrprobe.trajectory import JointTrajectory
+
+            slow = 0.3 * robot.speed
+            move = JointTrajectory(self.cycle, robot.lower, robot.upper, slow, 2.0 * slow, 10.0 * slow)
+            move.reset(state.q)
+            move.set_goal(q)
+            while not move.arrived:
+                move.step()
+                self._command(move.q)
+                self._remember(self.rig.arm.read())
+        self._q[:] = q
+        self.pipe.trajectory.reset(pose)
+
+    def take_bias(self, seconds: float) -> None:
+        """Rest in free space and take the sensor's bias; raises SafetyStop when the probe is touching already."""
+        rotation = self.pipe.trajectory.pose[:3, :3]
+        samples: list[WrenchSample] = []
+        end = None
+        while end is None or self._time < end:
+            self._command(self._q)
+            self._remember(self.rig.arm.read())
+            end = self._time + seconds if end is None else end
+            samples += self.rig.sensor.read()
+        outcome = self.pipe.conditioner.take_bias(samples, rotation)
+        if not outcome.taken:
+            raise SafetyStop(f"the bias cannot be taken at the start: {outcome.reason}")
+
+    def start(self) -> None:
+        """Hand the task to the strategy; the run's time begins."""
+        scene, pipe = self.scene, self.pipe
+        self._zero_time = self._time
+        pose = pipe.trajectory.pose
+        task = Task(
+            area=pipe.area,
+            table=scene.table.height,
+            probe=pipe.probe,
+            orientation=pose[:3, :3].copy(),
+            start=pose[:3, 3].copy(),
+            free_speed=scene.motion.free_speed,
+            approach_speed=scene.motion.approach_speed,
+            contour_speed=scene.motion.contour_speed,
+            acceleration=scene.motion.acceleration,
+            force_threshold=scene.contact.threshold,
+            force_target=scene.contact.target,
+            force_limit=scene.contact.limit,
+            clearance_threshold=scene.clearance.threshold,
+            stiffness=scene.contact.stiffness,
+            delay=reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate),
+            map=pipe.voxels,
+            options=pipe.options,
+        )
+        self._of_plugin(pipe.strategy.start, task)
+
+    # The loop
+
+    def run(self, time_limit: float) -> Outcome:
+        """Until the strategy is done; whatever ends the run early, what was measured is kept."""
+        begin = perf_counter()
+        status, reason = "ended early", ""
+        try:
+            while not isinstance(self._motion, Done):
+                self._one_cycle()
+                if self._time - self._zero_time > time_limit:
+                    reason = f"time limit of {time_limit:.0f} s of robot time"
+                    break
+                if self.watch is not None and perf_counter() - self._wall_shown > 0.1:
+                    self._show(begin)
+            else:
+                reason = self._motion.reason
+                status = "done" if self._motion.complete else "ended early"
+        except (DriverError, SafetyStop, PluginError) as error:
+            reason = str(error)
+        except KeyboardInterrupt:
+            reason = "interrupted"
+        self.come_to_rest()
+        if self.watch is not None:
+            self._show(begin)
+        return self.outcome(status, reason)
+
+    def outcome(self, status: str, reason: str) -> Outcome:
+        """What has happened so far, under a status and a reason."""
+        return Outcome(
+            status,
+            reason,
+            self._time - self._zero_time,
+            self._path,
+            self._contact_path,
+            self._peak,
+            self._guard.interventions,
+            self._slowed,
+            self.clock.table(),
+            self.pipe.conditioner.counters,
+        )
+
+    def come_to_rest(self) -> None:
+        """Brake inside the limits, then hold; a device that no longer answers has stopped by itself."""
+        try:
+            self.pipe.trajectory.stop()
+            for _ in range(int(1.0 / self.cycle)):
+                if self.pipe.trajectory.arrived:
+                    break
+                self.rig.arm.read()
+                self._move()
+            self.rig.arm.stop()
+        except DriverError:
+            return
+
+    def _one_cycle(self) -> None:
+        clock, rig = self.clock, self.rig
+        clock.start()
+        self._remember(rig.arm.read())
+        clock.lap("arm")
+        samples = rig.sensor.read()
+        clock.lap("sensor")
+        for sample in samples:
+            self._one_sample(sample)
+        self._silence.check(self._time)
+        self._move()
+
+    def _one_sample(self, sample: WrenchSample) -> None:
+        clock, pipe = self.clock, self.pipe
+        if not sample.status & SampleStatus.FROZEN:
+            self._silence.heard(self._time)
+        pose = self._pose_at(sample.time)
+        velocity = pipe.trajectory.velocity
+        wrench = pipe.conditioner.condition(sample, pose[:3, :3])
+        clock.lap("condition")
+        size = wrench.magnitude
+        contact = None
+        if size >= self.scene.contact.threshold:
+            if sample.time - self._touched_last > FORGET:
+                pipe.estimator.reset()
+            self._touched_last = sample.time
+            centre = pose[:3, 3]
+            if pipe.deflection is not None:
+                centre = pipe.deflection.centre(centre, pose[:3, :3], wrench.world_force)
+            contact = pipe.estimator.estimate(wrench, centre, pose[:3, :3], velocity)
+            contact.time = sample.time - self._zero_time
+            clock.lap("estimate")
+            if contact.trust >= TRUSTED:
+                pipe.voxels.insert_point(contact.point)
+                clock.lap("map")
+                self.recorder.contact(contact, sample.sequence)
+                clock.lap("record")
+        near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
+        clock.lap("clearance")
+        seen = Observation(
+            time=sample.time - self._zero_time,
+            pose=pose,
+            velocity=velocity.copy(),
+            force=wrench.world_force,
+            contact=contact,
+            clearance=near,
+            goal_reached=pipe.trajectory.arrived,
+            blocked=self._blocked,
+        )
+        motion = self._of_plugin(pipe.strategy.step, seen)
+        override = self._guard.check(self._time, wrench.world_force)
+        clock.lap("strategy")
+        self._adopt(override or motion)
+        clock.lap("trajectory")
+        self._account(seen, contact, size, near)
+        clock.lap("record")
+
+    def _adopt(self, motion: Motion) -> None:
+        """Hand a motion to the generator, unless the arm could not follow it a moment from now."""
+        trajectory = self.pipe.trajectory
+        self._motion = motion
+        if isinstance(motion, Done):
+            trajectory.stop()
+        elif isinstance(motion, Goal):
+            if not self._reachable(motion.pose):
+                return
+            trajectory.set_goal(motion.pose, motion.speed, motion.turn_rate)
+        else:
+            ahead = trajectory.pose.copy()
+            ahead[:3, 3] += 0.1 * motion.velocity
+            if not self._reachable(ahead):
+                return
+            trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
+
+    def _reachable(self, pose: np.ndarray) -> bool:
+        near = np.abs(pose[:3, 3] - self.pipe.trajectory.pose[:3, 3]).max() < 0.02
+        # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
+        status = self.pipe.solver.track(pose, self._q, self._ahead) if near else IKStatus.CONVERGED
+        self._blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
+        if self._blocked:
+            self.pipe.trajectory.stop()
+        return not self._blocked
+
+    def _move(self) -> None:
+        clock, pipe = self.clock, self.pipe
+        pipe.trajectory.step()
+        clock.lap("trajectory")
+        status = pipe.solver.track(pipe.trajectory.pose, self._q, self._next)
+        if status != IKStatus.CONVERGED:
+            self._blocked = f"out of reach: {IKStatus(status).name.lower()}"
+            pipe.trajectory.stop()
+        used = float(np.abs((self._next - self._q) / self._joint_step).max())
+        if used > 1.0:
+            # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
+            self._next[:] = self._q + (self._next - self._q) / used
+            self._slowed += 1
+        clock.lap("ik")
+        self._command(self._next)
+        clock.lap("arm")
+        pipe.governor.watch(self._q)
+        clock.lap("governor")
+
+    def _command(self, q: np.ndarray) -> None:
+        self.rig.arm.command(q)
+        self._q[:] = q
+
+    # Keeping track
+
+    def _remember(self, state: Any) -> None:
+        self._time = state.time
+        self._states.append((state.time, state.q))
+
+    def _pose_at(self, time: float) -> np.ndarray:
+        """(4, 4) tip pose at an instant not long ago, joints interpolated linearly between two states."""
+        states = self._states
+        later = states[-1]
+        q = later[1]
+        for i in range(len(states) - 2, -1, -1):
+            earlier = states[i]
+            if earlier[0] <= time:
+                span = later[0] - earlier[0]
+                share = min(max((time - earlier[0]) / span, 0.0), 1.0) if span > 0.0 else 1.0
+                q = earlier[1] + share * (later[1] - earlier[1])
+                break
+            later = earlier
+            q = later[1]
+        pose = np.empty((4, 4))
+        self.pipe.robot.fk_into(q, pose)
+        return pose
+
+    def _account(self, seen: Observation, contact: Contact | None, force: float, near: Any) -> None:
+        tip = seen.pose[:3, 3]
+        if self._last_tip is not None:
+            moved = tip - self._last_tip
+            length = float(np.sqrt(moved @ moved))
+            self._path += length
+            if contact is not None:
+                self._contact_path += length
+        self._last_tip = tip
+        self._peak = max(self._peak, force)
+        self._force = force
+        self._rows += 1
+        if self._rows % 5 == 0:
+            distance = near.distance if near is not None else np.inf
+            state = self.pipe.strategy.progress().state
+            self.recorder.way(seen.time, tip, force, contact is not None, distance, state)
+
+    def _show(self, begin: float) -> None:
+        now = perf_counter()
+        self._wall_shown = now
+        progress = self.pipe.strategy.progress()
+        assert self.watch is not None
+        self.watch(
+            Glimpse(self._time - self._zero_time, now - begin, progress, len(self.recorder.contacts), self._force)
+        )
+
+    def _of_plugin(self, call: Callable[[Any], Any], argument: Any) -> Any:
+        try:
+            return call(argument)
+        except Exception as error:
+            name = self.scene.strategy.name
+            raise PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}") from error

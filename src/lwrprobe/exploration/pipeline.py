@@ -1,0 +1,151 @@
+"""The pipeline, composed from the scene: what a scene does not need is left out, and the run says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contact import Deflection, WrenchConditioner, make_estimator
+from lwrprobe.contracts import (
+    RECONSTRUCTOR_CONTRACT,
+    STRATEGY_CONTRACT,
+    Area,
+    InputError,
+    Probe,
+    Reconstructor,
+    Strategy,
+)
+from lwrprobe.contracts.plugins import load
+from lwrprobe.exploration.clearance_stage import ClearanceStage
+from lwrprobe.kinematics import IKSolver, Robot, robot_by_name
+from lwrprobe.mapping import VoxelMap
+from lwrprobe.options import configure
+from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
+
+
+@dataclass(slots=True)
+class Pipeline:
+    """The stages between drivers and strategy, made once for a run."""
+
+    robot: Robot
+    solver: IKSolver
+    trajectory: CartesianTrajectory
+    governor: SpeedGovernor
+    conditioner: WrenchConditioner
+    estimator: Any
+    deflection: Deflection | None
+    voxels: VoxelMap
+    clearance: ClearanceStage | None
+    strategy: Strategy
+    reconstructor: Reconstructor
+    options: Any
+    probe: Probe
+    area: Area
+    left_out: list[dict[str, str]] = field(default_factory=list)
+
+
+@dataclass(slots=True, frozen=True)
+class Choices:
+    """The plug-ins that a scene names, with their options checked."""
+
+    strategy: type[Strategy]
+    strategy_options: Any
+    reconstructor: type[Reconstructor]
+    reconstructor_options: Any
+
+
+def choose(scene: Any) -> Choices:
+    """Load strategy and reconstructor and check their options, and the estimator's name, before anything is built.
+
+    Raises UnknownNameError, PluginError or InputError.
+    """
+    if scene.motion.mode != "cartesian":
+        raise InputError("motion.mode", scene.motion.mode, "'cartesian' (exploring in joint space is not built yet)")
+    if scene.clearance.links != "probe":
+        raise InputError("clearance.links", scene.clearance.links, "'probe' (the arm's own links are not watched yet)")
+    name, method = scene.strategy.name, scene.reconstruction.method
+    strategy = load("strategy", name, STRATEGY_CONTRACT)
+    reconstructor = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    make_estimator(scene.contact.estimator, scene.probe.as_probe())
+    return Choices(
+        strategy,
+        configure(strategy.Config, scene.strategy.options, f"strategy {name}"),
+        reconstructor,
+        configure(reconstructor.Config, scene.reconstruction.options, f"reconstruction {method}"),
+    )
+
+
+def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline:
+    """The pipeline for a scene, an arm's cycle [s] and a sensor's rate [Hz].
+
+    Raises what the parts raise for bad options.
+    """
+    probe, area = scene.probe.as_probe(), scene.area.as_area()
+    robot = robot_of(scene)
+    voxels = VoxelMap(scene.map.resolution)
+    clearance, no_clearance = _clearance(scene, probe, area, voxels)
+    deflection, no_deflection = _deflection(scene, probe)
+    motion = scene.motion
+    limits = CartesianLimits(
+        speed=motion.free_speed,
+        acceleration=motion.acceleration,
+        jerk=motion.jerk,
+        turn_rate=motion.turn_rate,
+        turn_acceleration=motion.turn_acceleration,
+        turn_jerk=motion.turn_jerk,
+    )
+    solver, trajectory = IKSolver(robot), CartesianTrajectory(cycle, limits)
+    return Pipeline(
+        robot=robot,
+        solver=solver,
+        trajectory=trajectory,
+        governor=SpeedGovernor(trajectory, solver.track, robot.speed),
+        conditioner=WrenchConditioner(probe, rate),
+        estimator=make_estimator(scene.contact.estimator, probe),
+        deflection=deflection,
+        voxels=voxels,
+        clearance=clearance,
+        strategy=choices.strategy(),
+        reconstructor=choices.reconstructor(choices.reconstructor_options),
+        options=choices.strategy_options,
+        probe=probe,
+        area=area,
+        left_out=[
+            {"stage": stage, "why": why}
+            for stage, why in (("clearance", no_clearance), ("deflection", no_deflection))
+            if why
+        ],
+    )
+
+
+def robot_of(scene: Any) -> Robot:
+    """The scene's robot with its base and tool."""
+    return robot_by_name(scene.arm.robot).with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
+
+
+def _clearance(scene: Any, probe: Probe, area: Area, voxels: VoxelMap) -> tuple[ClearanceStage | None, str]:
+    """The stage, or why it is left out: no link but the stick can come down to where anything can be touched."""
+    wanted = scene.clearance.enabled
+    if wanted is False:
+        return None, "switched off in the scene"
+    if not probe.links:
+        return None, "the probe has no link shapes"
+    stage = ClearanceStage(probe.links, voxels, scene.clearance.threshold, scene.clearance.stick_threshold)
+    return stage, ""
+
+
+def _deflection(scene: Any, probe: Probe) -> tuple[Deflection | None, str]:
+    if not scene.contact.deflection:
+        return None, "switched off in the scene"
+    deflection = Deflection(probe)
+    return (None, "the probe is rigid") if deflection.rigid else (deflection, "")
+
+
+def reaction_delay(scene: Any, cycle: float, sensor_latency: float, rate: float) -> float:
+    """s, from a force at the sphere to the arm's answer: sensor, half its period, one cycle, and the jerk ramp."""
+    if scene.contact.delay is not None:
+        return float(scene.contact.delay)
+    ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
+    return sensor_latency + 0.5 / rate + cycle + ramp

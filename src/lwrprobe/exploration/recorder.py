@@ -1,0 +1,90 @@
+"""The run folder, written while the run goes on: killed at any moment, what was touched so far can be read back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from lwrprobe.contracts import Contact, InputError
+
+CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,trust"
+TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
+
+
+class Recorder:
+    """Streams contacts and the probe's way into files, and keeps them for what follows the run.
+
+    Parameters
+    ----------
+    folder : the run folder, made when missing; None records in memory alone
+
+    Raises InputError when the folder cannot be made or written to.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.contacts: list[Contact] = []
+        self.sequences: list[int] = []
+        self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
+        self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS)
+        self._trace_file = self._open("trace.csv", TRACE_COLUMNS)
+
+    def contact(self, contact: Contact, sequence: int) -> None:
+        """One trusted contact and the wrench sample it comes from."""
+        self.contacts.append(contact)
+        self.sequences.append(sequence)
+        if self._contact_file is not None:
+            p, n = contact.point, contact.normal
+            self._contact_file.write(
+                f"{contact.time:.6f},{p[0]:.7f},{p[1]:.7f},{p[2]:.7f},{n[0]:.6f},{n[1]:.6f},{n[2]:.6f},"
+                f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
+            )
+
+    def way(self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str) -> None:
+        """Where the sphere's centre is, whether it touches, and what the strategy is doing."""
+        self._trace.append((time, tip[0], tip[1], tip[2], force, touching, clearance))
+        if self._trace_file is not None:
+            self._trace_file.write(
+                f"{time:.4f},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
+            )
+
+    def points(self) -> np.ndarray:
+        """(n, 3) m."""
+        return np.array([c.point for c in self.contacts]).reshape(-1, 3)
+
+    def normals(self) -> np.ndarray:
+        """(n, 3)."""
+        return np.array([c.normal for c in self.contacts]).reshape(-1, 3)
+
+    def trace(self) -> np.ndarray:
+        """(k, 7): time, x, y, z, force, touching, clearance."""
+        return np.array(self._trace, dtype=np.float64).reshape(-1, 7)
+
+    def write_json(self, name: str, content: dict[str, Any]) -> None:
+        """Write one JSON file into the run folder, whole or not at all."""
+        if self.folder is None:
+            return
+        part = self.folder / f"{name}.part"
+        part.write_text(json.dumps(content, indent=1) + "\n")
+        part.replace(self.folder / name)
+
+    def close(self) -> None:
+        """Close the streams; the folder is complete up to here."""
+        for stream in (self._contact_file, self._trace_file):
+            if stream is not None:
+                stream.close()
+
+    def _open(self, name: str, header: str) -> TextIO | None:
+        if self.folder is None:
+            return None
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            # Line buffering: a line is on its way to the disk as soon as it is written.
+            stream = open(self.folder / name, "w", buffering=1)  # noqa: SIM115
+        except OSError as error:
+            raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
+        stream.write(header + "\n")
+        return stream

@@ -1,0 +1,34 @@
+"""Run every kernel once before the arm moves, so that none compiles while it does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import WrenchSample
+from lwrprobe.exploration.pipeline import Choices, compose
+
+
+def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
+    """Call each stage of a throw-away pipeline with a made-up touch at the start pose."""
+    pipe = compose(scene, choices, cycle, rate)
+    pipe.robot.fk_into(q, np.empty((4, 4)))
+    pipe.solver.track(pose, q, np.empty_like(q))
+    rotation = pose[:3, :3]
+    free = [WrenchSample(i / rate, np.zeros(3), np.zeros(3), i) for i in range(16)]
+    pipe.conditioner.take_bias(free, rotation)
+    for i, force in enumerate((0.5, 1.0, 1.0)):
+        sample = WrenchSample(1.0 + i / rate, np.array([0.0, force, 0.0]), np.zeros(3), 16 + i)
+        wrench = pipe.conditioner.condition(sample, rotation)
+        contact = pipe.estimator.estimate(wrench, pose[:3, 3], rotation, np.zeros(3))
+    pipe.voxels.insert_point(contact.point)
+    if pipe.clearance is not None:
+        pipe.clearance.nearest(pose)
+    pipe.trajectory.reset(pose)
+    ahead = pose.copy()
+    ahead[2, 3] -= 0.01
+    pipe.trajectory.set_goal(ahead, scene.motion.free_speed)
+    pipe.trajectory.step()
+    pipe.trajectory.set_feed(np.zeros(3), 0.05, None)
+    pipe.trajectory.step()

@@ -1,0 +1,108 @@
+"""The content of summary.json: what a run did, how good it was, what each stage cost and what was left out."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import Judge, Reconstruction
+from lwrprobe.evaluation import coverage, lower_bound_time, mesh_error, normal_error, point_error, surface_error
+from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.exploration.explorer import Outcome
+from lwrprobe.exploration.pipeline import Pipeline
+from lwrprobe.exploration.recorder import Recorder
+from lwrprobe.scene import Scene
+
+_PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
+
+
+def summarise(
+    scene: Scene,
+    pipeline: Pipeline,
+    judge: Judge | None,
+    recorder: Recorder,
+    outcome: Outcome,
+    surface: Reconstruction | None,
+    explore_seconds: float,
+) -> dict[str, Any]:
+    """All of summary.json but the wall time; what needs the truth is None where nobody knows it."""
+    points, normals = recorder.points(), recorder.normals()
+    clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
+    pitch = float(getattr(pipeline.options, "step", 0.010))
+    summary = {
+        "scene": scene.name,
+        "strategy": scene.strategy.name,
+        "estimator": scene.contact.estimator,
+        "seed": scene.run.seed,
+        "status": outcome.status,
+        "reason": outcome.reason if len(points) else f"{outcome.reason}; no contact",
+        "contacts": len(points),
+        "voxels": len(pipeline.voxels),
+        "sim_time_s": round(outcome.time, 4),
+        "real_time_factor": round(outcome.time / max(explore_seconds, 1e-9), 2),
+        "path_length_m": round(outcome.path, 4),
+        "contact_path_length_m": round(outcome.contact_path, 4),
+        "peak_force_n": round(judge.peak_force if judge is not None else outcome.peak_felt, 4),
+        "link_collisions": judge.link_collisions if judge is not None else None,
+        "min_clearance_m": round(float(clearance), 5) if np.isfinite(clearance) else None,
+        "force_guard_interventions": outcome.guard_interventions,
+        "slowed_cycles": outcome.slowed_cycles,
+        **_against_truth(scene, judge, recorder, points, normals, pitch, surface),
+        "lower_bound_time_s": None,
+        "stages": outcome.stages,
+        "left_out": pipeline.left_out,
+        "wrench_counters": asdict(outcome.counters),
+        "versions": versions(*_PACKAGES),
+        "machine": machine(),
+    }
+    if judge is not None and scene.objects:
+        summary["lower_bound_time_s"] = round(_lower_bound(scene, pitch), 2)
+    return summary
+
+
+def _against_truth(
+    scene: Scene,
+    judge: Judge | None,
+    recorder: Recorder,
+    points: np.ndarray,
+    normals: np.ndarray,
+    pitch: float,
+    surface: Reconstruction | None,
+) -> dict[str, Any]:
+    keys = ("coverage", "coverage_5mm", "contact_error_mm", "surface_error_mm", "normal_error_deg", "mesh_error_mm")
+    found: dict[str, Any] = dict.fromkeys(keys)
+    if judge is None or not scene.objects:
+        return found
+    solid, lowest = scene.solid(), scene.area.lower[2]
+    share = coverage(points, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
+    found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
+    if len(points) == 0:
+        return found
+    truth = [judge.contact_at(sequence) for sequence in recorder.sequences]
+    known = np.array([true is not None for true in truth])
+    if known.any():
+        true_points = np.array([true.point for true in truth if true is not None])
+        true_normals = np.array([true.normal for true in truth if true is not None])
+        found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
+        found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
+    found["surface_error_mm"] = surface_error(points, solid).as_dict()
+    if surface is not None:
+        error = mesh_error(surface.mesh, solid, lowest).as_dict()
+        found["mesh_error_mm"] = {"method": surface.report["method"], **error}
+    return found
+
+
+def _lower_bound(scene: Scene, pitch: float) -> float:
+    """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
+    return lower_bound_time(
+        scene.solid(),
+        scene.probe.radius,
+        scene.area.lower[2],
+        pitch,
+        scene.motion.contour_speed,
+        scene.area.as_area(),
+        scene.motion.approach_speed,
+        scene.motion.acceleration,
+    )

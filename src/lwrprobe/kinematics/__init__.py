@@ -1,0 +1,36 @@
+"""Serial arms: forward kinematics, Jacobians, inverse kinematics, and what a path or an area asks of an arm."""
+
+from lwrprobe.kinematics.models import iiwa14, lwr4, panda, puma560, robot_by_name, ur5e
+from lwrprobe.kinematics.path import FollowReport, follow, straight_line
+from lwrprobe.kinematics.preference import Preference
+from lwrprobe.kinematics.robot import Robot
+from lwrprobe.kinematics.rtb import from_roboticstoolbox, to_roboticstoolbox
+from lwrprobe.kinematics.solver import Branch, IKResult, IKSolver, IKStatus
+from lwrprobe.kinematics.urdf import from_urdf
+from lwrprobe.kinematics.workspace import Reachability, Workspace, dexterity, reachable, sample_workspace
+
+__all__ = [
+    "Branch",
+    "FollowReport",
+    "IKResult",
+    "IKSolver",
+    "IKStatus",
+    "Preference",
+    "Reachability",
+    "Robot",
+    "Workspace",
+    "dexterity",
+    "follow",
+    "from_roboticstoolbox",
+    "from_urdf",
+    "iiwa14",
+    "lwr4",
+    "panda",
+    "puma560",
+    "reachable",
+    "robot_by_name",
+    "sample_workspace",
+    "straight_line",
+    "to_roboticstoolbox",
+    "ur5e",
+]

@@ -1,0 +1,85 @@
+"""Where a redundant arm would rather be: a wish for the joints that the tip does not feel.
+
+A wish is the descent of `potential`: towards a posture, away from limits that are near, away from singularities
+(Yoshikawa 1985). It enters the solver as PUSH, of which only the null-space part survives.
+"""
+
+import math
+
+from lwrprobe.compiled import kernel
+from lwrprobe.kinematics.dls_kernels import JAC, NORMAL, PUSH, RHS, WEIGHT, factorise, gram, substitute
+
+# columns of the settings row, behind those of dls_kernels
+NEAR_POSTURE, OFF_LIMITS, OFF_SINGULARITY, PACE = range(7, 11)
+# rows of `places`: the preferred posture, and the ends of the ranges in which no limit is near
+POSTURE, EASE_LOW, EASE_HIGH = range(3)
+
+
+@kernel
+def wish(settings, places, q, work):
+    """The way down `potential` from q into PUSH; returns its largest component.
+
+    With a wish to leave singularities, JAC has to hold the Jacobian at q; NORMAL and RHS are used.
+    """
+    n = q.shape[0]
+    push, posture, low, high = work[PUSH], places[POSTURE], places[EASE_LOW], places[EASE_HIGH]
+    if settings[OFF_SINGULARITY] > 0.0:
+        opening(n, settings[OFF_SINGULARITY], work)
+    else:
+        for i in range(n):
+            push[i] = 0.0
+    near, off = settings[NEAR_POSTURE], settings[OFF_LIMITS]
+    largest = 0.0
+    for i in range(n):
+        push[i] += near * (posture[i] - q[i]) + off * (max(low[i] - q[i], 0.0) - max(q[i] - high[i], 0.0))
+        largest = max(largest, abs(push[i]))
+    return largest
+
+
+@kernel
+def potential(settings, places, q, work):
+    """What `wish` descends; JAC has to hold the Jacobian at q where singularities count."""
+    n = q.shape[0]
+    weight, posture, low, high = work[WEIGHT], places[POSTURE], places[EASE_LOW], places[EASE_HIGH]
+    near, off = settings[NEAR_POSTURE], settings[OFF_LIMITS]
+    value = 0.0
+    for i in range(n):
+        beside, into = posture[i] - q[i], max(low[i] - q[i], q[i] - high[i], 0.0)
+        value += 0.5 * (near * beside * beside + off * into * into) / weight[i]
+    if settings[OFF_SINGULARITY] > 0.0:
+        value -= settings[OFF_SINGULARITY] * math.log(volume(n, work))
+    return value
+
+
+@kernel
+def volume(n, work):
+    """sqrt(det(J J')) of JAC, prismatic joints counted in lengths of the arm; leaves the factor in NORMAL."""
+    m = work[NORMAL : NORMAL + 6]
+    gram(work[JAC : JAC + 6], n, work[WEIGHT], m)
+    factorise(m)
+    product = 1.0
+    for r in range(6):
+        product *= m[r, r]
+    return 1.0 / math.sqrt(product)
+
+
+@kernel
+def opening(n, gain, work):
+    """The way up gain * log(volume) into PUSH: d/dq_k = sum_i dJ_i/dq_k . (J J')^-1 J_i."""
+    jac, m, b, push, weight = work[JAC : JAC + 6], work[NORMAL : NORMAL + 6], work[RHS], work[PUSH], work[WEIGHT]
+    volume(n, work)
+    for k in range(n):
+        push[k] = 0.0
+    for i in range(n):
+        for r in range(6):
+            b[r] = weight[i] * jac[r, i]
+        substitute(m, b)
+        for k in range(n):
+            lead, follow = (k, i) if k <= i else (i, k)
+            w0, w1, w2 = jac[3, lead], jac[4, lead], jac[5, lead]
+            v0, v1, v2 = jac[0, follow], jac[1, follow], jac[2, follow]
+            s = (w1 * v2 - w2 * v1) * b[0] + (w2 * v0 - w0 * v2) * b[1] + (w0 * v1 - w1 * v0) * b[2]
+            if k < i:
+                u0, u1, u2 = jac[3, i], jac[4, i], jac[5, i]
+                s += (w1 * u2 - w2 * u1) * b[3] + (w2 * u0 - w0 * u2) * b[4] + (w0 * u1 - w1 * u0) * b[5]
+            push[k] += gain * weight[k] * s

@@ -1,0 +1,6 @@
+"""The map: voxels that were touched or swept free, and the files they travel in."""
+
+from lwrprobe.mapping.map_file import describe, to_cloud
+from lwrprobe.mapping.voxel_map import Leaves, VoxelMap, VoxelState
+
+__all__ = ["Leaves", "VoxelMap", "VoxelState", "describe", "to_cloud"]

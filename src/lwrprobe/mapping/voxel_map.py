@@ -1,0 +1,259 @@
+"""What touching has taught about space: occupied, free, unknown voxels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+
+from lwrprobe.compiled import entry
+from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.mapping import carve_kernels, kernels, octomap_file
+from lwrprobe.mapping.voxel_set import VoxelSet
+
+MOST_VOXELS_LISTED = 50_000_000
+WIDEST_SPHERE = 256  # voxels
+_NO_POINT = "three finite coordinates within the map's range of +-{:.6g} m"
+
+
+class VoxelState(IntEnum):
+    """What is known about a voxel."""
+
+    UNKNOWN = 0
+    FREE = 1
+    OCCUPIED = 2
+
+
+@dataclass(slots=True)
+class Leaves:
+    """Cubes of one state each, as large as OctoMap's pruned octree has them.
+
+    `centres` (n, 3) m, `sizes` (n,) m edges, `states` (n,) of `VoxelState`.
+    """
+
+    centres: np.ndarray
+    sizes: np.ndarray
+    states: np.ndarray
+
+
+class VoxelMap:
+    """Occupied and free voxels on OctoMap's grid: 2^16 voxels an axis, centred on the world's origin.
+
+    A voxel that was touched stays occupied, whatever is carved; a voxel counts as free when the sphere has swept all of
+    it. Insertion and look-up walk a 64-tree of eight levels in compiled code.
+
+    Parameters
+    ----------
+    resolution : m, edge of the smallest voxel, 1e-6 .. 1e3
+
+    Raises
+    ------
+    InputError : naming the field, for points that are not finite or lie outside the grid, and for wrong shapes
+    """
+
+    __slots__ = ("_carved", "_holds", "_insert", "_occupied", "_resolution")
+
+    def __init__(self, resolution: float = 0.002) -> None:
+        if not (isinstance(resolution, Real) and 1e-6 <= resolution <= 1e3):
+            raise InputError("resolution", resolution, "metres, 1e-6 to 1e3")
+        self._resolution = float(resolution)
+        self._occupied = VoxelSet(self._resolution)
+        self._carved = VoxelSet(self._resolution)
+        self._insert, self._holds = _single_calls()
+
+    @property
+    def resolution(self) -> float:
+        """m, edge of the smallest voxel."""
+        return self._resolution
+
+    @property
+    def reach(self) -> float:
+        """m, the grid covers -reach <= x < reach on each axis."""
+        return kernels.CENTRE_KEY * self._resolution
+
+    @property
+    def occupied_words(self) -> np.ndarray:
+        """The occupied voxels' tree as its kernels read it; valid until the next insertion, never to be written."""
+        return self._occupied.words
+
+    def __len__(self) -> int:
+        """Number of occupied voxels of the smallest size."""
+        return len(self._occupied)
+
+    def insert(self, points: np.ndarray) -> int:
+        """Mark the voxels of (n, 3) points [m] occupied; how many were not before. All or, on an error, none."""
+        points = self._points(points, "points")
+        before = len(self._occupied)
+        row = 0
+        while (row := kernels.insert_points(self._occupied.words, points, row)) < len(points):
+            self._occupied.grow()
+        return len(self._occupied) - before
+
+    def insert_point(self, point: Vector) -> bool:
+        """Mark the voxel of one point (3,) [m] occupied; whether it was not before."""
+        try:
+            x, y, z = point.tolist()
+            status = self._insert(self._occupied.words, x, y, z)
+        except (AttributeError, TypeError, ValueError):
+            return self.insert_point(_triple(point, "point"))
+        while status == kernels.NO_ROOM:
+            self._occupied.grow()
+            status = self._insert(self._occupied.words, x, y, z)
+        if status == kernels.OUTSIDE:
+            raise self._refused("point", point)
+        return status == kernels.NEW
+
+    def carve(self, begin: Vector, end: Vector, radius: float) -> None:
+        """Mark free what a sphere of `radius` [m] sweeps from `begin` to `end` (3,) [m], voxels wholly inside only."""
+        path = np.empty((2, 3))
+        path[0], path[1] = _triple(begin, "begin"), _triple(end, "end")
+        self.carve_path(path, radius)
+
+    def carve_path(self, path: np.ndarray, radius: float) -> None:
+        """The same along a polyline of sphere centres (n, 3) [m]; one point alone is a sphere at rest."""
+        path = self._points(path, "path")
+        if not (isinstance(radius, Real) and 0.0 < radius <= WIDEST_SPHERE * self._resolution):
+            raise InputError("radius", radius, f"metres, above 0 and at most {WIDEST_SPHERE} voxels")
+        if len(path) == 0:
+            return
+        segments, row = max(len(path) - 1, 1), 0
+        while (row := carve_kernels.carve_path(self._carved.words, path, float(radius), row)) < segments:
+            self._carved.grow()
+
+    def occupied(self, point: Vector) -> bool:
+        """Whether something was touched in the voxel of a point (3,) [m]."""
+        try:
+            x, y, z = point.tolist()
+            status = self._holds(self._occupied.words, x, y, z)
+        except (AttributeError, TypeError, ValueError):
+            return self.occupied(_triple(point, "point"))
+        if status < 0:
+            raise self._refused("point", point)
+        return status == 1
+
+    def state(self, point: Vector) -> VoxelState:
+        """What is known about the voxel of a point (3,) [m]."""
+        return VoxelState(int(self.states(np.reshape(_triple(point, "point"), (1, 3)))[0]))
+
+    def states(self, points: np.ndarray) -> np.ndarray:
+        """(n,) uint8 of `VoxelState` for (n, 3) points [m]."""
+        points = self._points(points, "points")
+        states = np.empty(len(points), np.uint8)
+        kernels.states_of(self._occupied.words, self._carved.words, points, states)
+        return states
+
+    def nearest(self, point: Vector) -> tuple[float, Vector]:
+        """Distance [m] from a point (3,) to the nearest occupied voxel centre, and that; (inf, nan) on an empty map."""
+        point = _triple(point, "point")
+        centre = np.empty(3)
+        distance = kernels.nearest_voxel(self._occupied.words, point, centre)
+        if distance < 0.0:
+            raise self._refused("point", point)
+        return distance, centre
+
+    def centres(self) -> np.ndarray:
+        """(n, 3) m, centres of all occupied voxels of the smallest size."""
+        return self._listed(VoxelState.OCCUPIED)
+
+    def free_centres(self) -> np.ndarray:
+        """(n, 3) m, centres of all free voxels of the smallest size."""
+        return self._listed(VoxelState.FREE)
+
+    def free_count(self) -> int:
+        """Number of free voxels of the smallest size."""
+        tree = self._octree()
+        return sum(int(size) ** 3 for size in tree.sizes[(tree.codes == 0) & (tree.states == VoxelState.FREE)])
+
+    def leaves(self) -> Leaves:
+        """Occupied and free cubes after pruning, in OctoMap's order."""
+        tree = self._octree()
+        leaf = tree.codes == 0
+        keys, sizes = tree.keys[leaf], tree.sizes[leaf]
+        centres = octomap_file.centres(keys, sizes, self._resolution)
+        return Leaves(centres, sizes * self._resolution, tree.states[leaf].astype(np.uint8))
+
+    def bounds(self) -> tuple[Vector, Vector] | None:
+        """Lower and upper corner (3,) [m] of the box around all occupied voxels; None where there is none."""
+        if not len(self):
+            return None
+        low = self._occupied.words[kernels.LOWER : kernels.LOWER + 3]
+        high = self._occupied.words[kernels.UPPER : kernels.UPPER + 3] + 1
+        return (low - kernels.CENTRE_KEY) * self._resolution, (high - kernels.CENTRE_KEY) * self._resolution
+
+    def write(self, path: str | Path) -> Path:
+        """Write `.bt` or `.ot`, by the ending, as OctoMap's own readers take it; the path as written."""
+        path = Path(path)
+        path.write_bytes(octomap_file.encode(self._octree(), self._resolution, _ending(path)))
+        return path
+
+    @classmethod
+    def read(cls, path: str | Path) -> VoxelMap:
+        """Map from a `.bt` or `.ot`; log-odds below 0 become free, the rest occupied.
+
+        Raises FormatError naming file and place where the content is broken.
+        """
+        path = Path(path)
+        resolution, occupied, carved = octomap_file.decode(path, _ending(path))
+        voxels = cls(resolution)
+        voxels._occupied, voxels._carved = occupied, carved
+        return voxels
+
+    def _octree(self) -> octomap_file.Octree:
+        return octomap_file.octree(self._occupied, self._carved)
+
+    def _listed(self, state: VoxelState) -> np.ndarray:
+        tree = self._octree()
+        wanted = (tree.codes == 0) & (tree.states == state)
+        keys, sizes = tree.keys[wanted], tree.sizes[wanted]
+        count = sum(int(size) ** 3 for size in sizes)
+        if count > MOST_VOXELS_LISTED:
+            raise InputError("map", f"{count} voxels", f"at most {MOST_VOXELS_LISTED} in one list; leaves() has cubes")
+        centres = np.empty((count, 3))
+        kernels.expand(keys, sizes, self._resolution, centres)
+        return centres
+
+    def _points(self, points: object, field: str) -> np.ndarray:
+        try:
+            value = np.ascontiguousarray(points, np.float64)
+        except (TypeError, ValueError):
+            raise InputError(field, points, "an (n, 3) array of metres") from None
+        if value.ndim != 2 or value.shape[1] != 3:
+            raise InputError(field, value.shape, "an (n, 3) array of metres")
+        row = kernels.first_outside(self._occupied.words, value)
+        if row >= 0:
+            raise self._refused(f"{field}[{row}]", value[row])
+        return value
+
+    def _refused(self, field: str, point: Vector) -> InputError:
+        return InputError(field, _triple(point, field).tolist(), _NO_POINT.format(self.reach))
+
+
+@cache
+def _single_calls() -> tuple[Callable, Callable]:
+    """Insertion and look-up of one point: the array is the map's own, and Python converts or refuses the numbers."""
+    examples = np.empty(0, np.int64), 0.0, 0.0, 0.0
+    return entry(kernels.insert_point, *examples), entry(kernels.holds_point, *examples)
+
+
+def _triple(point: object, field: str) -> np.ndarray:
+    """Contiguous (3,) float64."""
+    try:
+        value = np.ascontiguousarray(point, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(field, point, "three numbers in metres") from None
+    if value.shape != (3,):
+        raise InputError(field, value.shape, "an array of shape (3,)")
+    return value
+
+
+def _ending(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending not in (".bt", ".ot"):
+        raise UnknownNameError("map file ending", ending, (".bt", ".ot"))
+    return ending

@@ -1,0 +1,262 @@
+"""The default reconstructor: what the sphere's centre could not pass, shrunk by the sphere's radius.
+
+Where the sphere touches, its centre lies at exactly its radius from the object, and the contact normal is the
+gradient of that distance. The surface of the centres is smooth wherever the object is convex, edges included, so
+interpolation between sparse lines works there (and not on the object itself). Shrinking it by the radius gives the
+object back, with its sharp edges, up to what the sphere cannot reach.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.reconstruction.clusters import Clusters, cluster
+from lwrprobe.reconstruction.contour import contour
+from lwrprobe.reconstruction.distance_kernels import (
+    corner_lists,
+    crowding,
+    erode,
+    eroded_crossings,
+    feet_of,
+    scatter,
+)
+from lwrprobe.reconstruction.evidence import Evidence, Walls, WallSettings, find_walls, gather
+from lwrprobe.reconstruction.evidence_kernels import mark_near
+from lwrprobe.reconstruction.grid import Grid
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
+from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
+
+_NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
+_MOST_NODES = 3_000_000
+_CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
+_EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
+
+Progress = Callable[[str, float], None]
+"""Told the stage and its share done, 0..1; may raise to interrupt."""
+
+
+class ContactSurface:
+    """Closed surface from contacts with normals, the sphere's radius, its free path and the table.
+
+    The field of the centres is a blend of local Gaussian processes on values and gradients (see `HermiteField`);
+    where no contact is near, walls are put between touched and free space (see `evidence`). `unreachable` of the
+    result is a mask (n,) over the mesh's vertices: parts that no sphere of this size can touch, or that lie under
+    its lowest height. They close the mesh and are not claimed as surface.
+    """
+
+    @dataclass(slots=True, frozen=True)
+    class Config:
+        """Options.
+
+        Attributes
+        ----------
+        pitch : m, distance between the scan's lines; None estimates it from the contacts
+        step : m, edge of the grid's cells; None takes 0.4 radii, or more where the object is so large that the
+            grid would have more than 3 000 000 nodes
+        """
+
+        pitch: float | None = None
+        step: float | None = None
+
+        def __post_init__(self) -> None:
+            for name in ("pitch", "step"):
+                value = getattr(self, name)
+                if value is not None and not (np.isfinite(value) and value > 0.0):
+                    raise InputError(name, value, "a positive length in metres, or None")
+
+    contract: ClassVar[int] = RECONSTRUCTOR_CONTRACT
+
+    def __init__(self, config: Config | None = None, progress: Progress | None = None) -> None:
+        self.config = config or self.Config()
+        self.progress = progress
+
+    def reconstruct(self, record: TouchRecord) -> Reconstruction:
+        """Raises InputError for contacts that span no solid or have no normals."""
+        work = _Work(self.config, self.progress or (lambda stage, share: None))
+        touches = work.run("prepare", lambda: prepare(record, 0.5 * (self.config.step or 0.004)))
+        pitch = self.config.pitch or line_pitch(touches.centres, record.resolution)
+        pitch = max(pitch, touches.radius)
+        clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
+        grid = work.grid(touches, clusters, pitch)
+        settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
+        evidence = work.run("evidence", lambda: _evidence(grid, touches, pitch))
+        walls = work.run(
+            "walls", lambda: find_walls(evidence, clusters.points, clusters.normals, touches.centres, settings)
+        )
+        process = HermiteField(_hermite_data(clusters, touches) + walls.data, 2.0 * pitch)
+        outer = work.run("field", lambda: _outer_field(evidence, process, touches, pitch))
+        hull = work.run("contour", lambda: contour(outer, grid))
+        body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
+        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, walls, touches))
+        report = work.report(touches, pitch, grid, clusters, walls, unreachable)
+        return Reconstruction(mesh, report, unreachable)
+
+
+@dataclass(slots=True)
+class _Work:
+    """Stages with their times, for the report and the progress callback."""
+
+    config: ContactSurface.Config
+    progress: Progress
+    begin: float = field(default_factory=time.perf_counter)
+    stages: dict[str, float] = field(default_factory=dict)
+
+    def run(self, stage: str, call: Callable[[], Any]) -> Any:
+        self.progress(stage, 0.0)
+        begin = time.perf_counter()
+        result = call()
+        self.stages[stage] = time.perf_counter() - begin
+        self.progress(stage, 1.0)
+        return result
+
+    def cluster(self, touches: Touches, pitch: float) -> Clusters:
+        size = max(pitch / 3.0, 0.6 * touches.radius)
+        return cluster(
+            touches.centres, touches.normals, touches.trust, size, lambda share: self.progress("cluster", share)
+        )
+
+    def grid(self, touches: Touches, clusters: Clusters, pitch: float) -> Grid:
+        step = self.config.step or 0.4 * touches.radius
+        lower, upper = clusters.points.min(axis=0) - 1.1 * pitch, clusters.points.max(axis=0) + 1.1 * pitch
+        if touches.table is not None:
+            lower[2] = touches.table - touches.radius
+        step = max(step, float(np.cbrt(np.prod(upper - lower + 8.0 * step) / _MOST_NODES)))
+        lower, upper = lower - 3.0 * step, upper + 3.0 * step
+        if touches.table is not None:  # the table's plane half way between two layers of nodes
+            lower[2] = touches.table - (np.ceil((touches.table - lower[2]) / step) + 0.5) * step
+        return Grid.around(lower, upper, step)
+
+    def report(self, touches, pitch, grid, clusters, walls, unreachable) -> dict[str, Any]:
+        return {
+            "method": "contact_surface",
+            "seconds": time.perf_counter() - self.begin,
+            "watertight": True,
+            "without": touches.without,
+            "contacts": len(touches.points),
+            "points_used": len(clusters.points),
+            "walls_inferred": len(walls),
+            "pitch": pitch,
+            "step": grid.step,
+            "unreachable_share": float(np.mean(unreachable)),
+            "stages": self.stages,
+        }
+
+
+def _evidence(grid: Grid, touches: Touches, pitch: float) -> Evidence:
+    visited = [touches.centres, touches.visited]
+    if len(touches.visited) == 0:
+        visited.append(_ring(touches, pitch, grid.step))
+    return gather(grid, touches.points, touches.normals, np.vstack(visited), touches.radius)
+
+
+def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
+    """Without a free path: the centre is taken to pass freely one pitch around and above the outermost contacts."""
+    lower, upper = touches.centres.min(axis=0) - pitch, touches.centres.max(axis=0) + pitch
+    x, y = (np.arange(lower[m], upper[m] + step, step) for m in (0, 1))
+    roof = np.stack(np.meshgrid(x, y, [upper[2]], indexing="ij"), axis=-1).reshape(-1, 3)
+    z = touches.lowest if touches.table is not None else lower[2]
+    sides = [np.column_stack([x, np.full(len(x), edge), np.full(len(x), z)]) for edge in (lower[1], upper[1])]
+    sides += [np.column_stack([np.full(len(y), edge), y, np.full(len(y), z)]) for edge in (lower[0], upper[0])]
+    return np.vstack([roof, *sides])
+
+
+def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
+    share = 1.0 / np.sqrt(clusters.weight)
+    return HermiteData(
+        clusters.points,
+        clusters.normals,
+        np.hypot(touches.noise * share, _NOISE_FLOOR),
+        touches.normal_noise * np.hypot(share, 0.3),
+    )
+
+
+def _outer_field(evidence: Evidence, process: HermiteField, touches: Touches, pitch: float) -> np.ndarray:
+    """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
+    grid = evidence.grid
+    near = np.zeros(grid.shape, dtype=np.bool_)
+    mark_near(process.data.points, 0.9 * pitch, grid.origin, grid.step, near)
+    first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
+    near[:, :, :first] = False
+    values = process.values(grid, near)
+    values = np.where(np.isfinite(values), values, evidence.bound)
+    values[:, :, :first] = values[:, :, first : first + 1]  # walls go straight down to the table and through it
+    for axis in range(3):
+        edge = [slice(None)] * 3
+        for end in (0, -1):
+            edge[axis] = end
+            values[tuple(edge)] = np.maximum(values[tuple(edge)], grid.step)
+    return values
+
+
+class _Shrunk:
+    """The surface one sphere radius inside the centres' surface, cut by the table."""
+
+    def __init__(self, hull: TriangleMesh, outer: np.ndarray, grid: Grid, touches: Touches) -> None:
+        self.grid, self.radius = grid, touches.radius
+        self.floor = -np.inf if touches.table is None else touches.table
+        self.vertices, self.faces = hull.vertices, hull.faces
+        self.starts = np.zeros(len(hull.vertices) + 1, dtype=np.int64)
+        self.members = np.empty(hull.faces.size, dtype=np.int64)
+        corner_lists(hull.faces, self.starts, self.members)
+        self.nearest = np.full(grid.shape, -1, dtype=np.int64)
+        reach = touches.radius + 2.0 * grid.step
+        distance = np.full(grid.shape, reach * reach)
+        scatter(hull.vertices, grid.origin, grid.step, reach, distance, self.nearest)
+        self.values = np.empty(grid.shape)
+        erode(
+            self.vertices, self.faces, self.starts, self.members, self.nearest, grid.origin, grid.step, self.radius,
+            grid.step, outer, self.values,
+        )  # fmt: skip
+        if touches.table is not None:
+            heights = grid.origin[2] + grid.step * np.arange(grid.shape[2])
+            np.maximum(self.values, touches.table - heights, out=self.values)
+        self._drop_untouched(touches)
+        self.mesh = contour(self.values, grid, self._crossings)
+
+    def _drop_untouched(self, touches: Touches) -> None:
+        """Islands that no contact lies on come from contradictory data, not from an object."""
+        from scipy.ndimage import label
+
+        parts, count = label(self.values < 0.0)
+        if count <= 1:
+            return
+        near = np.zeros(self.grid.shape, dtype=np.bool_)
+        mark_near(touches.points, 1.8 * self.grid.step, self.grid.origin, self.grid.step, near)
+        touched = np.bincount(parts[near], minlength=count + 1) > 0
+        self.values[~touched[parts] & (parts > 0)] = self.grid.step
+
+    def _crossings(self, edges: np.ndarray, positions: np.ndarray, normals: np.ndarray) -> None:
+        eroded_crossings(
+            self.vertices, self.faces, self.starts, self.members, self.nearest, self.grid.origin, self.grid.step,
+            self.radius, self.floor, self.values, edges, positions, normals,
+        )  # fmt: skip
+
+
+def _judge(body: _Shrunk, hull: TriangleMesh, process: HermiteField, walls: Walls, touches: Touches):
+    """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
+    from scipy.spatial import cKDTree
+
+    vertices = body.mesh.vertices
+    _, foot = cKDTree(hull.vertices).query(vertices)
+    sample = hull.vertices[::_EVERY]
+    deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
+    common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.data.value_sd])
+    _, source = cKDTree(process.data.points).query(hull.vertices)
+    deviation = np.hypot(deviation, common[source])[foot]
+    feet, crowd = np.empty_like(vertices), np.full(len(vertices), np.inf)
+    feet_of(vertices, hull.vertices, hull.faces, body.starts, body.members, foot, feet)
+    crowding(vertices, body.mesh.faces, feet, crowd)
+    # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
+    fillet = crowd < _CROWDED
+    low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
+    unreachable = fillet | low
+    # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
+    hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
+    error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)
+    return TriangleMesh(vertices, body.mesh.faces, error), unreachable

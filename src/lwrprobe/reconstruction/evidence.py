@@ -1,0 +1,200 @@
+"""Where nothing was touched: what must be solid, what must be free, and where the surface runs in between.
+
+Lines leave gaps: the object ends, or a wall stands, somewhere between the last line that touched and the first
+that did not. There the surface is bounded on both sides. Without any other hint it is put half way; but when the
+last line's normals lean towards the gap, how far the surface has dropped since the line before tells whether a sharp
+edge (the sphere rolls over it: an arc of its own radius) or a rounding has begun, and where it will end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.reconstruction.evidence_kernels import (
+    curvature_radii,
+    extrapolate,
+    mark_above,
+    mark_below,
+    mark_near,
+    mark_places,
+    upstream,
+)
+from lwrprobe.reconstruction.grid import Grid
+from lwrprobe.reconstruction.hermite_field import HermiteData
+
+_CURVATURE_NOISE = 2e-4  # m, of the drop between two lines
+_EVIDENCE_FLOOR = 3e-4  # m, no extrapolation is better than this
+_WALL_NORMAL_SD = 0.2  # rad
+
+
+@dataclass(slots=True)
+class Evidence:
+    """Solid and free space around the touches, on a grid.
+
+    Attributes
+    ----------
+    bound : (nx, ny, nz) m, negative where the sphere's centre cannot have been, positive where it could; half way
+        between touched and free at zero
+    solid_place, free_place : (nx, ny, nz, 3) m, the nearest evidence of either kind
+    solid_contact : (nx, ny, nz) the contact that the nearest solid evidence comes from
+    """
+
+    grid: Grid
+    bound: np.ndarray
+    solid_place: np.ndarray
+    free_place: np.ndarray
+    solid_contact: np.ndarray
+
+
+def gather(grid: Grid, points: np.ndarray, normals: np.ndarray, visited: np.ndarray, radius: float) -> Evidence:
+    """Evidence from contacts (n, 3), their normals, and the centres (k, 3) that the sphere visited."""
+    from scipy.ndimage import distance_transform_edt
+
+    solid, free = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, -1, dtype=np.int64)
+    mark_places(visited, grid.origin, grid.step, free)
+    mark_below(points, normals, grid.origin, grid.step, free, solid)
+    mark_above(visited, grid.origin, grid.step, solid, free)
+    nodes = grid.nodes()
+    places = []
+    for marks, source in ((solid, points), (free, visited)):
+        _, at = distance_transform_edt(marks < 0, return_indices=True)
+        at = tuple(at)
+        place = source[np.maximum(marks[at], 0)]
+        place[..., 2] = grid.origin[2] + grid.step * at[2]
+        places.append(place)
+        if marks is solid:
+            contact = marks[at]
+    to_solid, to_free = (np.linalg.norm(nodes - place, axis=-1) for place in places)
+    bound = to_solid - radius - to_free
+    bound[solid >= 0] = -radius
+    return Evidence(grid, bound, places[0], places[1], contact)
+
+
+@dataclass(slots=True)
+class Walls:
+    """Where the surface of the sphere's centres must run although no contact is near.
+
+    Attributes
+    ----------
+    data : Hermite data, its `value_sd` from the width of what is possible
+    """
+
+    data: HermiteData
+
+    def __len__(self) -> int:
+        return len(self.data.points)
+
+
+def find_walls(
+    evidence: Evidence, centres: np.ndarray, normals: np.ndarray, contacts: np.ndarray, settings: WallSettings
+) -> Walls:
+    """Walls between solid and free evidence.
+
+    Parameters
+    ----------
+    centres, normals : (k, 3) of the clustered contacts
+    contacts : (n, 3) centres of the single contacts, as numbered in `evidence`
+    """
+    start, direction, gap, contact = _unsupported(evidence, centres, settings)
+    start, direction, gap, contact = _thin(start, direction, gap, contact, 0.8 * settings.pitch)
+    place, facing = start + 0.5 * gap[:, None] * direction, direction.copy()
+    deviation = gap / np.sqrt(12.0)
+    for rows, arcs in _arcs(direction, centres, normals, settings):
+        for row in rows:
+            _refine(row, arcs, start, direction, gap, contacts[contact[row]], settings, place, facing, deviation)
+    return Walls(HermiteData(place, facing, deviation, np.full(len(place), _WALL_NORMAL_SD)))
+
+
+@dataclass(slots=True, frozen=True)
+class WallSettings:
+    """Line pitch, sphere radius, lowest height of the sphere's centre and noise of a contact point, m."""
+
+    pitch: float
+    radius: float
+    lowest: float
+    noise: float
+
+
+def _unsupported(evidence: Evidence, centres: np.ndarray, settings: WallSettings) -> tuple[np.ndarray, ...]:
+    """Segments from solid to free evidence, through the half-way surface, away from contacts."""
+    grid = evidence.grid
+    supported = np.zeros(grid.shape, dtype=np.bool_)
+    mark_near(centres, 0.7 * settings.pitch, grid.origin, grid.step, supported)
+    wanted = (np.abs(evidence.bound) < grid.step) & ~supported
+    wanted[:, :, : max(0, int(np.ceil((settings.lowest - grid.origin[2]) / grid.step)))] = False
+    node = grid.origin + grid.step * np.argwhere(wanted)
+    solid, free, contact = evidence.solid_place[wanted], evidence.free_place[wanted], evidence.solid_contact[wanted]
+    across, aside = free - solid, node - solid
+    length = np.maximum(np.linalg.norm(across, axis=1), 1e-12)
+    direction = across / length[:, None]
+    straight = np.einsum("ij,ij->i", aside, direction) > 0.9 * np.linalg.norm(aside, axis=1)
+    kept = straight & (length > settings.radius) & (length < 4.0 * settings.pitch)
+    # The outermost of many noisy points lies too far out, by about one and a half deviations.
+    sure = settings.radius - 1.5 * settings.noise
+    start = solid + sure * direction
+    return start[kept], direction[kept], length[kept] - sure, contact[kept]
+
+
+def _thin(start: np.ndarray, direction: np.ndarray, gap: np.ndarray, contact: np.ndarray, size: float):
+    """One segment for each cell of edge `size`: means, and any of the contacts; cells of many directions are left."""
+    if len(start) == 0:
+        return start, direction, gap, contact
+    _, first, cell = np.unique(np.floor(start / size), axis=0, return_index=True, return_inverse=True)
+    cell = cell.ravel()
+    count = np.bincount(cell)
+    means = [
+        np.stack([np.bincount(cell, column) for column in v.T], axis=1) / count[:, None] for v in (start, direction)
+    ]
+    length = np.linalg.norm(means[1], axis=1)
+    kept = length > 0.8
+    unit = means[1][kept] / length[kept, None]
+    return means[0][kept], unit, (np.bincount(cell, gap) / count)[kept], contact[first[kept]]
+
+
+@dataclass(slots=True)
+class _Arcs:
+    """How the clustered contacts' surface bends towards one direction."""
+
+    direction: np.ndarray
+    centres: np.ndarray
+    along: np.ndarray
+    pairs: np.ndarray
+    radii: np.ndarray
+
+
+def _arcs(direction: np.ndarray, centres: np.ndarray, normals: np.ndarray, settings: WallSettings):
+    """Rows of the segments by rounded direction, with the arcs towards it."""
+    if len(direction) == 0:
+        return
+    keys, group = np.unique(np.rint(2.0 * direction), axis=0, return_inverse=True)
+    group = group.ravel()
+    for g, key in enumerate(keys):
+        unit = key / np.linalg.norm(key)
+        along = centres @ unit
+        order = np.argsort(along, kind="stable")
+        pairs, radii = np.empty((len(centres), 9)), np.full((len(centres), 3), np.nan)
+        upstream(centres, normals, along, order, unit, settings.pitch, pairs)
+        curvature_radii(centres, along, order, pairs, settings.pitch, _CURVATURE_NOISE, radii)
+        yield np.flatnonzero(group == g), _Arcs(unit, centres, along, pairs, radii)
+
+
+def _refine(row, arcs, start, direction, gap, contact, settings, place, facing, deviation) -> None:
+    """Weigh the half-way guess of one segment against what the arcs of its line say."""
+    towards = arcs.direction
+    same_line = np.abs((arcs.centres - contact) @ towards) < 0.25 * settings.pitch
+    members = np.flatnonzero(same_line & np.isfinite(arcs.radii[:, 0]))
+    told, scratch = np.empty(5), np.empty((len(members), 3))
+    if not extrapolate(
+        arcs.centres, arcs.pairs, arcs.radii, members, towards, start[row], settings.radius, _EVIDENCE_FLOOR,
+        scratch, told,
+    ):  # fmt: skip
+        return
+    unit = direction[row]
+    prior, seen = 1.0 / deviation[row] ** 2, 1.0 / told[1] ** 2
+    excess = (prior * 0.5 * gap[row] + seen * (told[0] - start[row] @ towards) / (unit @ towards)) / (prior + seen)
+    place[row] = start[row] + np.clip(excess, 0.0, gap[row]) * unit
+    deviation[row] = 1.0 / np.sqrt(prior + seen)
+    mixed = seen * told[2:] + prior * unit
+    facing[row] = mixed / np.linalg.norm(mixed)

@@ -1,0 +1,27 @@
+"""A regular grid of nodes in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(slots=True, frozen=True)
+class Grid:
+    """Node (i, j, k) lies at `origin` + `step` * (i, j, k); `shape` counts the nodes of each axis."""
+
+    origin: np.ndarray
+    step: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def around(cls, lower: np.ndarray, upper: np.ndarray, step: float) -> Grid:
+        """The smallest grid whose nodes reach from `lower` to `upper` (3,) m."""
+        counts = np.ceil((np.asarray(upper) - lower) / step).astype(int) + 1
+        return cls(np.array(lower, dtype=np.float64), step, tuple(int(c) for c in counts))
+
+    def nodes(self) -> np.ndarray:
+        """All nodes, (nx, ny, nz, 3) m."""
+        axes = [self.origin[m] + self.step * np.arange(self.shape[m]) for m in range(3)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -1,0 +1,131 @@
+"""Mesh files by ending: STL (binary, ASCII), PLY with the vertices' errors, OBJ and GLB, through trimesh."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from lwrprobe.contracts import FormatError, InputError, TriangleMesh, UnknownNameError
+
+Encoding = Literal["binary", "ascii"]
+
+WRITERS: dict[str, dict[str, str]] = {
+    ".stl": {"binary": "stl", "ascii": "stl_ascii"},
+    ".ply": {"binary": "ply"},
+    ".obj": {"ascii": "obj"},
+    ".glb": {"binary": "glb"},
+}
+"""trimesh's name of the format, by ending and encoding; the first encoding is the default."""
+
+
+def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None = None) -> Path:
+    """Write a mesh in the format that the ending names; an interrupted write leaves no half file.
+
+    PLY keeps `vertex_error` as the vertex property `vertex_error` [m]; the other formats have no place for it.
+    Raises UnknownNameError for an unknown ending, InputError for an encoding that the format does not have or an
+    empty mesh in a format that cannot hold one.
+    """
+    path = Path(path)
+    encodings = WRITERS[_ending(path)]
+    if encoding is None:
+        encoding = next(iter(encodings))
+    if encoding not in encodings:
+        raise InputError("encoding", encoding, f"{' or '.join(encodings)} for {path.suffix}")
+    kind = encodings[encoding]
+    if len(mesh.faces) == 0 and kind == "obj":
+        raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
+    content = _as_trimesh(mesh).export(file_type=kind)
+    partial = path.with_name(path.name + ".part")
+    partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
+    os.replace(partial, path)
+    return path
+
+
+def read_mesh(path: str | Path) -> TriangleMesh:
+    """Read a mesh; the corners that STL repeats are merged, a scene of several bodies becomes one mesh.
+
+    Raises UnknownNameError for an unknown ending and FormatError, naming the file, for one that is missing,
+    broken, holds no triangles although it is not empty, or points at vertices that are not there.
+    """
+    path = Path(path)
+    ending = _ending(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from error
+    _check_length(path, content, ending)
+    mesh = _load(path, content, ending)
+    _check(path, mesh, ending)
+    return mesh
+
+
+def _ending(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending not in WRITERS:
+        raise UnknownNameError("mesh file ending", ending, WRITERS)
+    return ending
+
+
+def _as_trimesh(mesh: TriangleMesh) -> Any:
+    import trimesh
+
+    attributes = {} if mesh.vertex_error is None else {"vertex_error": mesh.vertex_error.astype(np.float32)}
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_attributes=attributes, process=False)
+
+
+def _load(path: Path, content: bytes, ending: str) -> TriangleMesh:
+    import io
+
+    import trimesh
+
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its tracebacks are ours to turn into one sentence
+    try:
+        # trimesh's loaders answer a broken file with whatever their parsing ran into, so all of it is caught here.
+        with np.errstate(invalid="ignore"):
+            loaded = trimesh.load(io.BytesIO(content), file_type=ending[1:], process=False)
+            if isinstance(loaded, trimesh.Scene):
+                loaded = loaded.to_mesh()
+            if ending == ".stl":
+                loaded.merge_vertices()
+        return TriangleMesh(
+            np.ascontiguousarray(loaded.vertices, dtype=np.float64),
+            np.ascontiguousarray(getattr(loaded, "faces", np.zeros((0, 3))), dtype=np.int64),
+            _vertex_error(loaded),
+        )
+    except Exception as error:
+        raise FormatError(f"{path}: not a readable {ending[1:].upper()} mesh: {error}") from error
+
+
+def _vertex_error(loaded: Any) -> np.ndarray | None:
+    # trimesh hands scalar PLY properties on as the raw table that it read: structured array (binary) or dict (ASCII)
+    table = loaded.metadata.get("_ply_raw", {}).get("vertex", {}).get("data", {})
+    names = table if isinstance(table, dict) else table.dtype.names
+    if "vertex_error" not in names or len(table["vertex_error"]) != len(loaded.vertices):
+        return None
+    return np.asarray(table["vertex_error"], dtype=np.float64).reshape(-1)
+
+
+def _check_length(path: Path, content: bytes, ending: str) -> None:
+    """trimesh takes a truncated STL for a shorter one."""
+    if ending != ".stl":
+        return
+    declared = 84 + 50 * int.from_bytes(content[80:84], "little")
+    if len(content) >= 84 and len(content) == declared:  # many binary files begin with `solid` as well
+        return
+    if content.lstrip()[:5].lower() != b"solid":
+        raise FormatError(f"{path}: {len(content)} bytes; its header needs {max(declared, 84)}")
+    if b"endsolid" not in content[-256:]:
+        raise FormatError(f"{path}: an ASCII STL without its last line, `endsolid`")
+
+
+def _check(path: Path, mesh: TriangleMesh, ending: str) -> None:
+    if len(mesh.faces) == 0 and (len(mesh.vertices) or ending == ".obj"):
+        raise FormatError(f"{path}: holds {len(mesh.vertices)} vertices and no triangles")
+    if not np.isfinite(mesh.vertices).all():
+        raise FormatError(f"{path}: vertex {np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))[0]} is not finite")
+    if len(mesh.faces) and (mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices)):
+        raise FormatError(f"{path}: a face points at vertex {mesh.faces.max()} of {len(mesh.vertices)}")

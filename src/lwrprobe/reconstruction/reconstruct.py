@@ -1,0 +1,44 @@
+"""One call for any reconstructor, and for clouds that come from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, Reconstruction, TouchRecord
+from lwrprobe.contracts.plugins import load
+
+
+def reconstruct(
+    record: TouchRecord,
+    method: str = "contact_surface",
+    progress: Callable[[str, float], None] | None = None,
+    **options: Any,
+) -> Reconstruction:
+    """Reconstruct with the plug-in `method` and its options.
+
+    `progress` is told the stage and its share done by methods that take long; an error that it raises, or a
+    keyboard interrupt, ends the work. Raises UnknownNameError for an unknown method or option, InputError for a
+    record that carries no surface.
+    """
+    from lwrprobe.options import configure
+
+    plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    worker = plugin(configure(plugin.Config, options, f"reconstruction {method}"))
+    if progress is not None and hasattr(worker, "progress"):
+        worker.progress = progress
+    return worker.reconstruct(record)
+
+
+def record_from_cloud(
+    points: np.ndarray,
+    normals: np.ndarray | None = None,
+    *,
+    probe_radius: float | None = None,
+    table: float | None = None,
+    resolution: float = 0.0,
+) -> TouchRecord:
+    """A record from a bare cloud: points (n, 3) m, normals (n, 3) or None; what else is missing stays unknown."""
+    return TouchRecord(points, normals=normals, probe_radius=probe_radius, table=table, resolution=resolution)

@@ -1,0 +1,165 @@
+"""Triangle meshes as bodies of a solid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lwrprobe.contracts import SceneError
+from lwrprobe.scene import program
+from lwrprobe.scene.shape import Mesh
+
+_LEAF = 4  # faces
+
+
+@dataclass(slots=True)
+class MeshBody:
+    """A closed mesh in the world frame with all that the kernels look up; faces are in the order of the tree."""
+
+    part: int
+    vertices: np.ndarray
+    faces: np.ndarray
+    face_normals: np.ndarray
+    edge_normals: np.ndarray
+    vertex_normals: np.ndarray
+    neighbours: np.ndarray
+    ring_starts: np.ndarray
+    rings: np.ndarray
+    boxes: np.ndarray
+    nodes: np.ndarray
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+
+def load_body(shape: Mesh, part: int, frame: np.ndarray) -> MeshBody:
+    """Read a mesh file into a body; raises SceneError when it is no closed, consistently wound mesh."""
+    import trimesh
+
+    name = f"object[{part}].file"
+    if not Path(shape.file).is_file():
+        raise SceneError(name, shape.file, "an existing mesh file")
+    try:
+        mesh = trimesh.load(shape.file, force="mesh")
+        vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as error:
+        raise SceneError(name, shape.file, f"a readable triangle mesh ({type(error).__name__}: {error})") from error
+    if len(faces) == 0:
+        raise SceneError(name, shape.file, "a mesh with at least four triangles")
+    if not mesh.is_watertight:
+        raise SceneError(name, shape.file, "a closed (watertight) mesh")
+    if not mesh.is_winding_consistent:
+        raise SceneError(name, shape.file, "a mesh whose triangles are all wound the same way")
+    if mesh.volume < 0.0:
+        faces = faces[:, ::-1]
+    vertices = shape.scale * vertices @ frame[:3, :3].T + frame[:3, 3]
+    return build_body(vertices, faces, part)
+
+
+def build_body(vertices: np.ndarray, faces: np.ndarray, part: int = 0) -> MeshBody:
+    """A body from vertices (n, 3) and faces (m, 3) of a closed mesh, counter-clockwise seen from outside."""
+    faces, boxes, nodes = box_tree(vertices, faces)
+    normals = _unit(
+        np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    )
+    neighbours = _neighbours(faces)
+    order = np.argsort(faces.ravel(), kind="stable")
+    starts = np.searchsorted(faces.ravel()[order], np.arange(len(vertices) + 1))
+    return MeshBody(
+        part=part,
+        vertices=np.ascontiguousarray(vertices, dtype=np.float64),
+        faces=faces,
+        face_normals=normals,
+        edge_normals=normals[:, None, :] + normals[neighbours],
+        vertex_normals=_vertex_normals(vertices, faces, normals),
+        neighbours=neighbours,
+        ring_starts=starts,
+        rings=order // 3,
+        boxes=boxes,
+        nodes=nodes,
+    )
+
+
+def pack_bodies(numbers: np.ndarray, indices: np.ndarray, bodies: list[MeshBody]) -> tuple[np.ndarray, np.ndarray]:
+    """Append meshes to a packed solid."""
+    all_numbers, all_indices = [numbers], [indices.copy()]
+    places = {"numbers": len(numbers), "indices": len(indices)}
+
+    def put(array: np.ndarray, where: str) -> int:
+        begin = places[where]
+        (all_numbers if where == "numbers" else all_indices).append(array.ravel())
+        places[where] += array.size
+        return begin
+
+    rows = []
+    for body in bodies:
+        row = np.zeros(program.MESH_INDICES, dtype=np.int64)
+        row[program.MESH_PART] = body.part
+        row[program.MESH_CORNERS] = put(body.vertices, "numbers")
+        row[program.MESH_FACES] = put(body.faces, "indices")
+        row[program.MESH_FACE_NORMALS] = put(body.face_normals, "numbers")
+        row[program.MESH_EDGE_NORMALS] = put(body.edge_normals, "numbers")
+        row[program.MESH_VERTEX_NORMALS] = put(body.vertex_normals, "numbers")
+        row[program.MESH_NEIGHBOURS] = put(body.neighbours, "indices")
+        row[program.MESH_RING_STARTS] = put(body.ring_starts, "indices")
+        row[program.MESH_RINGS] = put(body.rings, "indices")
+        row[program.MESH_NODE_BOXES] = put(body.boxes, "numbers")
+        row[program.MESH_NODES] = put(body.nodes, "indices")
+        rows.append(row)
+    header = all_indices[0]
+    header[program.MESHES] = len(bodies)
+    header[program.MESHES + 2] = put(np.array(rows, dtype=np.int64), "indices")
+    return np.concatenate(all_numbers), np.concatenate(all_indices).astype(np.int64)
+
+
+def box_tree(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boxes halved at the median of the longest side; returns the faces in leaf order, node boxes and nodes."""
+    corners = vertices[faces]
+    lower, upper, centre = corners.min(axis=1), corners.max(axis=1), corners.mean(axis=1)
+    order = np.arange(len(faces))
+    boxes: list[np.ndarray] = [np.empty(6)]
+    nodes: list[tuple[int, int]] = [(0, 0)]
+    todo = [(0, 0, len(faces))]
+    while todo:
+        node, begin, end = todo.pop()
+        mine = order[begin:end]
+        boxes[node] = np.concatenate([lower[mine].min(axis=0), upper[mine].max(axis=0)])
+        if end - begin <= _LEAF:
+            nodes[node] = (begin, end - begin)
+            continue
+        axis = np.argmax(np.ptp(centre[mine], axis=0))
+        middle = (end - begin) // 2
+        order[begin:end] = mine[np.argpartition(centre[mine, axis], middle)]
+        nodes[node] = (len(nodes), 0)
+        todo += [(len(nodes), begin, begin + middle), (len(nodes) + 1, begin + middle, end)]
+        nodes += [(0, 0), (0, 0)]
+        boxes += [np.empty(6), np.empty(6)]
+    return np.ascontiguousarray(faces[order]), np.array(boxes), np.array(nodes, dtype=np.int64)
+
+
+def _neighbours(faces: np.ndarray) -> np.ndarray:
+    """(m, 3) face across each edge ab, bc, ca."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    across = np.empty(len(edges), dtype=np.int64)
+    across[order[0::2]], across[order[1::2]] = order[1::2] // 3, order[0::2] // 3
+    return across.reshape(-1, 3)
+
+
+def _vertex_normals(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Sum of the faces' normals around each vertex, weighted by angle."""
+    total = np.zeros_like(vertices, dtype=np.float64)
+    for corner in range(3):
+        here = vertices[faces[:, corner]]
+        a = _unit(vertices[faces[:, (corner + 1) % 3]] - here)
+        b = _unit(vertices[faces[:, (corner + 2) % 3]] - here)
+        angle = np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1.0, 1.0))
+        np.add.at(total, faces[:, corner], angle[:, None] * normals)
+    return total
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

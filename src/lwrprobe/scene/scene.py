@@ -1,0 +1,333 @@
+"""The scene: everything that one exploration depends on, validated, with a documented default for each value."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, model_serializer, model_validator
+
+from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
+from lwrprobe.scene.shape import Shape
+from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+
+
+class ArmTable(Table):
+    """Which arm, where it stands and what it carries."""
+
+    driver: str = "sim"
+    """Driver plug-in of the arm."""
+    robot: str = "lwr4"
+    """Robot model, an entry of the group `lwrprobe.robots`."""
+    base: Pose = Pose(xyz=(-0.6, 0.0, 0.31))
+    """The robot's base frame (LWR 4+: the shoulder) in the world."""
+    tool: Pose = Pose(xyz=(0.0, 0.0, 0.25))
+    """The tip frame (sphere's centre, z along the stick away from the flange) in the robot's last frame."""
+    tip_rpy_deg: Vector3 = (180.0, 0.0, 180.0)
+    """degrees about the world's x, y, z: how the tip is held while exploring; the default points straight down."""
+    start_deg: tuple[float, ...] | None = Field(default=None, strict=False)
+    """Joint angles at the start; left out, the pose above the area's start is solved for."""
+
+
+class ProbeTable(Table):
+    """The probe: sphere, stick, sensor, holder and the gripper's fingers, one behind the other along the tip's z."""
+
+    radius: Length = 0.005
+    """m, of the sphere."""
+    stick_radius: Length = 0.002
+    stick_length: Length = 0.045
+    """m, of the stick's free part, from the sphere's surface to the sensor."""
+    sensor_distance: Length = 0.05
+    """m, from the sensor frame's origin to the sphere's centre."""
+    sensor_radius: Length = 0.0085
+    sensor_length: Length = 0.0145
+    holder_radius: Length = 0.0125
+    holder_length: Length = 0.04
+    fingers: bool = True
+    """Two finger boxes grip the holder from both sides along the tip frame's x."""
+    finger_size: tuple[Length, Length, Length] = Field(default=(0.012, 0.020, 0.070), strict=False)
+    finger_overlap: NonNegative = 0.01
+    """m, length of the holder's upper end that lies between the fingers."""
+    stiffness_lateral: NonNegative = 0.0
+    """N/m of the tip against the sensor across the stick; 0 = rigid."""
+    stiffness_axial: NonNegative = 0.0
+    """N/m along the stick; 0 = rigid."""
+    mass: NonNegative = 0.003
+    """kg of what hangs on the sensor (stick and sphere)."""
+    centre_of_mass: Vector3 = (0.0, 0.0, 0.03)
+    """m, in the sensor frame."""
+    force_range: tuple[Length, Length, Length] = Field(default=(12.0, 12.0, 17.0), strict=False)
+    """N, ends of the sensor's range (ATI nano17e, SI-12-0.12)."""
+    torque_range: tuple[Length, Length, Length] = Field(default=(0.12, 0.12, 0.12), strict=False)
+    """N m"""
+    force_resolution: Length = 1.0 / 320.0
+    """N, one count."""
+    torque_resolution: Length = 1.0 / 64000.0
+    """N m, one count."""
+
+    @model_validator(mode="after")
+    def _stick_fits(self):
+        if self.stick_radius >= self.radius:
+            raise Refusal("stick_radius", self.stick_radius, f"less than the sphere's radius, {self.radius:g}")
+        return self
+
+    def as_probe(self) -> Probe:
+        """The probe as contact estimators, clearance and strategies see it."""
+        lateral, axial = (1.0 / k if k else 0.0 for k in (self.stiffness_lateral, self.stiffness_axial))
+        return Probe(
+            radius=self.radius,
+            sensor_distance=self.sensor_distance,
+            stick_radius=self.stick_radius,
+            compliance=np.array([lateral, lateral, axial]),
+            mass=self.mass,
+            centre_of_mass=np.array(self.centre_of_mass),
+            force_range=np.array(self.force_range),
+            torque_range=np.array(self.torque_range),
+            force_resolution=self.force_resolution,
+            torque_resolution=self.torque_resolution,
+            links=self._links(),
+        )
+
+    def _links(self) -> tuple[LinkShape, ...]:
+        sensor_top = -self.radius - self.stick_length
+        holder_top = sensor_top - self.sensor_length
+        fingers_top = holder_top - self.holder_length + self.finger_overlap
+        links = [
+            LinkShape(
+                "stick", "cylinder", (self.stick_radius, self.stick_length), _behind(-self.radius, self.stick_length)
+            ),
+            LinkShape(
+                "sensor", "cylinder", (self.sensor_radius, self.sensor_length), _behind(sensor_top, self.sensor_length)
+            ),
+            LinkShape(
+                "holder", "cylinder", (self.holder_radius, self.holder_length), _behind(holder_top, self.holder_length)
+            ),
+        ]
+        if self.fingers:
+            aside = self.holder_radius + 0.5 * self.finger_size[0]
+            links += [
+                LinkShape(name, "box", self.finger_size, _behind(fingers_top, self.finger_size[2], x))
+                for name, x in (("finger_left", -aside), ("finger_right", aside))
+            ]
+        return tuple(links)
+
+
+class SensorTable(Table):
+    """Which force/torque sensor, and how fast it samples."""
+
+    driver: str = "sim"
+    """Driver plug-in of the sensor."""
+    rate: float = Field(default=125.0, gt=0, le=10_000)
+    """Hz"""
+
+
+class GroundTable(Table):
+    """The plane that the objects stand on."""
+
+    present: bool = True
+    height: float = 0.0
+    """m, world z of its top at the origin."""
+    tilt_deg: float = Field(default=0.0, ge=0, le=30)
+    """degrees out of level."""
+    tilt_axis: Vector3 = (1.0, 0.0, 0.0)
+    """Horizontal axis it is tilted about, through the origin."""
+    friction: NonNegative = 0.0
+    stiffness: Length = 10_000.0
+    """N/m"""
+    damping: NonNegative = 5.0
+    """N s/m"""
+
+    @model_validator(mode="after")
+    def _axis_is_level(self):
+        if self.tilt_axis[2] != 0.0 or not any(self.tilt_axis):
+            raise Refusal("tilt_axis", self.tilt_axis, "a horizontal direction, not zero")
+        return self
+
+    def normal(self) -> np.ndarray:
+        """(3,) unit, upwards."""
+        axis = np.array(self.tilt_axis) / np.linalg.norm(self.tilt_axis)
+        angle = np.radians(self.tilt_deg)
+        return np.cos(angle) * np.array([0.0, 0.0, 1.0]) + np.sin(angle) * np.cross(axis, [0.0, 0.0, 1.0])
+
+
+class AreaTable(Table):
+    """Where the sphere's centre may go while exploring; the start lies above its first corner."""
+
+    lower: Vector3 = (-0.085, -0.06, 0.006)
+    upper: Vector3 = (0.085, 0.06, 0.09)
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        for axis, low, high in zip("xyz", self.lower, self.upper):
+            if low >= high:
+                raise Refusal(f"lower {axis}", low, f"less than upper {axis}, {high:g}")
+        return self
+
+    def as_area(self) -> Area:
+        """The same for a strategy's task."""
+        return Area(np.array(self.lower), np.array(self.upper))
+
+
+class MotionTable(Table):
+    """Speeds and their derivatives, of the tip."""
+
+    mode: Literal["cartesian", "joint"] = "cartesian"
+    """Straight lines in space, or straight lines in joint space (which bow)."""
+    free_speed: Length = 0.1
+    """m/s where nothing is expected to be touched."""
+    approach_speed: Length = 0.02
+    """m/s where it is."""
+    contour_speed: Length = 0.02
+    """m/s while touching."""
+    acceleration: Length = 4.0
+    """m/s^2"""
+    jerk: Length = 1000.0
+    """m/s^3"""
+    turn_rate: Length = 0.5
+    """rad/s"""
+    turn_acceleration: Length = 3.0
+    """rad/s^2"""
+    turn_jerk: Length = 50.0
+    """rad/s^3"""
+
+    @model_validator(mode="after")
+    def _free_is_fastest(self):
+        for name in ("approach_speed", "contour_speed"):
+            if getattr(self, name) > self.free_speed:
+                raise Refusal(name, getattr(self, name), f"no more than free_speed, {self.free_speed:g}")
+        return self
+
+
+class ContactTable(Table):
+    """How touch is told from noise, and which forces are wanted."""
+
+    estimator: str = "fused"
+    """Contact estimator."""
+    deflection: bool = True
+    """The sphere is where the bent stick holds it, not where the joints alone say."""
+    threshold: Length = 0.2
+    """N, above it a touch is declared."""
+    target: Length = 0.8
+    """N, wanted while contouring."""
+    limit: Length = 3.0
+    """N, never to be exceeded; above it the tip yields whatever the strategy asks for."""
+    delay: NonNegative | None = None
+    """s, total reaction delay of the loop; left out, it is put together from sensor, cycle and jerk."""
+    stiffness: Length = 10_000.0
+    """N/m, of object and arm as far as known beforehand, else an upper bound; the stick's is the probe's own."""
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if not self.threshold < self.target < self.limit:
+            forces = (self.threshold, self.target, self.limit)
+            raise Refusal("threshold, target, limit", forces, "threshold < target < limit")
+        return self
+
+
+class MapTable(Table):
+    """The voxel map of what was touched."""
+
+    resolution: float = Field(default=0.002, ge=1e-5, le=0.1)
+    """m, edge of the smallest voxel."""
+
+
+class ClearanceTable(Table):
+    """The watch over the distance between robot links and map."""
+
+    enabled: bool | Literal["auto"] = "auto"
+    """`auto` leaves it out where no link can come near anything."""
+    threshold: Length = 0.003
+    """m, below it a collision threatens: for everything behind the stick."""
+    stick_threshold: Length = 0.0005
+    """m, the same for the stick, which is this near by design and whose touch is felt."""
+    links: Literal["probe", "arm"] = "probe"
+    """Watch the probe's shapes, or the wrist's and forearm's too."""
+
+
+class ChoiceTable(Table):
+    """A plug-in's name and, beside it in the same table, the plug-in's own options."""
+
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        own = {key: value for key, value in given.items() if key in cls.model_fields}
+        rest = {key: value for key, value in given.items() if key not in cls.model_fields}
+        return {**own, "options": {**own.get("options", {}), **rest}} if rest else own
+
+    @model_serializer(mode="wrap")
+    def _spread(self, handler) -> dict[str, Any]:
+        plain = handler(self)
+        return {**{k: v for k, v in plain.items() if k != "options"}, **plain.get("options", {})}
+
+
+class StrategyTable(ChoiceTable):
+    """The exploration strategy; all further keys of the table are its own options, checked by the plug-in."""
+
+    name: str = "grid_version"
+
+
+class ReconstructionTable(ChoiceTable):
+    """How the contacts become a mesh; all further keys of the table are the method's own options."""
+
+    method: str = "convex_hull"
+
+
+class RunTable(Table):
+    """Limits of the whole run."""
+
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    """Of everything random."""
+    time_limit: Length = 7200.0
+    """s of the robot's time, then the run ends early with its data kept."""
+
+
+class Scene(Table):
+    """A whole exploration. World frame: z up, origin on the table under the object's middle, lines along y."""
+
+    name: str = ""
+    """The file's stem when left out."""
+    title: str = ""
+    arm: ArmTable = ArmTable()
+    probe: ProbeTable = ProbeTable()
+    sensor: SensorTable = SensorTable()
+    drivers: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Tables `[drivers.<name>]`: each driver plug-in's own options, checked by the plug-in."""
+    objects: tuple[Shape, ...] = Field(default=(), alias="object", strict=False)
+    """Tables `[[object]]`: what is to be found."""
+    table: GroundTable = GroundTable()
+    area: AreaTable = AreaTable()
+    motion: MotionTable = MotionTable()
+    contact: ContactTable = ContactTable()
+    map: MapTable = MapTable()
+    clearance: ClearanceTable = ClearanceTable()
+    strategy: StrategyTable = StrategyTable()
+    reconstruction: ReconstructionTable = ReconstructionTable()
+    run: RunTable = RunTable()
+
+    @model_validator(mode="after")
+    def _table_is_out_of_reach(self):
+        lowest = self.table.height + self.probe.radius
+        if self.table.present and not self.table.tilt_deg and self.area.lower[2] < lowest:
+            height = self.area.lower[2]
+            raise Refusal("area.lower z", height, f"at least table.height + probe.radius, {lowest:g}")
+        return self
+
+    def solid(self):
+        """All objects, without the table, as one `Solid` with exact geometry; raises SceneError naming the object."""
+        from lwrprobe.scene.solid import Solid
+
+        try:
+            return Solid.from_shapes(self.objects)
+        except SceneError as error:
+            raise SceneError(f"{self.name}: {error.field}", error.value, error.allowed) from error
+
+
+def _behind(top: float, length: float, x: float = 0.0) -> np.ndarray:
+    """Pose of a body that reaches from z = `top` by `length` towards the flange."""
+    pose = np.eye(4)
+    pose[:3, 3] = x, 0.0, top - 0.5 * length
+    return pose

@@ -1,0 +1,231 @@
+"""Reading and writing scene files (TOML), with errors that name file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from lwrprobe.contracts import SceneError, UnknownNameError
+from lwrprobe.scene import library
+from lwrprobe.scene.scene import Scene
+from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
+from lwrprobe.scene.table import Refusal
+
+Overrides = Mapping[str, str] | Iterable[str]
+
+_SHAPE_MODELS = {model.model_fields["shape"].annotation.__args__[0]: model for model in get_args(get_args(Shape)[0])}
+
+
+def load_scene(name_or_path: str | Path, overrides: Overrides = ()) -> Scene:
+    """A scene by built-in name or file, with `key=value` overrides on top.
+
+    A key is dotted (`probe.radius`, `object.0.friction`), a value is written as in TOML; a bare word counts as
+    text. Relative mesh files are resolved against the scene file's folder. Raises SceneError for whatever is wrong
+    with the content and UnknownNameError for a name that is neither built in nor a file.
+    """
+    path = _locate(name_or_path)
+    content = _parse(path)
+    for key, value in _pairs(overrides):
+        _override(content, key, value)
+    content.setdefault("name", path.stem)
+    _resolve_meshes(content.get("object"), path, "object")
+    return _validate(content, path.name)
+
+
+def write_scene(scene: Scene, path: str | Path) -> None:
+    """Write the scene with every value spelled out; loading it again gives an equal scene."""
+    import tomli_w
+
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for shape in content["object"]:
+        _drop_inner_material(shape)
+    Path(path).write_bytes(tomli_w.dumps(content).encode())
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the scene file, for editors."""
+    schema = Scene.model_json_schema(by_alias=True)
+    for choice in ("StrategyTable", "ReconstructionTable"):
+        schema["$defs"][choice]["additionalProperties"] = True
+        schema["$defs"][choice]["properties"].pop("options")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _locate(name_or_path: str | Path) -> Path:
+    given = str(name_or_path)
+    if given in library.scene_names():
+        return library.scene_path(given)
+    path = Path(given)
+    if path.is_file():
+        return path
+    if path.suffix or len(path.parts) > 1:
+        raise SceneError("scene", given, "an existing scene file (.toml) or a built-in name")
+    raise UnknownNameError("scene", given, library.scene_names())
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(str(path), str(error), "a text file in TOML") from error
+
+
+def _pairs(overrides: Overrides) -> list[tuple[str, str]]:
+    if isinstance(overrides, Mapping):
+        return [(str(key), str(value)) for key, value in overrides.items()]
+    pairs = []
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise SceneError("override", text, "key=value, such as probe.radius=0.004")
+        pairs.append((key.strip(), value.strip()))
+    return pairs
+
+
+def _override(content: dict[str, Any], key: str, text: str) -> None:
+    *way, last = key.split(".")
+    place: Any = content
+    for step in way:
+        place = place[_index(place, step, key)] if isinstance(place, list) else place.setdefault(step, {})
+        if not isinstance(place, dict | list):
+            raise SceneError(f"override {key}", text, f"a key inside a table; {step!r} is a single value")
+    if isinstance(place, list):
+        last = _index(place, last, key)
+    place[last] = _toml_value(text)
+
+
+def _index(items: list, step: str, key: str) -> int:
+    if not step.isdigit() or int(step) >= len(items):
+        raise SceneError(f"override {key}", step, f"an index below {len(items)}")
+    return int(step)
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text
+
+
+def _resolve_meshes(shapes: Any, path: Path, key: str) -> None:
+    """Make mesh files absolute; what is no list of tables is left for the validator to refuse."""
+    for n, shape in enumerate(shapes if isinstance(shapes, list) else []):
+        if not isinstance(shape, dict):
+            continue
+        file = shape.get("file")
+        if shape.get("shape") == "mesh" and isinstance(file, str) and file:
+            shape["file"] = str((path.parent / file).resolve())
+            if not Path(shape["file"]).is_file():
+                raise SceneError(f"{path.name}: {key}[{n}].file", file, "an existing mesh file")
+        _resolve_meshes(shape.get("children"), path, f"{key}[{n}].children")
+
+
+def _drop_inner_material(shape: dict[str, Any]) -> None:
+    for child in shape.get("children", ()):
+        for key in MATERIAL:
+            child.pop(key, None)
+        _drop_inner_material(child)
+
+
+def _validate(content: dict[str, Any], file: str) -> Scene:
+    try:
+        return Scene.model_validate(content)
+    except ValidationError as error:
+        raise _scene_error(error, file) from None
+
+
+def _scene_error(error: ValidationError, file: str) -> SceneError:
+    """The first thing that is wrong, in the words of the file."""
+    first = error.errors(include_url=False)[0]
+    key, value, allowed = _key(first["loc"]), first["input"], _allowed(first)
+    refusal = first.get("ctx", {}).get("error")
+    if isinstance(refusal, Refusal):
+        key, value, allowed = f"{key}.{refusal.key}" if key else refusal.key, refusal.value, refusal.allowed
+    elif first["type"] == "missing" and isinstance(first["loc"][-1], str):
+        value = "nothing"
+    others = len({_key(one["loc"]) for one in error.errors()}) - 1
+    if others:
+        allowed += f" (and {others} more wrong in this file)"
+    return SceneError(f"{file}: {key}", value, allowed)
+
+
+def _key(location: tuple) -> str:
+    """`object[0].children[1].size`, without the tags that the validator puts between."""
+    text = ""
+    for i, step in enumerate(location):
+        if isinstance(step, int):
+            text += f"[{step}]"
+        elif not _is_tag(location, i):
+            text += f".{step}" if text else step
+    return text
+
+
+def _is_tag(location: tuple, i: int) -> bool:
+    """Whether a step names the kind of a value and no key: a shape behind an index, a branch of `true | "auto"`."""
+    step = location[i]
+    return (step in SHAPES and i > 0 and isinstance(location[i - 1], int)) or step in ("bool", "literal['auto']")
+
+
+_TYPES = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "finite_number": "a finite number",
+}
+
+
+def _allowed(first: Mapping[str, Any]) -> str:
+    kind, context, location = first["type"], first.get("ctx", {}), first["loc"]
+    if kind == "extra_forbidden":
+        return _known_keys(location)
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        tag = context.get("tag") or (first["input"].get("shape") if isinstance(first["input"], dict) else None)
+        return f"shape = one of {', '.join(SHAPES)}{_near(tag, SHAPES)}"
+    if kind == "value_error":
+        return str(context["error"])
+    if location == ("object",):
+        return "tables headed [[object]], in double brackets"
+    if location[-1] == "bool":
+        return "true, false or 'auto'"
+    if kind == "missing":
+        return "the missing number" if isinstance(location[-1], int) else "a value; the key is missing"
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        return f"{'at least' if kind == 'too_short' else 'at most'} {bound} items, not {context['actual_length']}"
+    text = first["msg"][:1].lower() + first["msg"][1:]
+    return _TYPES.get(kind, text.replace("input should be ", ""))
+
+
+def _known_keys(location: tuple) -> str:
+    """Names of the keys at the place of an unknown one, with the nearest."""
+    model: Any = Scene
+    for i, step in enumerate(location[:-1]):
+        if _is_tag(location, i):
+            model = _SHAPE_MODELS.get(step, model)
+        elif isinstance(step, str):
+            model = _field_model(model, step)
+    keys = sorted(field.alias or name for name, field in model.model_fields.items())
+    return f"one of the keys {', '.join(keys)}{_near(location[-1], keys)}"
+
+
+def _field_model(model: Any, step: str) -> Any:
+    field = next(f for name, f in model.model_fields.items() if step in (name, f.alias))
+    inner = field.annotation
+    for candidate in (inner, *get_args(inner)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return model
+
+
+def _near(given: Any, known: Iterable[str]) -> str:
+    near = get_close_matches(str(given), list(known), n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""

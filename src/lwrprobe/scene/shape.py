@@ -1,0 +1,147 @@
+"""Shapes of a scene file: primitives, smooth blends, meshes, and what union, difference, intersection make of them.
+
+Every shape stands in its own frame, centred on the frame's origin unless said otherwise, and is put into the
+frame of its parent by `at`. Lengths in metres.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+
+MATERIAL = ("name", "friction", "stiffness", "damping", "movable", "mass")
+"""Fields that belong to a whole object, never to a child of one."""
+
+
+class ShapeTable(Table):
+    """What all shapes share; the material counts on the outermost shape, the object, alone."""
+
+    at: Pose = Pose()
+    name: str = ""
+    friction: NonNegative = 0.0
+    """Coulomb coefficient between object and sphere."""
+    stiffness: Length = 10_000.0
+    """N/m, normal contact stiffness against the sphere."""
+    damping: NonNegative = 5.0
+    """N s/m, normal contact damping."""
+    movable: bool = False
+    """The object may slide on the table when it is pushed."""
+    mass: Length = 0.5
+    """kg, of a movable object."""
+
+
+class Box(ShapeTable):
+    """A cuboid; `size` is its full edges along x, y, z."""
+
+    shape: Literal["box"]
+    size: tuple[Length, Length, Length] = Field(strict=False)
+
+
+class Cylinder(ShapeTable):
+    """A circular cylinder with flat ends; its axis is z."""
+
+    shape: Literal["cylinder"]
+    radius: Length
+    length: Length
+
+
+class Sphere(ShapeTable):
+    """A ball."""
+
+    shape: Literal["sphere"]
+    radius: Length
+
+
+class Capsule(ShapeTable):
+    """A cylinder along z with round ends; `length` is that of the axis, without the caps."""
+
+    shape: Literal["capsule"]
+    radius: Length
+    length: Length
+
+
+class HalfSpace(ShapeTable):
+    """All points with z <= 0 in its own frame; only of use inside an intersection or a difference."""
+
+    shape: Literal["half_space"]
+
+
+class Ball(Table):
+    """One ball of a blend."""
+
+    centre: Vector3
+    radius: Length
+
+
+class Blend(ShapeTable):
+    """A smooth body: balls that melt into one another, and dents pressed into them.
+
+    With d_i the signed distance to ball i and k the smoothing length, the body is the set where
+    s(p) = -k log sum exp(-d_i/k) is negative; each dent b turns s into k log(exp(s/k) + exp(-d_b/k)).
+    """
+
+    shape: Literal["blend"]
+    balls: tuple[Ball, ...] = Field(strict=False, min_length=1)
+    dents: tuple[Ball, ...] = Field(default=(), strict=False)
+    smoothing: Length = 0.004
+
+
+class Mesh(ShapeTable):
+    """A closed triangle mesh from a file; a relative path starts at the scene file's folder."""
+
+    shape: Literal["mesh"]
+    file: str = Field(min_length=1)
+    scale: Length = 1.0
+
+
+class Union(ShapeTable):
+    """All that belongs to at least one child."""
+
+    shape: Literal["union"]
+    children: tuple[Shape, ...] = Field(strict=False, min_length=1)
+
+    _bare = model_validator(mode="after")(lambda self: refuse_material(self))
+
+
+class Intersection(ShapeTable):
+    """What belongs to every child."""
+
+    shape: Literal["intersection"]
+    children: tuple[Shape, ...] = Field(strict=False, min_length=2)
+
+    _bare = model_validator(mode="after")(lambda self: refuse_material(self))
+
+
+class Difference(ShapeTable):
+    """The first child without all the others."""
+
+    shape: Literal["difference"]
+    children: tuple[Shape, ...] = Field(strict=False, min_length=2)
+
+    _bare = model_validator(mode="after")(lambda self: refuse_material(self))
+
+
+Shape = Annotated[
+    Box | Cylinder | Sphere | Capsule | HalfSpace | Blend | Mesh | Union | Intersection | Difference,
+    Field(discriminator="shape"),
+]
+
+SHAPES = ("blend", "box", "capsule", "cylinder", "difference", "half_space", "intersection", "mesh", "sphere", "union")
+
+
+def refuse_material(composite: Union | Intersection | Difference):
+    """A material on a child would silently count for nothing."""
+    for n, child in enumerate(composite.children):
+        for key in sorted(child.model_fields_set.intersection(MATERIAL)):
+            allowed = f"{key} on the outermost shape only, not on a child"
+            raise Refusal(f"children[{n}].{key}", getattr(child, key), allowed)
+        if child.shape == "mesh" and composite.shape != "union":
+            raise Refusal(f"children[{n}].shape", "mesh", f"no mesh inside of a {composite.shape}, only of a union")
+    return composite
+
+
+for _composite in (Union, Intersection, Difference):
+    _composite.model_rebuild()

@@ -1,0 +1,343 @@
+"""Jerk-limited motion of the tip: position and orientation together, re-planned at any tick."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+from math import inf, isfinite
+
+import numpy as np
+
+from lwrprobe.contracts import InputError, as_pose
+from lwrprobe.trajectory import cartesian_kernels as k
+from lwrprobe.trajectory.limits import CartesianLimits, as_cycle
+from lwrprobe.trajectory.planner import ALONE, SAME_TIME, TOGETHER, TRIES, Planner
+from lwrprobe.trajectory.profile_kernels import (
+    BRAKES,
+    FACTS,
+    LINES,
+    natural_units,
+)
+from lwrprobe.trajectory.status import TrajectoryStatus as Status
+
+REFRESH = 10
+"""Cycles between the plans of a bent move, at least."""
+
+
+class CartesianTrajectory:
+    """Online generator of the tip's pose.
+
+    From rest to a goal the tip moves on the straight line while the orientation turns about one axis (slerp), both
+    phase-synchronised. When the goal changes in motion, the part of the motion across the new way dies out as fast
+    as its share of the limits allows, then the rest is straight; a motion that does not fit the new way at all (a
+    sharp turn at full speed) is slowed first. All limits hold on Euclidean norms at every instant. Nothing in `step`
+    raises; where the planner fails the tip stops, jerk-limited.
+
+    Parameters
+    ----------
+    cycle : s, 1e-4 .. 0.02
+    limits : of the tip
+
+    Attributes
+    ----------
+    pose : (4, 4) world frame, now
+    velocity, acceleration : (3,) m/s, m/s^2
+    angular_velocity, angular_acceleration : (3,) rad/s, rad/s^2, world frame
+    arrived : the last goal is reached and the tip rests, pose equal to the goal
+    status : `TrajectoryStatus`
+    failures : plans that the planner refused so far
+
+    The arrays are the generator's own and change with every step.
+    """
+
+    def __init__(self, cycle: float, limits: CartesianLimits) -> None:
+        if not isinstance(limits, CartesianLimits):
+            raise InputError("limits", limits, "CartesianLimits")
+        self.cycle = as_cycle(cycle)
+        self.limits = limits
+        self._planners = _planners()
+        self._state, self._scout = np.zeros((2, k.STATE_SIZE))
+        self._aim, self._halt, self._given = np.zeros((3, k.AIM_SIZE))
+        self._aim[k.AIM_LIMITS :] = self._halt[k.AIM_LIMITS :] = astuple(limits)
+        self._raw = np.zeros((4, 4))
+        self._asked = (limits.speed, limits.turn_rate)
+        self._time = 0.0
+        self._plan, self._spare = np.zeros((2, k.PLAN_SIZE))
+        self._request, self._facts = np.zeros((LINES, 6)), np.zeros(FACTS)
+        self._handed, self._nothing = np.zeros((7, 6)), np.zeros(0)
+        self.pose = self._state[:16].reshape(4, 4)
+        motion = self._state[k.STATE_MOTION : k.STATE_SCRATCH].reshape(4, 3)
+        self.velocity, self.acceleration, self.angular_velocity, self.angular_acceleration = motion
+        self.failures = 0
+        self._use_kernels()
+        self.reset(np.eye(4))
+
+    def reset(self, pose: object) -> None:
+        """Rest at a pose (4, 4) or SE3, now; raises InputError."""
+        self._accept(pose)
+        self._aim[:16] = self._given[:16]
+        self._factor = 1.0
+        self._asked_for = None
+        self._asked = (self.limits.speed, self.limits.turn_rate)
+        self._rest(at_goal=True)
+
+    def set_goal(self, pose: object, speed: float, turn_rate: float | None = None) -> int:
+        """Go to a pose and rest there; speed [m/s] and turn_rate [rad/s] are bounds, None = the limit.
+
+        Returns the status. Raises InputError for a pose that is no rigid motion, or a bound that is not positive.
+        """
+        self._accept(pose)
+        turn_rate = self.limits.turn_rate if turn_rate is None else turn_rate
+        if not (0.0 < speed < inf and 0.0 < turn_rate < inf):
+            raise InputError("speed, turn_rate", (speed, turn_rate), "positive finite numbers")
+        if not self._is_new(k.TO_GOAL, speed, turn_rate):
+            return self.status
+        self._aim[:16] = self._given[:16]
+        self._asked = (min(speed, self.limits.speed), min(turn_rate, self.limits.turn_rate))
+        self._mode, self._hold = k.TO_GOAL, inf
+        return self._begin()
+
+    def set_feed(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
+        """Keep the tip at a velocity (3,) m/s; stop by itself `hold_seconds` after the last call.
+
+        `pose` gives an orientation to hold or turn to meanwhile, None comes to rest in orientation. A velocity
+        above the limit is shortened to it. Returns the status; raises InputError.
+        """
+        velocity = np.array(velocity, dtype=np.float64)
+        if velocity.shape != (3,) or not isfinite(velocity[0] + velocity[1] + velocity[2]):
+            raise InputError("velocity", velocity.tolist(), "three finite numbers")
+        if not hold_seconds > 0.0:
+            raise InputError("hold_seconds", hold_seconds, "a positive number")
+        if pose is not None:
+            self._accept(pose)
+        mode = k.FEED if pose is None else k.FEED_AND_TURN
+        if not self._is_new(mode, *velocity.tolist()):
+            self._hold = self._time + hold_seconds
+            self._event = min(self._event, self._hold)
+            return self.status
+        if pose is not None:
+            self._aim[:16] = self._given[:16]
+        size = float(velocity @ velocity) ** 0.5
+        self._wanted = velocity * min(1.0, self.limits.speed / size) if size > 0.0 else velocity
+        self._asked = (min(size, self.limits.speed) or self.limits.speed, self.limits.turn_rate)
+        self._mode, self._hold = mode, hold_seconds
+        return self._begin()
+
+    def stop(self) -> int:
+        """Come to rest as fast as the limits allow; returns the status."""
+        if self._resting:
+            return self.status
+        self._give_up()
+        return self._begin()
+
+    def scale(self, factor: float) -> int:
+        """Bring the speeds of this and later motions to `factor` (0 .. 1] of those asked for, inside the limits."""
+        if not 0.0 < factor <= 1.0:
+            raise InputError("factor", factor, "a number above 0, up to 1")
+        if factor == self._factor:
+            return self.status
+        self._factor = factor
+        return self.status if self._resting else self._begin()
+
+    @property
+    def factor(self) -> float:
+        """What the speeds asked for are scaled by."""
+        return self._factor
+
+    @property
+    def resting(self) -> bool:
+        """Nothing moves."""
+        return self._resting
+
+    @property
+    def stopping_time(self) -> float:
+        """s that a stop from the speeds asked for takes at most, in position or orientation."""
+        limits = self.limits
+        return max(
+            float(k.ramp_time(self._asked[0], limits.acceleration, limits.jerk)),
+            float(k.ramp_time(self._asked[1], limits.turn_acceleration, limits.turn_jerk)),
+        )
+
+    def preview(self, seconds: float, poses: np.ndarray, pace: np.ndarray) -> None:
+        """Write the poses (m, 4, 4) of the present plan at m even steps from now to `seconds` ahead.
+
+        `pace` (m,) gets the speed or turning rate there over the one asked for, the larger of both. Where the plan
+        is yet to be made anew (after a bend or a brake) it shows what the present one would do.
+        """
+        k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, pace)
+
+    @property
+    def remaining(self) -> float:
+        """s from now to the end of the present plan, 0 at rest."""
+        return max(self._duration - self._time, 0.0)
+
+    def step(self, elapsed: float | None = None) -> int:
+        """Advance by one cycle, or by `elapsed` s (where the clock is irregular); returns the status.
+
+        No time passes for an `elapsed` that is negative or no number.
+        """
+        if self._resting:
+            return self.status
+        if elapsed is None:
+            self._time += self.cycle
+        elif 0.0 <= elapsed < inf:
+            self._time += elapsed
+        k.advance(self._plan, self._time, self._state)
+        return self.status if self._time < self._event else self._act()
+
+    def _is_new(self, mode: int, *numbers: float) -> bool:
+        """Whether this aim, with the pose in `_given` where the mode has one, differs from the last one asked for."""
+        asked_for = (mode, *numbers, b"" if mode == k.FEED else self._given[:16].tobytes())
+        new = asked_for != self._asked_for
+        self._asked_for = asked_for
+        return new
+
+    def _begin(self) -> int:
+        """A new aim: bring speeds and factor into it and plan."""
+        aim, factor = self._aim, self._factor
+        if self._mode == k.TO_GOAL:
+            aim[k.AIM_LIMITS] = self._asked[0] * factor
+        else:
+            aim[k.AIM_LIMITS] = self.limits.speed
+            aim[k.AIM_VELOCITY : k.AIM_LIMITS] = self._wanted * factor
+        aim[k.AIM_LIMITS + 3] = self._asked[1] * factor
+        self._tries = 0
+        self.arrived = self._resting = False
+        self._replan()
+        return self.status
+
+    def _act(self) -> int:
+        """What happens besides going on: the end of the plan, of a feed, of a bend, or another try."""
+        if self._time >= self._hold:
+            self._give_up()
+            return self._begin()
+        if self._braking or self._time < self._duration:
+            self._replan()
+        elif self._mode == k.TO_GOAL or self._stops:
+            self._rest(at_goal=self._mode == k.TO_GOAL)
+        else:
+            self._event = self._hold
+        return self.status
+
+    def _replan(self) -> None:
+        kind = self._solve(self._aim, self._mode)
+        if kind == k.SETTLED and self._mode == k.TO_GOAL:
+            self._rest(at_goal=True)
+        elif kind != k.UNFIT:
+            self._adopt(braking=False)
+        elif not self._braking or self._time >= self._duration:
+            self._brake()
+
+    def _brake(self) -> None:
+        """Slow down: by the planner where it can, in closed form where it cannot."""
+        if self._solve(self._halt, k.FEED) == k.UNFIT:
+            k.brake(self._state, self._halt, self._plan, self._spare, self._facts)
+        self._adopt(braking=True)
+
+    def _solve(self, aim: np.ndarray, mode: int) -> int:
+        """A plan into the spare array; returns its kind, UNFIT where the motion does not fit or the planner fails."""
+        request, facts = self._request, self._facts
+        kind = k.prepare(self._state, aim, mode, self._spare, request, facts, self._handed)
+        if kind == k.UNFIT:
+            return kind
+        if kind == k.SETTLED:
+            k.load_tip(self._spare, request, facts, self._nothing)
+            return kind
+        together, alone = self._planners[mode][kind]
+        if self._ask(together):
+            return kind
+        natural_units(request)
+        k.hand_over(request, facts, self._handed)
+        if self._ask(alone):
+            return kind
+        self.failures += 1
+        self._tries += 1
+        if self._tries == TRIES:
+            self._give_up()
+        return k.UNFIT
+
+    def _ask(self, planner: Planner) -> bool:
+        solved = planner.solve(self._handed, self._facts[BRAKES] != 0.0)
+        return solved and k.load_tip(self._spare, self._request, self._facts, planner.pieces)
+
+    def _adopt(self, braking: bool) -> None:
+        """Follow the spare plan from now on."""
+        self._plan, self._spare = self._spare, self._plan
+        self._hold -= self._time
+        self._time = 0.0
+        self._braking = braking
+        too_fast, _, self._duration, bend, fast = self._facts.tolist()
+        event = min(self._hold, self._duration)
+        if bend > 0.0:  # what is left of the bend leaves ever more of the limits to the way along
+            event = min(event, max(0.25 * bend, min(bend, REFRESH * self.cycle)))
+        if fast > 0.0:
+            event = min(event, fast)
+        self._event = 0.0 if braking else event
+        self.status = self._describe(too_fast != 0.0)
+
+    def _describe(self, too_fast: bool) -> int:
+        if self._tries >= TRIES:
+            return Status.RESCUED
+        if self._stops:
+            return Status.STOPPING
+        if too_fast:
+            return Status.TOO_FAST
+        if self._braking:
+            return Status.YIELDING
+        return Status.MOVING if self._mode == k.TO_GOAL else Status.FEEDING
+
+    @property
+    def _stops(self) -> bool:
+        return self._mode == k.FEED and not self._wanted.any()
+
+    def _give_up(self) -> None:
+        """The aim is to stop."""
+        self._asked_for = None
+        self._wanted = np.zeros(3)
+        self._mode, self._hold = k.FEED, inf
+        self._aim[k.AIM_VELOCITY :] = self._halt[k.AIM_VELOCITY :]
+
+    def _rest(self, at_goal: bool) -> None:
+        k.rest_at(self._state, self._aim, at_goal)
+        rescued = not at_goal and self._tries >= TRIES
+        self.status = Status.RESCUED if rescued else Status.RESTING
+        self._resting, self._braking, self.arrived = True, False, at_goal
+        self._time = self._duration = self._event = 0.0
+        self._mode, self._hold, self._wanted = k.TO_GOAL, inf, np.zeros(3)
+        self._tries = 0
+
+    def _use_kernels(self) -> None:
+        """Call every kernel once, so that none is compiled or fetched from the cache while the arm moves."""
+        request, facts, handed = self._request, self._facts, self._handed
+        self._accept(np.eye(4))
+        k.prepare(self._state, self._halt, k.FEED, self._spare, request, facts, handed)
+        natural_units(request)
+        k.hand_over(request, facts, handed)
+        k.load_tip(self._spare, request, facts, self._nothing)
+        k.brake(self._state, self._halt, self._plan, self._spare, facts)
+        k.advance(self._spare, 0.0, self._scout)
+        self.preview(self.stopping_time, np.empty((2, 4, 4)), np.empty(2))
+
+    def _accept(self, pose: object) -> None:
+        """Validated pose into `_given`; the fast check first, the exact words only when it fails."""
+        raw = self._raw  # one array for all: another memory layout would mean another compilation
+        if isinstance(pose, np.ndarray) and pose.shape == (4, 4) and pose.dtype == np.float64:
+            raw[:] = pose
+            if k.accept_pose(raw, self._given):
+                return
+        raw[:] = as_pose(pose)
+        if not k.accept_pose(raw, self._given):
+            raise InputError("pose", raw.tolist(), f"coordinates up to {k.FARTHEST:g} m")
+
+
+def _planners() -> list[list[tuple[Planner, Planner]]]:
+    """The planner to ask by mode and kind of request, and the one to ask when it fails.
+
+    Straight moves are phase-synchronised, bent ones end in time. Ruckig cannot always do that for moves of a few
+    micrometres or less; then each axis ends when it does.
+    """
+    alone = Planner([ALONE] * 6, [False] * 6)
+    straight = (Planner([TOGETHER] * 6, [False] * 6), alone)
+    bent = (Planner([SAME_TIME, ALONE, ALONE] * 2, [False] * 6), alone)
+    feed = (Planner([ALONE] * 6, [True] * 6),) * 2
+    feed_and_turn = (Planner([ALONE] * 6, [True] * 3 + [False] * 3),) * 2
+    return [[straight, straight, bent], [feed] * 3, [feed_and_turn] * 3]

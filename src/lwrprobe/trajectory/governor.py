@@ -1,0 +1,101 @@
+"""Slow the tip in time where the joints would have to be too fast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+
+from lwrprobe.contracts import InputError
+from lwrprobe.trajectory.cartesian import CartesianTrajectory
+
+
+class SpeedGovernor:
+    """Keeps the joints below their speed limits by scaling the tip's speed, inside the tip's own limits.
+
+    The plan is looked at ahead for as long as the tip needs to stop: inverse kinematics of a few poses on it gives
+    the largest share of a joint speed limit that the plan will ask for and where. At one place that share is
+    proportional to the tip's speed, so that the speed which brings it back into the band follows at once.
+
+    Parameters
+    ----------
+    trajectory : the generator whose speed is scaled
+    track : (pose (4, 4), q_seed (n,), q_out (n,)) -> status, 0 = solved; as `IKSolver.track`
+    speed : (n,) rad/s, joint limits
+    every : cycles from one look to the next
+    samples : poses a look, the present one counted
+    highest : share above which the tip slows down
+    lowest : share below which it speeds up again, if it had been slowed
+    slowest : factor below which the speed is never scaled, so that the tip leaves the place
+
+    Attributes
+    ----------
+    use : largest share ahead at the last look
+    blocked_in : s from the last look to the first pose on the plan without solution, inf where there is none
+    """
+
+    def __init__(
+        self,
+        trajectory: CartesianTrajectory,
+        track: Callable[[np.ndarray, np.ndarray, np.ndarray], int],
+        speed: np.ndarray,
+        every: int = 10,
+        samples: int = 17,
+        highest: float = 0.8,
+        lowest: float = 0.6,
+        slowest: float = 0.002,
+    ) -> None:
+        if not 0.0 < lowest < highest < 1.0 or not 0.0 < slowest < 1.0:
+            raise InputError("lowest, highest, slowest", (lowest, highest, slowest), "0 < lowest < highest < 1")
+        if every < 1 or samples < 3:
+            raise InputError("every, samples", (every, samples), "1 or more, 3 or more")
+        self._trajectory, self._track = trajectory, track
+        self._speed = np.array(speed, dtype=np.float64)
+        self._every, self._slowest = every, slowest
+        self._lowest, self._middle, self._highest = lowest, 0.5 * (lowest + highest), highest
+        self._poses, self._pace = np.empty((samples, 4, 4)), np.empty(samples)
+        self._joints = np.empty((samples, self._speed.size))
+        self._wait = 0
+        self.use, self.blocked_in = 0.0, inf
+
+    def watch(self, q: np.ndarray) -> float:
+        """Call once a cycle after `step` with the joints (n,) of this cycle; returns `use`."""
+        if self._trajectory.resting:
+            self._trajectory.scale(1.0)
+            self._wait, self.use, self.blocked_in = 0, 0.0, inf
+            return 0.0
+        self._wait -= 1
+        if self._wait < 0:
+            self._wait = self._every - 1
+            self._look(q)
+        return self.use
+
+    def _look(self, q: np.ndarray) -> None:
+        trajectory, joints = self._trajectory, self._joints
+        seconds = trajectory.stopping_time + self._every * trajectory.cycle
+        spacing = seconds / (len(self._poses) - 1)
+        trajectory.preview(seconds, self._poses, self._pace)
+        joints[0] = q
+        solved = 1
+        for pose in self._poses[1:]:
+            if self._track(pose, joints[solved - 1], joints[solved]) != 0:
+                break
+            solved += 1
+        self.blocked_in = solved * spacing if solved < len(self._poses) else inf
+        use = (np.abs(np.diff(joints[:solved], axis=0)) / self._speed).max(axis=1, initial=0.0) / spacing
+        self.use = float(use.max(initial=0.0))
+        self._scale(use, 0.5 * (self._pace[: solved - 1] + self._pace[1:solved]))
+
+    def _scale(self, use: np.ndarray, pace: np.ndarray) -> None:
+        trajectory = self._trajectory
+        if self.use > self._highest:
+            over = use > self._highest
+            allowed = float((pace[over] / use[over]).min()) * self._middle
+            wanted = max(self._slowest, min(allowed, trajectory.factor))
+        elif self.use < self._lowest and trajectory.factor < 1.0:
+            wanted = min(1.0, trajectory.factor * min(1.5, self._middle / max(self.use, 1e-3)))
+        else:
+            return
+        if abs(wanted - trajectory.factor) > 0.02 * trajectory.factor:
+            trajectory.scale(wanted)

@@ -1,0 +1,36 @@
+"""SurfaceContour: a collision threat changes the plane of the contour (Rau 2017, section 5.3.3, figure 5.11)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lwrprobe.contracts import Observation
+from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
+from lwrprobe_strategies.states import Plane, State
+
+
+@dataclass(slots=True, frozen=True)
+class SurfaceContourConfig(ContouringConfig):
+    """As the shared options, with the source's step for this strategy."""
+
+    step: float = 0.015
+
+
+class SurfaceContour(Contouring):
+    """A threat turns the contour from Z_Y into X_Y or back; the object is followed without a break.
+
+    Departure: a contour in X_Y that has come as far as the next grid line turns back into Z_Y there and takes that
+    line from the side it is on; the source leaves the X_Y contour to the next threat.
+    """
+
+    Config: ClassVar[type] = SurfaceContourConfig
+
+    def avoid(self, seen: Observation) -> State:
+        """Change the motion state and go on contouring; give the line up when that has led nowhere."""
+        self._aborts += 1
+        across_the_end = self.plane is Plane.X_Y and abs(self.follower.normal[Y]) < 0.5
+        if self._aborts > 4 or across_the_end:
+            self._next_line(seen)
+            return State.TRANSFER
+        return self.follow_in(Plane.X_Y if self.plane is Plane.Z_Y else Plane.Z_Y)

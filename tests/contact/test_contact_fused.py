@@ -1,0 +1,243 @@
+"""The fused estimator on sequences: sliding, sticking, pressing, edges and inner edges."""
+
+import naive_contact as naive
+import numpy as np
+import pytest
+
+from lwrprobe.contact import TRUSTED, make_estimator
+from lwrprobe.contact import fused_kernels as fk
+from lwrprobe.contracts import Probe
+
+PROBE = Probe()
+DOWN = np.diag([1.0, -1.0, -1.0])
+PERIOD = 0.008
+X, Y, Z = np.eye(3)
+
+
+def at_rate(rate):
+    """Let all courses of this test have another sensor rate."""
+    global PERIOD
+    PERIOD = 1.0 / rate
+
+
+@pytest.fixture(autouse=True)
+def _usual_rate():
+    yield
+    at_rate(125.0)
+
+
+def slide(normals, centres, velocities, mu, push):
+    """(centre, velocity, true contacts) of a sphere that slides with Coulomb friction."""
+    for n, c, v in zip(normals, centres, velocities):
+        yield c, v, [(n, push * (n - mu * naive.unit(v)))]
+
+
+def plane(n, direction, mu, push=1.0, speed=0.02, count=150):
+    centres = [PROBE.radius * n + direction * speed * PERIOD * k for k in range(count)]
+    return slide([n] * count, centres, [speed * direction] * count, mu, push)
+
+
+def cylinder(mu, push=1.0, radius=0.024, speed=0.02):
+    reach = radius + PROBE.radius
+    angles = np.arange(-1.2, 1.2, speed * PERIOD / reach)
+    normals = [np.cos(a) * Z + np.sin(a) * Y for a in angles]
+    velocities = [speed * (np.cos(a) * Y - np.sin(a) * Z) for a in angles]
+    return slide(normals, [reach * n for n in normals], velocities, mu, push)
+
+
+def follow(sequence, seed=0, counts=1.0, speed_noise=3e-4, name="fused", estimator=None):
+    """Errors [deg, mm], contacts and the estimator, over one sequence of (centre, velocity, contacts)."""
+    rng = np.random.default_rng(seed)
+    estimator = make_estimator(name, PROBE) if estimator is None else estimator
+    errors, contacts = [], []
+    for k, (centre, velocity, true) in enumerate(sequence):
+        wrench = naive.contact_wrench(PROBE, DOWN, true, k * PERIOD, rng, counts)
+        contact = estimator.estimate(wrench, centre, DOWN, velocity + speed_noise * rng.normal(size=3))
+        n = true[0][0]
+        point = centre - PROBE.radius * n
+        errors.append((naive.angle(contact.normal, n), 1e3 * np.linalg.norm(contact.point - point)))
+        contacts.append(contact)
+    return np.array(errors), contacts, estimator
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3, 0.6])
+@pytest.mark.parametrize(
+    "path",
+    [
+        lambda mu: plane(Z, Y, mu),
+        lambda mu: plane(-Y, -Z, mu),
+        lambda mu: plane(-Y, X, mu),
+        lambda mu: cylinder(mu),
+    ],
+    ids=["top", "side, down", "side, across", "cylinder"],
+)
+def test_sliding_at_one_newton_is_within_a_tenth_of_a_millimetre_and_one_degree(path, mu):
+    errors, contacts, estimator = follow(path(mu))
+    assert np.median(errors[:, 0]) <= 1.0
+    assert np.median(errors[:, 1]) <= 0.10
+    assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.98
+    friction, sigma = estimator.friction
+    assert friction == pytest.approx(mu, abs=0.03)
+    assert sigma < 0.03
+
+
+@pytest.mark.parametrize("rate", [1000.0, 4000.0])
+def test_fast_sensors_are_no_worse(rate):
+    at_rate(rate)
+    for path in (plane(Z, Y, 0.3, count=int(0.8 * rate)), cylinder(0.3)):
+        errors, contacts, _ = follow(path)
+        assert np.median(errors[:, 0]) <= 1.0
+        assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.98
+
+
+def test_fusing_beats_both_of_its_parts():
+    for mu in (0.3, 0.6):
+        medians = {
+            name: np.median(follow(cylinder(mu), name=name)[0][:, 1])
+            for name in ("fused", "wrench_axis", "force_direction")
+        }
+        assert medians["fused"] < 0.5 * medians["wrench_axis"]
+        assert medians["fused"] < 0.1 * medians["force_direction"]
+
+
+def test_pressing_without_sliding_averages_the_wrench_axis():
+    """Friction anywhere in the tangent plane, nothing moves: the noise is averaged, no bias towards the force."""
+    rng = np.random.default_rng(1)
+    first, last = [], []
+    for seed in range(40):
+        t = rng.normal(size=2) * 0.25
+        force = naive.unit(Z + t[0] * X + t[1] * Y)
+        errors, _, _ = follow(((PROBE.radius * Z, 0.0 * X, [(Z, force)]) for _ in range(25)), seed)
+        first.append(errors[0, 0])
+        last.append(errors[-1, 0])
+    assert np.median(last) < 0.75
+    assert np.median(last) < 0.6 * np.median(first)
+
+
+@pytest.mark.parametrize("force", [1.0, 3.0])
+@pytest.mark.parametrize("friction", [0.4 * X, 0.4 * Y, -0.2 * X + 0.3 * Y], ids=["across", "pushing", "mixed"])
+@pytest.mark.parametrize("moves", [0.0, 1.0], ids=["centre rests", "centre moves on"])
+def test_a_sphere_that_sticks_while_the_arm_reports_motion_is_not_taken_for_sliding(force, friction, moves):
+    way = moves * 0.01 * PERIOD * Y
+    sequence = ((PROBE.radius * Z + k * way, 0.01 * Y, [(Z, force * naive.unit(Z + friction))]) for k in range(100))
+    errors, _, estimator = follow(sequence)
+    assert np.median(errors[:, 0]) < 1.0
+    assert errors[10:, 0].max() < 3.0
+    assert estimator.friction[1] > 0.1  # nothing was learnt from it
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 60, 80])
+def test_an_approach_is_not_taken_for_sliding(degrees):
+    """The velocity points into the surface: the normal must not be turned away from it."""
+    d = np.sin(np.radians(degrees)) * Y - np.cos(np.radians(degrees)) * Z
+    sequence = ((PROBE.radius * Z + d * 8e-5 * k, 0.01 * d, [(Z, (0.2 + 0.2 * k) * (Z - 0.2 * Y))]) for k in range(12))
+    errors, _, _ = follow(sequence)
+    assert errors[4:, 0].max() < 8.0
+    assert errors[-1, 0] < 2.0
+
+
+def test_a_convex_edge_is_followed_without_rounding_and_stays_trusted():
+    """A right-angled edge: the normal turns by 1.8 degrees a sample while the sphere rolls over it."""
+    r, speed = PROBE.radius, 0.02
+    angles = np.arange(0.0, np.pi / 2, speed * PERIOD / r)
+    normals = [Z] * 60 + [np.cos(a) * Z + np.sin(a) * Y for a in angles] + [Y] * 60
+    way = speed * PERIOD
+    centres = [r * Z - way * (60 - k) * Y for k in range(60)]
+    centres += [r * n for n in normals[60 : 60 + len(angles)]] + [r * Y - way * k * Z for k in range(60)]
+    velocities = (
+        [speed * Y] * 60 + [speed * np.cross(-X, n) for n in normals[60 : 60 + len(angles)]] + [-speed * Z] * 60
+    )
+    for mu in (0.0, 0.3, 0.6):
+        errors, contacts, _ = follow(slide(normals, centres, velocities, mu, 1.0))
+        on_edge = errors[60 : 60 + len(angles), 0]
+        assert np.median(on_edge) < 1.5
+        assert np.percentile(errors[:, 0], 95) < 2.5
+        assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.97
+
+
+@pytest.mark.parametrize("rate", [125, 1000])
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_an_inner_edge_is_marked_ambiguous_until_the_first_wall_is_left(mu, rate):
+    at_rate(rate)
+    r, way, many = PROBE.radius, 0.02 / rate, rate // 125
+    corner = r * Z - r * Y
+    floor = [(corner - way * (60 * many - k) * Y, 0.02 * Y, [(Z, Z - mu * Y)]) for k in range(60 * many)]
+    growth = np.minimum(1.0, 0.1 / many * np.arange(1, 40 * many + 1))
+    both = [(corner, 0.0 * Y, [(Z, Z - (1 - g) * mu * Y), (-Y, -g * Y)]) for g in growth]
+    climb = [(corner + way * (k + 1) * Z, 0.02 * Z, [(-Y, -Y - mu * Z)]) for k in range(60 * many)]
+    _, contacts, _ = follow(floor + both + climb)
+    trusted = np.array([c.trust >= TRUSTED for c in contacts])
+    assert trusted[: 60 * many].mean() > 0.95
+    assert not trusted[68 * many : 100 * many].any()  # the force has built up to most of the floor's
+    assert {c.reason for c in contacts[68 * many : 100 * many]} == {"ambiguous normal"}
+    assert trusted[105 * many :].mean() > 0.95  # 0.15 mm off the floor
+
+
+def test_a_change_of_friction_is_followed():
+    _, _, estimator = follow(plane(Z, Y, 0.6, count=300))
+    follow(plane(Z, Y, 0.2, count=600), estimator=estimator)
+    assert estimator.friction[0] == pytest.approx(0.2, abs=0.04)
+
+
+def test_memory_ends_with_contact_and_with_reset():
+    errors, _, estimator = follow(plane(Z, Y, 0.3))
+    state = estimator._state.copy()
+    wall = [(PROBE.radius * X + 0.1 * Y, 0.0 * X, [(X, X)]) for _ in range(5)]  # 0.1 m away, another surface
+    errors, contacts, _ = follow(wall, estimator=estimator)
+    assert errors[0, 0] < 5.0
+    assert contacts[0].reason == ""
+    estimator._state[:] = state
+    estimator.reset()
+    assert estimator.friction[0] == pytest.approx(0.3, abs=0.03)
+    errors, _, _ = follow(wall, estimator=estimator)
+    assert errors[0, 0] < 5.0
+
+
+def test_stated_error_is_honest():
+    """Share of errors within the stated expectation: neither boastful nor timid by more than a factor two."""
+    from lwrprobe.contact import kernels as kk
+
+    for path in (plane(Z, Y, 0.3), cylinder(0.3)):
+        estimator = make_estimator("fused", PROBE)
+        errors, contacts, _ = follow(path, estimator=estimator)
+        stated = np.degrees([0.1 * np.sqrt(1 / c.trust - 1) for c in contacts])
+        ratio = np.sqrt(np.mean(errors[20:, 0] ** 2) / np.mean(stated[20:] ** 2))
+        assert 0.4 < ratio < 2.0
+    assert kk.O_SIGMA == 10
+
+
+@pytest.mark.parametrize("drift", [0.005, 0.01])
+def test_a_wandered_zero_is_learnt_while_sliding_and_forgotten_when_it_is_moved(drift):
+    """10 mN on one force axis turn the wrench axis of 1 N by 6 degrees."""
+    rng = np.random.default_rng(0)
+    fused, axis = make_estimator("fused", PROBE), make_estimator("wrench_axis", PROBE)
+    errors = {"fused": [], "wrench_axis": []}
+    for k, (centre, velocity, true) in enumerate(plane(Z, Y, 0.3, count=200)):
+        wrench = naive.contact_wrench(PROBE, DOWN, true, k * PERIOD, rng)
+        wrench.force[1] += drift
+        for estimator in (fused, axis):
+            contact = estimator.estimate(wrench, centre, DOWN, velocity + 3e-4 * rng.normal(size=3))
+            errors[estimator.name].append(naive.angle(contact.normal, true[0][0]))
+    assert np.median(errors["fused"]) < 1.0
+    assert np.median(errors["wrench_axis"]) > 400 * drift
+    offset = fused._state[fk.S_OFFSET : fk.S_OFFSET + 3].copy()
+    expected = -np.cross([0, 0, PROBE.sensor_distance], [0, drift, 0]) / PROBE.radius
+    np.testing.assert_allclose(offset, expected, atol=0.015)
+    wrench = naive.contact_wrench(PROBE, DOWN, [(Z, Z)], 201 * PERIOD)
+    wrench.zeroing = 1  # the conditioner has put its zero right
+    fused.estimate(wrench, centre, DOWN, velocity)
+    np.testing.assert_array_equal(fused._state[fk.S_OFFSET : fk.S_OFFSET + 3], np.zeros(3))
+
+
+def test_a_noisy_velocity_is_noticed():
+    """3 mm/s on 20 mm/s: the velocity is believed less, the result no worse than the wrench axis alone."""
+    errors, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3)
+    axis, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3, name="wrench_axis")
+    assert np.median(errors[:, 0]) < np.median(axis[:, 0])
+
+
+def test_the_same_samples_give_the_same_contacts():
+    one, other = follow(cylinder(0.3), seed=3)[1], follow(cylinder(0.3), seed=3)[1]
+    for a, b in zip(one, other):
+        np.testing.assert_array_equal(a.point, b.point)
+        assert a.trust == b.trust

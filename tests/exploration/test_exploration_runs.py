@@ -1,0 +1,170 @@
+"""Whole explorations in simulation: what a run promises, and what it leaves behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import InputError
+from lwrprobe.exploration.explore import explore
+from lwrprobe.mapping import VoxelMap
+from lwrprobe.mapping.clouds import read_cloud
+from lwrprobe.reconstruction.meshes import read_mesh
+from lwrprobe.scene import load_scene
+
+WANTED = {
+    "scene", "strategy", "seed", "status", "contacts", "voxels", "sim_time_s", "wall_time_s", "real_time_factor",
+    "path_length_m", "contact_path_length_m", "peak_force_n", "link_collisions", "min_clearance_m", "coverage",
+    "coverage_5mm", "contact_error_mm", "surface_error_mm", "normal_error_deg", "mesh_error_mm",
+    "lower_bound_time_s", "stages", "left_out", "versions", "machine",
+}  # fmt: skip
+
+FILES = ("summary.json", "scene.toml", "contacts.csv", "contacts.ply", "cloud.pcd", "map.bt", "mesh.stl", "preview.png")
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "block"
+    return explore(load_scene("block", ["run.seed=7"]), folder), folder
+
+
+def test_block_is_felt_from_all_sides_that_its_lines_reach(block):
+    summary, _ = block
+    assert summary["status"] == "done"
+    assert summary["link_collisions"] == 0
+    assert summary["peak_force_n"] <= 5.0
+    assert summary["coverage"] >= 0.7
+    assert summary["contact_error_mm"]["median"] <= 0.3
+    assert summary["mesh_error_mm"]["method"] == "convex_hull"
+    assert summary["mesh_error_mm"]["mean"] <= 1.0
+
+
+def test_summary_holds_what_it_promises(block):
+    summary, folder = block
+    assert summary.keys() >= WANTED
+    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert {"arm", "sensor", "strategy", "trajectory", "ik"} <= {stage["name"] for stage in summary["stages"]}
+    assert sum(stage["share"] for stage in summary["stages"]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_run_folder_can_be_read_back(block):
+    summary, folder = block
+    for name in FILES:
+        assert (folder / name).stat().st_size > 0, name
+    rows = np.loadtxt(folder / "contacts.csv", delimiter=",", skiprows=1)
+    assert len(rows) == summary["contacts"]
+    assert np.allclose(np.linalg.norm(rows[:, 4:7], axis=1), 1.0, atol=1e-5)
+    assert len(VoxelMap.read(folder / "map.bt")) == summary["voxels"]
+    assert len(read_cloud(folder / "cloud.pcd").points) == summary["voxels"]
+    assert np.allclose(read_cloud(folder / "contacts.ply").points, rows[:, 1:4], atol=1e-6)
+    assert len(read_mesh(folder / "mesh.stl").faces) > 4
+
+
+def test_the_resolved_scene_explores_again(block):
+    _, folder = block
+    again = load_scene(folder / "scene.toml")
+    assert again.run.seed == 7
+    assert again.objects == load_scene("block").objects
+
+
+SHORT = ["run.seed=11", "area.lower=[-0.012, -0.045, 0.006]", "area.upper=[0.012, 0.045, 0.058]"]
+
+
+def test_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
+    def contacts(name, *settings):
+        explore(load_scene("cylinder_vertical", [*SHORT, *settings]), tmp_path / name)
+        return (tmp_path / name / "contacts.csv").read_bytes()
+
+    first = contacts("first")
+    assert first.count(b"\n") > 100
+    assert contacts("second") == first
+    assert contacts("third", "run.seed=12") != first
+
+
+@pytest.mark.parametrize("strategy", ["grid_version", "surface_contour", "orientation_change"])
+def test_every_strategy_finishes_on_the_stacked_blocks(strategy):
+    scene = load_scene("stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0"])
+    summary = explore(scene)
+    assert summary["status"] == "done", summary["reason"]
+    assert summary["link_collisions"] == 0
+    assert summary["peak_force_n"] <= 3.0
+
+
+def test_orientation_change_reaches_lower_than_grid_version(tmp_path):
+    lowest = {}
+    for strategy in ("grid_version", "orientation_change"):
+        settings = [
+            f"strategy.name='{strategy}'",
+            "area.lower=[-0.012, -0.06, 0.006]",
+            "area.upper=[0.012, 0.06, 0.108]",
+        ]
+        explore(load_scene("stacked_blocks", settings), tmp_path / strategy)
+        lowest[strategy] = np.loadtxt(tmp_path / strategy / "contacts.csv", delimiter=",", skiprows=1)[:, 3].min()
+    assert lowest["grid_version"] > 0.04
+    assert lowest["orientation_change"] < 0.007
+
+
+def test_what_the_arm_cannot_reach_is_named_before_it_moves():
+    told = []
+    far = ["area.lower=[-0.05, -0.05, 0.006]", "area.upper=[0.25, 0.05, 0.058]", "run.time_limit=2.0"]
+    summary = explore(load_scene("empty", far), tell=told.append)
+    assert told[0].startswith("out of reach:")
+    assert "x " in summary["unreachable_area"]
+    assert explore(load_scene("empty", ["run.time_limit=2.0"]))["unreachable_area"] == ""
+
+
+@pytest.mark.parametrize("setting", ["motion.mode='joint'", "clearance.links='arm'"])
+def test_what_is_not_built_is_refused(setting):
+    with pytest.raises(InputError, match="not "):
+        explore(load_scene("empty", [setting]))
+
+
+def test_nothing_there_is_no_failure(tmp_path):
+    summary = explore(load_scene("empty"), tmp_path)
+    assert summary["status"] == "done"
+    assert "no contact" in summary["reason"]
+    assert summary["contacts"] == summary["voxels"] == 0
+    assert (tmp_path / "contacts.csv").read_text().count("\n") == 1
+    assert len(VoxelMap.read(tmp_path / "map.bt")) == 0
+    assert len(read_cloud(tmp_path / "cloud.pcd").points) == 0
+    assert len(read_mesh(tmp_path / "mesh.stl").faces) == 0
+
+
+def test_a_failing_strategy_is_named_and_its_data_kept(tmp_path, monkeypatch):
+    from lwrprobe_strategies.grid_version import GridVersion
+
+    contour, calls = GridVersion._contour, []
+
+    def fail(self, seen):
+        calls.append(seen)
+        if len(calls) > 20:
+            raise ZeroDivisionError("made up")
+        return contour(self, seen)
+
+    monkeypatch.setattr(GridVersion, "_contour", fail)
+    summary = explore(load_scene("cylinder_vertical", SHORT), tmp_path)
+    assert summary["status"] == "ended early"
+    assert "grid_version" in summary["reason"]
+    assert "made up" in summary["reason"]
+    assert summary["contacts"] >= 1
+    assert (tmp_path / "contacts.csv").read_text().count("\n") == summary["contacts"] + 1
+
+
+def test_what_was_touched_survives_a_kill(tmp_path):
+    code = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
+    arguments = ["explore", "block", "--out", "run", "--quiet", "--realtime"]
+    process = subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=tmp_path)
+    contacts = tmp_path / "run" / "contacts.csv"
+    give_up = time.monotonic() + 240.0
+    while time.monotonic() < give_up and not (contacts.is_file() and contacts.read_text().count("\n") > 20):
+        time.sleep(0.2)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    rows = [line.split(",") for line in contacts.read_text().splitlines()[1:]]
+    assert len(rows) >= 20
+    assert all(len(row) == 9 for row in rows[:-1])

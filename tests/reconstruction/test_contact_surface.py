@@ -1,0 +1,224 @@
+"""The default method's promises: closed, true to the object, honest about what it does not know."""
+
+from dataclasses import replace
+
+import naive_reconstruction as naive
+import numpy as np
+import pytest
+
+from lwrprobe.bench.sampled_lines import sample_lines, voxelised
+from lwrprobe.contracts import InputError, TouchRecord
+from lwrprobe.evaluation import mesh_error
+from lwrprobe.reconstruction.contact_surface import ContactSurface
+from lwrprobe.reconstruction.convex_hull import convex_hull
+from lwrprobe.reconstruction.touches import line_pitch
+from lwrprobe.scene import load_scene
+
+ABOVE = 0.006
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    solids, records = {}, {}
+
+    def get(name, pitch=0.01, phase=0.25):
+        if name not in solids:
+            solids[name] = load_scene(name).solid()
+        if (name, pitch, phase) not in records:
+            records[name, pitch, phase] = sample_lines(solids[name], pitch, phase)
+        return solids[name], records[name, pitch, phase]
+
+    return get
+
+
+def surface(record, **options):
+    return ContactSurface(ContactSurface.Config(**options)).reconstruct(record)
+
+
+def error(mesh, solid):
+    return mesh_error(mesh, solid, ABOVE, samples=4000)
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "worst"),
+    [
+        ("block", 0.3, 3.0),
+        ("cylinder_vertical", 0.3, 2.5),
+        ("bridge", 0.35, 2.6),
+        ("polystyrene_2", 0.3, 2.5),
+        ("jaw_chuck", 0.7, 6.0),
+    ],
+)
+def test_ten_millimetre_lines(scenes, name, mean, worst):
+    solid, record = scenes(name)
+    result = surface(record)
+    found = error(result.mesh, solid)
+    assert naive.closed(result.mesh.faces)
+    assert found.watertight
+    assert found.mean < 1e-3 * mean
+    assert found.hausdorff < 1e-3 * worst
+
+
+@pytest.mark.parametrize("name", ["block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks"])
+def test_never_worse_than_the_hull_on_a_convex_object(scenes, name):
+    solid, record = scenes(name)
+    assert error(surface(record).mesh, solid).mean < error(convex_hull(record.points), solid).mean
+
+
+def test_fifteen_millimetre_lines_and_voxels(scenes):
+    solid, record = scenes("cylinder_vertical", 0.015)
+    assert error(surface(record).mesh, solid).mean < 9e-4
+    solid, record = scenes("polystyrene_2")
+    assert error(surface(voxelised(record)).mesh, solid).mean < 4.5e-4
+
+
+def test_an_edge_that_the_last_line_rolled_over_ends_the_object_there(scenes):
+    """At this phase a line runs 2.5 mm beyond one end: its leaning normals tell where the edge is."""
+    _, record = scenes("block")
+    assert (record.points + record.probe_radius * record.normals)[:, 0].max() > 0.052
+    mesh = surface(record).mesh
+    middle = (mesh.vertices[:, 0] > 0.0) & (mesh.vertices[:, 2] > 0.015) & (mesh.vertices[:, 2] < 0.035)
+    assert mesh.vertices[middle, 0].max() == pytest.approx(0.05, abs=1e-3)
+
+
+def test_expected_errors_are_neither_boast_nor_fright(scenes):
+    """Over evenly shifted lines, so that no end is lucky."""
+    actual, expected = [], []
+    for phase in (0.125, 0.375, 0.625, 0.875):
+        solid, record = scenes("block", phase=phase)
+        result = surface(record)
+        known = ~result.unreachable & (result.mesh.vertices[:, 2] > ABOVE)
+        actual.append(np.abs(solid.signed_distance(result.mesh.vertices[known])))
+        expected.append(result.mesh.vertex_error[known])
+    actual, expected = np.concatenate(actual), np.concatenate(expected)
+    assert 0.5 < actual.mean() / expected.mean() < 1.5
+    order = np.argsort(expected)
+    fifth = len(order) // 5
+    assert actual[order[-fifth:]].mean() > 5.0 * actual[order[:fifth]].mean()
+
+
+def test_what_the_sphere_cannot_reach_is_marked(scenes):
+    """A floor at z = 20 mm meets a wall at y = 20 mm: the sphere rests in the edge and cannot reach its bottom."""
+    solid, record = scenes("inner_corner")
+    result = surface(record)
+    x, y, z = 1e3 * result.mesh.vertices.T
+    assert result.unreachable.shape == x.shape
+    assert result.unreachable[result.mesh.vertices[:, 2] < record.lowest - 1e-6].all()
+    beside = (x > -30) & (x < 10)
+    edge = beside & (np.abs(y - 18.5) < 1.2) & (np.abs(z - 21.5) < 1.2)
+    floor = beside & (y > -30) & (y < 10) & (np.abs(z - 20) < 1)
+    assert result.unreachable[edge].mean() > 0.8
+    assert result.unreachable[floor].mean() < 0.02
+    deviation = np.abs(solid.signed_distance(result.mesh.vertices))
+    high = z > 8.0
+    assert deviation[high & result.unreachable].mean() > 3.0 * deviation[high & ~result.unreachable].mean()
+
+
+@pytest.mark.parametrize("name", ["block", "cylinder_vertical", "bridge"])
+def test_nothing_is_marked_where_the_sphere_reaches_all(scenes, name):
+    _, record = scenes(name)
+    result = surface(record)
+    assert result.unreachable[result.mesh.vertices[:, 2] > 0.008].mean() < 0.01
+
+
+def test_the_same_record_gives_the_same_mesh(scenes):
+    _, record = scenes("bridge")
+    first, second = surface(record).mesh, surface(record).mesh
+    assert np.array_equal(first.vertices, second.vertices)
+    assert np.array_equal(first.faces, second.faces)
+
+
+def test_it_says_what_it_had_to_do_without(scenes):
+    solid, record = scenes("polystyrene_2")
+    bare = TouchRecord(record.points, normals=record.normals)
+    result = surface(bare)
+    assert set(result.report["without"]) == {"trust", "free path", "probe radius", "table"}
+    assert error(result.mesh, solid).mean < 1e-3
+    result = surface(TouchRecord(record.points))
+    assert "normals" in result.report["without"]
+    assert naive.closed(result.mesh.faces)
+    assert error(result.mesh, solid).mean < error(convex_hull(record.points), solid).mean
+
+
+@pytest.mark.parametrize("pitch", [0.005, 0.01, 0.015])
+@pytest.mark.parametrize("name", ["block", "polystyrene_1"])
+def test_the_pitch_of_the_lines_is_found(scenes, name, pitch):
+    _, record = scenes(name, pitch)
+    centres = record.points + record.probe_radius * record.normals
+    assert line_pitch(centres) == pytest.approx(pitch, rel=0.05)
+
+
+def test_low_trust_counts_little(scenes):
+    solid, record = scenes("polystyrene_2")
+    rng = np.random.default_rng(7)
+    wrong = rng.random(len(record.points)) < 0.1
+    points = record.points + np.where(wrong[:, None], 2e-3 * record.normals, 0.0)
+    trusted = surface(replace(record, points=points, trust=np.where(wrong, 0.01, 1.0)))
+    naively = surface(replace(record, points=points))
+    assert error(trusted.mesh, solid).mean < 0.7 * error(naively.mesh, solid).mean
+
+
+def line_of(count):
+    return np.column_stack([np.zeros(count), np.linspace(0, 0.1, count), np.full(count, 0.05)])
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.eye(3)[:2] * 0.1,
+        np.eye(3) * 0.1,
+        line_of(40),
+        np.ones((100, 3)),
+        np.column_stack([np.random.default_rng(1).random((60, 2)) * 0.1, np.full(60, 0.05)]),
+        np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, np.nan]]),
+    ],
+)
+@pytest.mark.parametrize("normals", [True, False])
+def test_degenerate_contacts_get_one_typed_error(points, normals):
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1)) if normals else None
+    with pytest.raises(InputError):
+        surface(TouchRecord(points, normals=up, probe_radius=0.005, table=0.0))
+
+
+def test_normals_without_length_and_contacts_without_trust_are_left_out(scenes):
+    _, record = scenes("polystyrene_2")
+    normals, trust = record.normals.copy(), np.ones(len(record.points))
+    normals[:5], normals[5:10], trust[10:15] = 0.0, np.nan, 0.0
+    result = surface(replace(record, normals=normals, trust=trust))
+    assert result.report["contacts"] == len(record.points) - 15
+    with pytest.raises(InputError, match="at least 4"):
+        surface(replace(record, normals=np.zeros_like(normals)))
+
+
+@pytest.mark.parametrize("options", [{"pitch": -1.0}, {"step": 0.0}, {"pitch": np.nan}])
+def test_bad_options_are_refused(options):
+    with pytest.raises(InputError):
+        ContactSurface.Config(**options)
+
+
+def test_it_can_be_interrupted(scenes):
+    _, record = scenes("polystyrene_2")
+    told = []
+
+    def stop(stage, share):
+        told.append(stage)
+        if stage == "field":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ContactSurface(progress=stop).reconstruct(record)
+    assert told[0] == "prepare"
+
+
+@pytest.mark.slow
+def test_a_million_contacts():
+    rng = np.random.default_rng(8)
+    normals = rng.normal(size=(1_000_000, 3))
+    normals[:, 2] = np.abs(normals[:, 2])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = 0.04 * normals + 1e-4 * rng.normal(size=normals.shape)
+    result = surface(TouchRecord(points, normals=normals, probe_radius=0.005, table=0.0))
+    assert naive.closed(result.mesh.faces)
+    radius = np.linalg.norm(result.mesh.vertices[result.mesh.vertices[:, 2] > 0.006], axis=1)
+    assert np.abs(radius - 0.04).mean() < 2e-4

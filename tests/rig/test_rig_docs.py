@@ -1,0 +1,50 @@
+"""The page on real devices: its scene is valid, its messages are those of the drivers, its emulator lines parse."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from lwrprobe.contracts.plugins import load
+from lwrprobe.options import configure
+from lwrprobe.scene import load_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "real-devices.md").read_text()
+
+
+def test_scene_of_the_page(tmp_path):
+    file = tmp_path / "my_scene.toml"
+    file.write_text(re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1])
+    scene = load_scene(file)
+    for name in ("fri", "ati"):
+        config = configure(load("driver", name).Config, scene.drivers[name], f"drivers.{name}")
+        assert config != load("driver", name).Config()
+
+
+@pytest.mark.parametrize("line", re.findall(r"lwrprobe emulate ((?:fri|ati) --.*)", PAGE))
+def test_emulator_lines_of_the_page(line, capsys):
+    name, *argv = shlex.split(line)
+    # Port 0 and no time: the options are what is tried here, not the ports of this machine.
+    argv = [re.sub(r"(?<=127\.0\.0\.1:)\d+", "0", word) for word in argv]
+    argv = [word.replace(":0", ":1") if argv[i - 1] == "--remote" else word for i, word in enumerate(argv)]
+    assert load("emulator", name).run([*argv, "--seconds", "0"]) == 0
+
+
+def test_sentences_of_the_page_are_those_of_the_drivers():
+    source = "".join(file.read_text() for file in (ROOT / "drivers").rglob("*.py"))
+    for words in (
+        "no measurement came",
+        "datagrams came from others",
+        "did not become",
+        "command mode was not entered",
+        "left command mode: now",
+        "drive errors 0x",
+        "has been silent for",
+        "set point refused:",
+        "clock has jumped: it was restarted",
+        "was answered with:",
+    ):
+        assert words in PAGE
+        assert words in source

@@ -1,0 +1,102 @@
+"""One simulated world behind both emulated devices: set points move it, the sensor feels it."""
+
+import itertools
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import DriverContext
+from lwrprobe.contracts.plugins import load
+from lwrprobe.kinematics import IKSolver, robot_by_name
+from lwrprobe.scene import load_scene
+from lwrprobe_rig.reactor import Reactor
+from lwrprobe_rig.world import SimulatedWorld
+
+CYCLE = 0.01
+
+
+@pytest.fixture(scope="module")
+def scene():
+    # Soft and without weight or bias, so that the force is the depth times the stiffness.
+    overrides = ["probe.mass=0.0", "table.stiffness=2000.0", "table.damping=0.0", "object=[]"]
+    overrides += [f"drivers.sim.bias_{what}=[0.0, 0.0, 0.0]" for what in ("force", "torque")]
+    return load_scene("block", [*overrides, "drivers.sim.drift_force=[0.0, 0.0, 0.0]"])
+
+
+@pytest.fixture(scope="module")
+def robot(scene):
+    return robot_by_name(scene.arm.robot).with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
+
+
+@pytest.fixture(scope="module")
+def descent(scene, robot):
+    """Set points, one a cycle, that lower the probe onto the table 2 mm deep, and the last tip pose."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([-1.0, 1.0, -1.0])
+    pose[:3, 3] = 0.0, 0.0, scene.probe.radius + 0.004
+    solver, q = IKSolver(robot), None
+    q = solver.solve(pose, np.radians([0.0, 45.0, 0.0, -80.0, 0.0, 55.0, 0.0])).q
+    path, following = [q.copy()], q.copy()
+    for _ in range(120):
+        pose[2, 3] -= 0.00005
+        assert solver.track(pose, q, following) == 0
+        q = following.copy()
+        path.append(q)
+    return np.array(path)
+
+
+def test_depth_times_stiffness_is_felt(scene, descent):
+    world = SimulatedWorld(scene, 1, descent[0])
+    for before, after in itertools.pairwise(descent):
+        world.advance(before, after, CYCLE)
+    for _ in range(20):
+        world.advance(descent[-1], descent[-1], CYCLE)
+    assert world.joints() == pytest.approx(descent[-1], abs=1e-6)
+    force = world.wrench(0.0)[:3]
+    assert np.linalg.norm(force) == pytest.approx(0.002 * 2000.0, rel=0.05)
+    # The table pushes the probe upwards; the sensor's z points down.
+    assert force[2] == pytest.approx(-4.0, rel=0.05)
+    assert world.judge.peak_force == pytest.approx(4.0, rel=0.05)
+    assert not world.refused
+
+
+def test_set_point_that_the_world_cannot_follow_is_named_and_not_followed(scene, descent):
+    world = SimulatedWorld(scene, 1, descent[0])
+    world.advance(descent[0], descent[0] + 1.0, 0.002)
+    assert "limit" in world.refused
+    assert world.joints() == pytest.approx(descent[0], abs=1e-6)
+
+
+def free_address():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
+def test_touch_over_real_sockets(scene, descent):
+    world = SimulatedWorld(scene, 1, descent[0])
+    bind = free_address()
+    controller = load("emulator", "fri").build(world, "127.0.0.1:0", bind, CYCLE)
+    device = load("emulator", "ati").build("127.0.0.1:0", "127.0.0.1:0", "1", {1: world.wrench}, 0.0)
+    fri, ati = load("driver", "fri"), load("driver", "ati")
+    with Reactor([controller, device]):
+        arm = fri(DriverContext(fri.Config(bind=bind, remote=controller.address), scene)).arm()
+        addresses = {"telnet": device.telnet_address, "udp": device.udp_address, "local": "127.0.0.1:0"}
+        sensor = ati(DriverContext(ati.Config(**addresses), scene)).sensor()
+        with arm, sensor:
+            samples, states = [], []
+            for q in descent:
+                states.append(arm.read())
+                samples += sensor.read()
+                arm.command(q)
+            end = time.monotonic() + 1.0
+            while time.monotonic() < end:
+                states.append(arm.read())
+                samples += sensor.read()
+            assert states[-1].q == pytest.approx(descent[-1], abs=1e-5)
+            assert samples[-1].force[2] == pytest.approx(-4.0, rel=0.05)
+            assert min(s.force[2] for s in samples[:20]) > -0.1
+            # Both clocks are the host's: a sample's instant lies among the arm's states.
+            assert states[0].time - 1.0 < samples[0].time < samples[-1].time < states[-1].time + 0.05

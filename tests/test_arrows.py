@@ -1,0 +1,96 @@
+"""The arrows between the rooms go one way (docs/architecture.md)."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+HOUSE = ROOT / "src" / "lwrprobe"
+
+LEVELS = [
+    {"contracts"},
+    {"compiled", "options"},
+    {"kinematics", "trajectory"},
+    {"contact", "mapping"},
+    {"collision", "reconstruction"},
+    {"scene"},
+    {"evaluation"},
+    {"exploration"},
+    {"bench"},
+    {"cli"},
+]
+"""From the ground up; a room imports from the levels below it, never from its own level's other rooms."""
+
+PLUGINS = {
+    "drivers/lwrprobe_sim": {"contracts", "compiled", "kinematics", "scene"},
+    "drivers/lwrprobe_fri": {"contracts", "compiled"},
+    "drivers/lwrprobe_ati": {"contracts", "compiled"},
+    "drivers/lwrprobe_rig": {"contracts", "options", "scene"},
+    "strategies/lwrprobe_strategies": {"contracts", "compiled"},
+}
+"""Which rooms of the library each plug-in may know."""
+
+
+def imported(file: Path) -> set[str]:
+    """Full names of all modules that a file imports, wherever in it the import stands."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative imports hide the arrow"
+            names.add(node.module)
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def rooms_of(names: set[str]) -> set[str]:
+    known = set().union(*LEVELS)
+    return {name.split(".")[1] for name in names if name.startswith("lwrprobe.") and name.split(".")[1] in known}
+
+
+def level(room: str) -> int:
+    return next(i for i, rooms in enumerate(LEVELS) if room in rooms)
+
+
+def test_every_room_has_its_level():
+    found = {p.stem for p in HOUSE.iterdir() if p.name not in ("__init__.py", "__pycache__", "py.typed")}
+    assert found == set().union(*LEVELS)
+
+
+@pytest.mark.parametrize("room", sorted(set().union(*LEVELS)))
+def test_room_imports_only_from_below(room):
+    place = HOUSE / room
+    files = sorted(place.rglob("*.py")) if place.is_dir() else [HOUSE / f"{room}.py"]
+    assert files
+    for file in files:
+        for other in rooms_of(imported(file)) - {room}:
+            assert level(other) < level(room), f"{file.relative_to(ROOT)} imports {other}"
+
+
+def test_library_knows_no_plugin_by_name():
+    for file in HOUSE.rglob("*.py"):
+        bad = [name for name in imported(file) if name.startswith("lwrprobe_")]
+        assert not bad, f"{file.relative_to(ROOT)} imports {bad}; plug-ins are found by entry point"
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+def test_plugin_knows_only_its_rooms(plugin):
+    for file in sorted((ROOT / plugin).rglob("*.py")):
+        names = imported(file)
+        assert rooms_of(names) <= PLUGINS[plugin], f"{file.relative_to(ROOT)}: {rooms_of(names)}"
+        own = Path(plugin).name
+        # Emulators stand on lwrprobe_rig: the faulty line, the loop, the operator's console.
+        ground = {"lwrprobe_rig"} if "emulator" in file.parts else set()
+        others = {name.split(".")[0] for name in names if name.startswith("lwrprobe_")} - {own} - ground
+        assert not others, f"{file.relative_to(ROOT)} imports another plug-in: {others}"
+
+
+def test_numba_kernels_live_in_kernel_files():
+    for root in (HOUSE, ROOT / "drivers", ROOT / "strategies"):
+        for file in root.rglob("*.py"):
+            names = imported(file)
+            assert "numba.njit" not in names, f"{file}: use lwrprobe.compiled.kernel"
+            if "lwrprobe.compiled.kernel" in names:
+                assert "kernels" in file.name, f"{file.relative_to(ROOT)}: kernels live in files named so"

@@ -1,0 +1,120 @@
+"""The tip slows down before the joints would have to be too fast, and the bow of a joint-space move is measured."""
+
+import numpy as np
+import pytest
+from naive_trajectory import Watch, pose
+from scipy.spatial.transform import Rotation
+
+from lwrprobe.contracts import InputError
+from lwrprobe.kinematics import IKSolver, lwr4
+from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor, bow
+
+LIMITS = CartesianLimits(0.25, 2.0, 40.0, 1.5, 10.0, 200.0)
+# starts with the wrist or the elbow nearly stretched, and moves that pass near that singularity
+HARD = [
+    (np.radians([-85.0, -38.0, 61.0, 12.0, -83.0, -5.0, -4.0]), (-0.05, 0.19, 0.01), (-0.1, -0.1, -0.2)),
+    (np.radians([35.0, 17.0, 58.0, -3.0, -96.0, 2.0, 73.0]), (0.02, -0.03, -0.2), (0.2, -0.5, 0.2)),
+    (np.radians([-9.0, -44.0, -7.0, -15.0, 92.0, -8.0, 79.0]), (0.01, 0.05, -0.19), (1.0, -0.2, 0.1)),
+]
+
+
+def follow(q, way, turn, governed):
+    robot = lwr4()
+    solver = IKSolver(robot)
+    tip = CartesianTrajectory(1e-3, LIMITS)
+    start = np.empty((4, 4))
+    robot.fk_into(q, start)
+    tip.reset(start)
+    goal = start.copy()
+    goal[:3, 3] += way
+    goal[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ goal[:3, :3]
+    governor = SpeedGovernor(tip, solver.track, robot.speed)
+    watch, out, most = Watch(tip), np.empty(7), 0.0
+    tip.set_goal(goal, 0.25)
+    while not tip.arrived:
+        watch.step()
+        assert solver.track(tip.pose, q, out) == 0
+        most = max(most, float((np.abs(out - q) / robot.speed).max()) / tip.cycle)
+        q = out.copy()
+        if governed:
+            governor.watch(q)
+    assert np.abs(tip.pose - goal).max() < 1e-14
+    return most
+
+
+@pytest.mark.parametrize(("q", "way", "turn"), HARD)
+def test_near_a_singularity_the_joints_keep_their_speed_limits(q, way, turn):
+    assert follow(q, way, turn, governed=False) > 4.0
+    assert follow(q, way, turn, governed=True) < 1.0
+
+
+def test_a_governed_tip_that_rests_is_not_slowed_any_more():
+    tip = CartesianTrajectory(1e-3, LIMITS)
+    tip.scale(0.1)
+    SpeedGovernor(tip, lambda pose, seed, out: 0, np.ones(7)).watch(np.zeros(7))
+    assert tip.factor == 1.0
+
+
+def test_what_is_ahead_and_cannot_be_reached_is_said():
+    tip = CartesianTrajectory(1e-3, LIMITS)
+
+    def track(pose, seed, out):
+        out[:] = 0.0
+        return int(pose[0, 3] > 0.02)
+
+    governor = SpeedGovernor(tip, track, np.ones(7))
+    tip.set_goal(pose(0.2), 0.25)
+    for _ in range(60):
+        tip.step()
+        governor.watch(np.zeros(7))
+    assert 0.0 < governor.blocked_in < 0.3
+
+
+@pytest.mark.parametrize("change", [{"highest": 1.0}, {"lowest": 0.9}, {"every": 0}, {"samples": 2}, {"slowest": 0.0}])
+def test_a_band_that_is_none_is_refused(change):
+    with pytest.raises(InputError):
+        SpeedGovernor(CartesianTrajectory(1e-3, LIMITS), lambda pose, seed, out: 0, np.ones(7), **change)
+
+
+class Planar:
+    """Two links of 1 m in the plane."""
+
+    def fk_into(self, q, out):
+        a, b = q[0], q[0] + q[1]
+        out[:] = pose(np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0, (0.0, 0.0, b))
+
+
+def test_the_bow_of_an_arc_is_its_sagitta():
+    # one joint turns: the tip goes round a circle of 2 m
+    found = bow(Planar(), np.array([0.0, 0.0]), np.array([1.0, 0.0]))
+    assert found.distance == pytest.approx(2.0 * (1.0 - np.cos(0.5)), rel=1e-9)
+    assert found.at == pytest.approx(0.5, abs=1e-9)
+    assert found.length == pytest.approx(4.0 * np.sin(0.5))
+    assert found.turn == pytest.approx(0.0, abs=1e-7)
+
+
+def test_the_bow_is_that_of_a_fine_sampling():
+    rng = np.random.default_rng(4)
+    robot = lwr4()
+    for _ in range(5):
+        start, end = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (2, 7))
+        found, out = bow(robot, start, end, samples=101), np.empty((4, 4))
+        points = []
+        for share in np.linspace(0.0, 1.0, 5001):
+            robot.fk_into(start + share * (end - start), out)
+            points.append(out[:3, 3].copy())
+        points = np.array(points)
+        line = points[-1] - points[0]
+        along = np.clip((points - points[0]) @ line / (line @ line), 0.0, 1.0)
+        wanted = np.linalg.norm(points - points[0] - along[:, None] * line, axis=1).max()
+        assert found.distance == pytest.approx(wanted, rel=1e-4)
+
+
+def test_no_way_has_no_bow_and_bad_joints_are_refused():
+    found = bow(Planar(), np.array([0.3, 0.2]), np.array([0.3, 0.2]))
+    assert found.distance == 0.0
+    for start, end in (([0.0], [0.0, 1.0]), ([np.nan, 0.0], [0.0, 0.0])):
+        with pytest.raises(InputError):
+            bow(Planar(), np.array(start), np.array(end))
+    with pytest.raises(InputError):
+        bow(Planar(), np.zeros(2), np.ones(2), samples=2)
