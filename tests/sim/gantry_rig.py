@@ -16,6 +16,15 @@ CLEAN = dict(
 )  # fmt: skip
 """A sensor without faults and an arm without lag."""
 
+PLAIN = ["probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "table.friction=0.0", "table.stiffness=1e4"]
+"""A rigid stick and a slippery table."""
+
+
+def plain_objects(scene):
+    """Settings that make each object slippery and of 1e4 N/m, so that a test names whatever else it needs."""
+    indices = range(len(load_scene(scene).objects))
+    return [f"object.{i}.{setting}" for i in indices for setting in ("friction=0.0", "stiffness=1e4")]
+
 
 def gantry(tilt: float = 0.0) -> Robot:
     """Joint values are the tip's x, y, z in the world; the probe points down, tilted by `tilt` rad about y."""
@@ -36,7 +45,8 @@ class Rig:
     """World and the little that tests ask of it."""
 
     def __init__(self, at, overrides=(), scene="block", tilt=0.0, seed=1, **config):
-        self.world = World(load_scene(scene, overrides), SimConfig(**{**CLEAN, **config}), seed, gantry(tilt))
+        settings = [*PLAIN, *plain_objects(scene), *overrides]
+        self.world = World(load_scene(scene, settings), SimConfig(**{**CLEAN, **config}), seed, gantry(tilt))
         self.solid = self.world.scene.solid()
         self.cycle = self.world.config.cycle
         self.world.place(np.array(at, dtype=float))
