@@ -7,11 +7,15 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
 - A lost contact is sought on an arc around the point last touched, not on the straight line against the last
   force: past an edge that line leads over the top without a touch.
 - The return to the first contact runs along the area's border, where nothing stands.
+- Faces that lie along the lines are crossed by lines of their own afterwards, and the object's ends in x are sought
+  (`across.py`); the source misses up to a line's distance at each end.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -28,18 +32,24 @@ from lwrprobe.contracts import (
     Progress,
     Task,
 )
+from lwrprobe_strategies.across import lines_across, rims
+from lwrprobe_strategies.course import Course, Z
 from lwrprobe_strategies.following import Follower, rolling
-from lwrprobe_strategies.grid import GridLines
+from lwrprobe_strategies.lines import Grid, Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
+from lwrprobe_strategies.touched import Touched
 
 Y = 1
-Z = 2
 DOWN = np.array([0.0, 0.0, -1.0])
 JAM_TIME = 3.0
 JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
+HOVER = 0.002
+"""m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
+PAST = 0.03
+"""Share of the normal across the line, from which on the end of the object counts as passed."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -53,12 +63,16 @@ class ContouringConfig:
         the first contact for the other side
     reapproach : m, way along which a lost contact is sought before the grid takes over
     retreat : m, way off a collision threat
+    across : cross the faces that lie along the lines by lines along x
+    find_ends : follow the object around its ends in x to where it reaches furthest
     """
 
     step: float = 0.010
     first_line: str = "middle"
     reapproach: float = 0.025
     retreat: float = 0.010
+    across: bool = True
+    find_ends: bool = True
 
     def __post_init__(self) -> None:
         for name in ("step", "reapproach", "retreat"):
@@ -80,29 +94,32 @@ class Contouring(ABC):
         self.task = task
         self.options = task.options or self.Config()
         first = None if self.options.first_line == "border" else float(task.start[0])
-        self.lines = GridLines.over(task.area, self.options.step, first)
-        self.line = 0
+        self.grid = Grid.over(task.area, self.options.step, first)
         self.height = line_height(task)
-        self.direction = 1.0 if task.start[Y] <= 0.5 * (task.area.lower[Y] + task.area.upper[Y]) else -1.0
-        self.plane = Plane.Z_Y
+        self.touched = Touched()
         self.upright = np.array(task.orientation, dtype=np.float64)
         self.rotation = self.upright
         self.follower = Follower(task)
         self.state = State.TRANSFER
         self.trace: list[tuple[float, str, str, str]] = []
-        self._way: list[np.ndarray] = self._to_line(task.start)
+        self.first_contact: np.ndarray | None = None
+        self._number = 0  # of the present line on the grid
+        self._driven = 0
+        self._coming: deque[Line] = deque()
+        self._passes = deque(self._further_passes())
+        self.course = Course(self._grid_line(task.start), task.area)
+        self._way = self._to_line(task.start)
+        self._finished = False
         self._last_time: float | None = None
         self._period = 0.008
         self._sought = 0.0
-        self._touched = np.array(task.start)
+        self._touched_at = np.array(task.start)
         self._retreat_left = 0.0
         self._retreat_along = np.zeros(3)
         self._aborts = 0
         self._borne = np.inf
-        self._round = 1.0
         self._leaving = False
         self._mark: tuple[float, np.ndarray] | None = None
-        self.first_contact: np.ndarray | None = None
 
     def step(self, observation: Observation) -> Motion:
         """One observation, one motion; see `states.TRANSITIONS`."""
@@ -118,8 +135,72 @@ class Contouring(ABC):
 
     def progress(self) -> Progress:
         """State and share of the lines done."""
-        doing = f"line {min(self.line + 1, len(self.lines))} of {len(self.lines)}: {self.state}"
-        return Progress(doing, min(self.line / len(self.lines), 1.0), self.state)
+        known = self._driven + len(self._coming) + max(len(self.grid) - self._number, 0)
+        kind = "grid line" if self.course.line.axis == Y else "line across"
+        doing = f"{kind}, {min(self._driven + 1, known)} of {known}: {self.state}"
+        return Progress(doing, min(self._driven / max(known, 1), 1.0), self.state)
+
+    # Which lines
+
+    def _further_passes(self) -> list[Callable[[], list[Line]]]:
+        """Asked in turn for more lines when those known are done."""
+        asked: list[Callable[[], list[Line]]] = []
+        if self.options.across:
+            asked.append(self._lines_across)
+        if self.options.find_ends:
+            asked.append(lambda: rims(self.touched.table(), self.grid.x, self.height))
+        return asked
+
+    def _lines_across(self) -> list[Line]:
+        floor = float(self.task.area.lower[Z])
+        return lines_across(self.touched.table(), self.grid.x, self.options.step, floor, self.height)
+
+    def _grid_line(self, here: np.ndarray) -> Line:
+        """The present line of the grid, from the border that is nearer."""
+        low, high = float(self.task.area.lower[Y]), float(self.task.area.upper[Y])
+        line = Line(Y, float(self.grid.x[self._number]), low, high, self.height)
+        return line if here[Y] <= 0.5 * (low + high) else line.turned()
+
+    def _next_line(self, seen: Observation) -> None:
+        """Go on with the next line of the grid, or with one across, or with nothing."""
+        here = seen.pose[:3, 3]
+        self._driven += 1
+        self._aborts = 0
+        self._number += 1
+        self._way = []
+        line = self._line_after(here)
+        self._finished = line is None
+        if line is not None:
+            self.course = Course(line, self.task.area)
+            self.course.plane = self.course.upright()
+            self._way = self._to_line(here)
+        self._leaving = seen.contact is not None
+        if self._leaving:
+            self._way.insert(0, here + self.options.retreat * surface_normal(seen))
+
+    def _line_after(self, here: np.ndarray) -> Line | None:
+        if self._number < len(self.grid):
+            return self._grid_line(here)
+        while not self._coming and self._passes:
+            self._coming.extend(self._passes.popleft()())
+        return self._coming.popleft() if self._coming else None
+
+    def _to_line(self, here: np.ndarray) -> list[np.ndarray]:
+        """Way to the start of the present line: along what is known to be free, else over the top of the area."""
+        line, start, top = self.course.line, self.course.line.start, float(self.task.area.upper[Z])
+        if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
+            return [np.array([start[0], start[1], here[Z]]), start]
+        if line.axis == Y:
+            border = np.array([here[0], line.begin, top])
+            return [np.array([here[0], here[1], top]), border, np.array([start[0], line.begin, top]), start]
+        beside = abs(here[0] - line.begin) < self.options.step and abs(here[Z] - line.height) < 1e-3
+        if beside and not line.on_surface:  # along a line of the grid that met nothing
+            return [np.array([line.begin, here[1], here[Z]]), start]
+        way = [np.array([here[0], here[1], top]), np.array([start[0], start[1], top])]
+        if line.on_surface:
+            hover = np.array([0.0, 0.0, HOVER])
+            return [*way, start + hover, start - hover]
+        return [*way, start]
 
     # What happened
 
@@ -147,7 +228,7 @@ class Contouring(ABC):
         if self._way and self._is_at(seen, self._way[0]):
             self._way.pop(0)
         if not self._way:
-            return Event.COVERED if self.line >= len(self.lines) else Event.ARRIVED
+            return Event.COVERED if self._finished else Event.ARRIVED
         return None
 
     def _event_line(self, seen: Observation) -> Event | None:
@@ -159,7 +240,7 @@ class Contouring(ABC):
             return Event.THREAT
         if seen.blocked:
             return Event.BLOCKED
-        return Event.LINE_END if self._past_end(seen) else None
+        return Event.LINE_END if self.course.past_end(seen.pose[:3, 3]) else None
 
     def _event_contour(self, seen: Observation) -> Event | None:
         if self._overloaded(seen):
@@ -168,9 +249,12 @@ class Contouring(ABC):
             return Event.THREAT
         if seen.blocked:
             return Event.BLOCKED
-        if self._past_end(seen):
+        if self.course.past_end(seen.pose[:3, 3]):
             return Event.LINE_END
-        if self.plane is Plane.X_Y:
+        if self.course.line.rim:
+            if self._end_found(seen):
+                return Event.END_FOUND
+        elif self.course.plane is Plane.X_Y:
             if self._at_next_line(seen):
                 return Event.NEXT_LINE
             if self._turned_back():
@@ -188,7 +272,7 @@ class Contouring(ABC):
             return Event.THREAT
         if seen.blocked:
             return Event.BLOCKED
-        if self._past_end(seen):
+        if self.course.past_end(seen.pose[:3, 3]):
             return Event.LINE_END
         if self._at_table(seen):
             return Event.TABLE
@@ -196,7 +280,7 @@ class Contouring(ABC):
         return Event.GAVE_UP if self._sought > self.options.reapproach else None
 
     def _event_release(self, seen: Observation) -> Event | None:
-        if self._past_end(seen):
+        if self.course.past_end(seen.pose[:3, 3]):
             return Event.LINE_END
         force = np.sqrt(seen.force @ seen.force)
         return Event.RELEASED if force <= 1.25 * self.task.force_target else None
@@ -206,7 +290,7 @@ class Contouring(ABC):
             return Event.OVERLOAD
         if seen.blocked:
             return Event.BLOCKED
-        if self._past_end(seen):
+        if self.course.past_end(seen.pose[:3, 3]):
             return Event.LINE_END
         self._retreat_left -= float(seen.velocity @ self._retreat_along) * self._period
         return Event.ARRIVED if self._retreat_left <= 0.0 else None
@@ -249,27 +333,29 @@ class Contouring(ABC):
         self._borne = near.distance
         return True
 
-    def _past_end(self, seen: Observation) -> bool:
-        y = seen.pose[Y, 3]
-        return y >= self.task.area.upper[Y] - 1e-5 if self.direction > 0 else y <= self.task.area.lower[Y] + 1e-5
-
     def _at_table(self, seen: Observation) -> bool:
-        onward = self.follower.tangent(self._across())
+        onward = self.follower.tangent(self.course.across())
         return bool(seen.pose[Z, 3] <= self.task.area.lower[Z] + 1e-5 and onward[Z] < 0.0)
 
+    def _end_found(self, seen: Observation) -> bool:
+        """On a rim: past the place where the normal points along the line, or too far around for an end."""
+        line, normal = self.course.line, self.follower.normal
+        gone = (seen.pose[line.aside, 3] - line.place) * line.rim
+        return bool(normal[line.aside] * line.rim > PAST or gone > 1.5 * self.options.step)
+
     def _at_next_line(self, seen: Observation) -> bool:
-        if self.line + 1 >= len(self.lines) or self.line + 1 == self.lines.second_side:
+        if self._number + 1 >= len(self.grid) or self._number + 1 == self.grid.second_side:
             return False
-        here, there = self.lines.x[self.line], self.lines.x[self.line + 1]
+        here, there = self.grid.x[self._number], self.grid.x[self._number + 1]
         return bool((seen.pose[0, 3] - there) * (there - here) >= 0.0)
 
     def _turned_back(self) -> bool:
         """In X_Y: around the object's end, and now away from the next line again."""
-        return bool(self.follower.tangent(self._across())[0] * self._towards_next_line() < -0.5)
+        return bool(self.follower.tangent(self.course.across())[0] * self._towards_next_line() < -0.5)
 
     def _towards_next_line(self) -> float:
-        last = min(self.line + 1, len(self.lines) - 1)
-        return 1.0 if self.lines.x[last] >= self.lines.x[last - 1] else -1.0
+        last = min(self._number + 1, len(self.grid) - 1)
+        return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
 
     def _is_at(self, seen: Observation, place: np.ndarray) -> bool:
         return bool(np.abs(seen.pose[:3, 3] - place).max() < 2e-4)
@@ -279,15 +365,12 @@ class Contouring(ABC):
     def _enter(self, event: Event, seen: Observation) -> None:
         before = self.state
         after = self.avoid(seen) if event is Event.THREAT else TRANSITIONS[before, event]
-        if event in (Event.LINE_END, Event.BLOCKED) and after is State.TRANSFER:
+        if event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND) and after is State.TRANSFER:
             self._next_line(seen)
         if event is Event.NEXT_LINE:
-            self.line += 1
-            self._aborts = 0
-            self.direction = -1.0 if self.follower.normal[Y] > 0.0 else 1.0
-            self.plane = Plane.Z_Y
+            self._take_next_in_passing(seen)
         if after in (State.LINE, State.TRANSFER):
-            self.plane = Plane.Z_Y
+            self.course.plane = self.course.upright()
         if after is State.CONTOUR and before in (State.LINE, State.TRANSFER, State.REAPPROACH):
             self._begin_contour(seen)
         if after is State.REAPPROACH:
@@ -295,10 +378,23 @@ class Contouring(ABC):
         self.state = after
         self.trace.append((seen.time, before.value, event.value, after.value))
 
+    def _take_next_in_passing(self, seen: Observation) -> None:
+        """A contour in X_Y has come to the next grid line: along that, from the side it is on."""
+        self._driven += 1
+        self._number += 1
+        self._aborts = 0
+        line = self._grid_line(seen.pose[:3, 3])
+        inward = -1.0 if self.follower.normal[Y] > 0.0 else 1.0
+        self.course = Course(line if line.sign == inward else line.turned(), self.task.area)
+
     def _begin_contour(self, seen: Observation) -> None:
         if seen.contact is not None and self.first_contact is None:
             self.first_contact = seen.contact.point.copy()
         self.follower.restart(surface_normal(seen))
+        line, course = self.course.line, self.course
+        if line.rim:
+            course.plane, course.level = Plane.X_Y, line.height
+            course.round = -line.rim * (1.0 if self.follower.normal[line.axis] > 0.0 else -1.0)
 
     @abstractmethod
     def avoid(self, seen: Observation) -> State:
@@ -306,9 +402,14 @@ class Contouring(ABC):
 
     def follow_in(self, plane: Plane) -> State:
         """Go on contouring along other axes; in X_Y towards the next grid line."""
-        self.plane = plane
-        self._round = self._towards_next_line() * (1.0 if self.follower.normal[Y] >= 0.0 else -1.0)
+        self.course.plane, self.course.level = plane, None
+        self.course.round = self._towards_next_line() * (1.0 if self.follower.normal[Y] >= 0.0 else -1.0)
         return State.CONTOUR
+
+    def give_up_line(self, seen: Observation) -> State:
+        """Leave the line where it is and go on with the next."""
+        self._next_line(seen)
+        return State.TRANSFER
 
     def retreat(self, seen: Observation, along: np.ndarray) -> State:
         """Leave a threat along a direction; the grid goes on from there."""
@@ -316,37 +417,6 @@ class Contouring(ABC):
         self._retreat_along = along / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
         self._retreat_left = self.options.retreat
         return State.RETREAT
-
-    def _next_line(self, seen: Observation) -> None:
-        self.line += 1
-        self._aborts = 0
-        y = seen.pose[Y, 3]
-        middle = 0.5 * (self.task.area.lower[Y] + self.task.area.upper[Y])
-        self.direction = 1.0 if y < middle else -1.0
-        if self.line < len(self.lines):
-            self._way = self._to_line(seen.pose[:3, 3])
-        else:
-            self._way = []
-        self._leaving = seen.contact is not None
-        if self._leaving:
-            self._way.insert(0, seen.pose[:3, 3] + self.options.retreat * surface_normal(seen))
-
-    def _to_line(self, here: np.ndarray) -> list[np.ndarray]:
-        """Way to the start of the present line: at the border in x, then in height; over the top from inside."""
-        area = self.task.area
-        x = float(self.lines.x[self.line])
-        border = float(area.lower[Y] if self.direction > 0 else area.upper[Y])
-        inside = abs(here[Y] - border) > 1e-3
-        start = np.array([x, border, self.height])
-        if not inside:
-            return [np.array([x, border, here[Z]]), start]
-        top = float(area.upper[Z])
-        return [
-            np.array([here[0], here[Y], top]),
-            np.array([here[0], border, top]),
-            np.array([x, border, top]),
-            start,
-        ]
 
     # How it moves
 
@@ -371,32 +441,41 @@ class Contouring(ABC):
         if not self._way:
             return Goal(seen.pose, self.task.free_speed, self.state)
         target = self._way[0]
-        # Above the lines nothing has been ruled out, so a move down is as slow as any search for a contact.
-        down = target[Z] < seen.pose[Z, 3] - 1e-3 and seen.pose[Z, 3] > self.height + 1e-3
+        # Where nothing has been ruled out a move down is as slow as any search for a contact.
+        unknown = self.course.line.axis == Y or (self.course.line.on_surface and len(self._way) == 1)
+        down = target[Z] < seen.pose[Z, 3] - 1e-3 and unknown
         speed = self.follower.approach_speed(DOWN, seen.pose[:3, :3]) if down else self.task.free_speed
         return Goal(self._pose(target), speed, self.state)
 
     def _along_line(self, seen: Observation) -> Motion:
-        end = self.task.area.upper[Y] if self.direction > 0 else self.task.area.lower[Y]
-        target = np.array([seen.pose[0, 3], end, seen.pose[Z, 3]])
-        target[0] = self.lines.x[self.line]
-        ahead = np.array([0.0, self.direction, 0.0])
-        return Goal(self._pose(target), self.follower.approach_speed(ahead, seen.pose[:3, :3]), self.state)
+        line = self.course.line
+        target = line.at(line.end)
+        target[Z] = seen.pose[Z, 3]
+        speed = self.follower.approach_speed(self.course.ahead(), seen.pose[:3, :3])
+        return Goal(self._pose(target), speed, self.state)
 
     def _contour(self, seen: Observation) -> Motion:
-        normal = surface_normal(seen)
-        self._touched = seen.pose[:3, 3] - self.task.probe.radius * normal
+        here, normal = seen.pose[:3, 3], surface_normal(seen)
+        self._remember(seen, normal)
         force = max(float(seen.force @ normal), 0.0)
         velocity = self.follower.velocity(
-            normal, force, self._across(), self.task.contour_speed, seen.pose[:3, :3], self._period
+            normal, force, self.course.across(), self.task.contour_speed, seen.pose[:3, :3], self._period
         )
-        return Feed(self._bounded(seen, velocity + self._back_to_line(seen)), reason=self.state, pose=self._held(seen))
+        velocity += self.course.back(here, self.follower.normal)
+        return Feed(self.course.bounded(here, velocity), reason=self.state, pose=self._held(seen))
+
+    def _remember(self, seen: Observation, normal: np.ndarray) -> None:
+        here, line, contact = seen.pose[:3, 3], self.course.line, seen.contact
+        self._touched_at = here - self.task.probe.radius * normal
+        if contact is not None and contact.trust > 0.0:
+            on_grid = line.axis == Y and self.course.plane is not Plane.X_Y
+            self.touched.add(here, contact.point, contact.normal, line.place if on_grid else np.nan)
 
     def _tilt(self, seen: Observation) -> Motion:
         """Hold the contact by its force alone while the probe turns about the sphere's centre."""
         normal = surface_normal(seen) if seen.contact is not None else self.follower.normal
         force = max(float(seen.force @ normal), 0.0)
-        velocity = self.follower.velocity(normal, force, self._across(), 0.0, seen.pose[:3, :3], self._period)
+        velocity = self.follower.velocity(normal, force, self.course.across(), 0.0, seen.pose[:3, :3], self._period)
         return Feed(velocity, reason=self.state, pose=self._held(seen))
 
     def _held(self, seen: Observation) -> np.ndarray | None:
@@ -406,41 +485,19 @@ class Contouring(ABC):
         return self._pose(seen.pose[:3, 3])
 
     def _reapproach(self, seen: Observation) -> Motion:
-        around = rolling(seen.pose[:3, 3], self._touched, self.follower.normal)
+        around = rolling(seen.pose[:3, 3], self._touched_at, self.follower.normal)
         self.follower.normal = around
         speed = min(self.follower.approach_speed(around, seen.pose[:3, :3]), self.task.contour_speed)
-        velocity = 0.7 * speed * self.follower.tangent(self._across()) - 0.5 * speed * around
-        return Feed(self._bounded(seen, velocity), reason=self.state)
+        velocity = 0.7 * speed * self.follower.tangent(self.course.across()) - 0.5 * speed * around
+        return Feed(self.course.bounded(seen.pose[:3, 3], velocity), reason=self.state)
 
     def _release(self, seen: Observation) -> Motion:
         size = float(np.sqrt(seen.force @ seen.force))
         along = seen.force / size if size > 1e-9 else self.follower.normal
-        return Feed(self._bounded(seen, along * self.follower.yielding(size, seen.pose[:3, :3])), reason=self.state)
-
-    def _across(self) -> np.ndarray:
-        """The axis that the contour does not use, signed so that the tangent leads onward."""
-        if self.plane is Plane.X_Y:
-            return np.array([0.0, 0.0, self._round])
-        return np.array([self.direction, 0.0, 0.0])
-
-    def _back_to_line(self, seen: Observation) -> np.ndarray:
-        """Small pull towards the line's own x, within the surface, for a probe that was pushed off it sideways."""
-        if self.plane is Plane.X_Y:
-            return np.zeros(3)
-        off = float(self.lines.x[self.line] - seen.pose[0, 3])
-        pull = np.array([min(max(2.0 * off, -0.005), 0.005), 0.0, 0.0])
-        normal = self.follower.normal
-        return pull - (pull @ normal) * normal
-
-    def _bounded(self, seen: Observation, velocity: np.ndarray) -> np.ndarray:
-        """No component that leads out of the area in z or x."""
-        here = seen.pose[:3, 3]
-        for axis in (0, Z):
-            outward = here[axis] >= self.task.area.upper[axis] and velocity[axis] > 0.0
-            inward = here[axis] <= self.task.area.lower[axis] and velocity[axis] < 0.0
-            if outward or inward:
-                velocity[axis] = 0.0
-        return velocity
+        return Feed(
+            self.course.bounded(seen.pose[:3, 3], along * self.follower.yielding(size, seen.pose[:3, :3])),
+            reason=self.state,
+        )
 
     def _pose(self, place: np.ndarray) -> np.ndarray:
         pose = np.eye(4)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from lwrprobe.contracts import Observation
-from lwrprobe_strategies.contouring import Contouring, Y, Z
+from lwrprobe_strategies.contouring import Contouring
+from lwrprobe_strategies.course import Z
 from lwrprobe_strategies.states import State
 
 
@@ -19,10 +18,9 @@ class GridVersion(Contouring):
         line, the line is given up and the next one begins from above.
         """
         self._aborts += 1
-        ahead = self.follower.normal[Y] * self.direction < -0.3
-        if self._aborts > 2 or ahead:
-            self._next_line(seen)
-            return State.TRANSFER
+        onward = self.course.ahead()
+        if self._aborts > 2 or self.follower.normal @ onward < -0.3 or self.course.line.rim:
+            return self.give_up_line(seen)
         away = self.follower.normal.copy()
         away[Z] = max(away[Z], 0.0)
-        return self.retreat(seen, away + np.array([0.0, 0.2 * self.direction, 0.0]))
+        return self.retreat(seen, away + 0.2 * onward)

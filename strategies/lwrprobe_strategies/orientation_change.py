@@ -44,7 +44,9 @@ class OrientationChange(Contouring):
 
     def avoid(self, seen: Observation) -> State:
         """In X_Y: change the motion state. In Z_Y: tilt, or retreat when tilted already."""
-        if self.plane is not Plane.Z_Y:
+        if self.course.line.rim:
+            return self.give_up_line(seen)
+        if self.course.plane is Plane.X_Y:
             return self.follow_in(Plane.Z_Y)
         away = self.follower.normal - self.follower.normal[2] * UP
         size = float(np.sqrt(away @ away))

@@ -17,6 +17,8 @@ class Plane(StrEnum):
 
     X_Y = "X_Y"
     Z_Y = "Z_Y"
+    Z_X = "Z_X"
+    """On lines across, which the source does not have."""
     TO_FIRST_CONTACT = "TO_FIRST_CONTACT"
 
 
@@ -50,6 +52,7 @@ class Event(StrEnum):
     OVERLOAD = "overlarge force"
     RELEASED = "force released"
     NEXT_LINE = "next line reached"
+    END_FOUND = "end of the object found"
     TABLE = "table height reached"
     LINE_END = "end of the line"
     THREAT = "collision threat"
@@ -79,6 +82,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.REAPPROACH, Event.OVERLOAD): State.RELEASE,
     (State.REAPPROACH, Event.BLOCKED): State.TRANSFER,
     (State.CONTOUR, Event.NEXT_LINE): State.CONTOUR,
+    (State.CONTOUR, Event.END_FOUND): State.TRANSFER,
     (State.RELEASE, Event.RELEASED): State.CONTOUR,
     (State.RELEASE, Event.LINE_END): State.TRANSFER,
     (State.TILT, Event.ARRIVED): State.CONTOUR,

@@ -29,8 +29,8 @@ class SurfaceContour(Contouring):
     def avoid(self, seen: Observation) -> State:
         """Change the motion state and go on contouring; give the line up when that has led nowhere."""
         self._aborts += 1
-        across_the_end = self.plane is Plane.X_Y and abs(self.follower.normal[Y]) < 0.5
-        if self._aborts > 4 or across_the_end:
-            self._next_line(seen)
-            return State.TRANSFER
-        return self.follow_in(Plane.X_Y if self.plane is Plane.Z_Y else Plane.Z_Y)
+        plane = self.course.plane
+        around_the_end = plane is Plane.X_Y and abs(self.follower.normal[Y]) < 0.5
+        if self._aborts > 4 or around_the_end or self.course.line.axis != Y:
+            return self.give_up_line(seen)
+        return self.follow_in(Plane.X_Y if plane is Plane.Z_Y else Plane.Z_Y)

@@ -10,6 +10,7 @@ BENCHES: dict[str, str] = {
     "clearance": "lwrprobe.bench.clearance",
     "mapping": "lwrprobe.bench.mapping",
     "contact": "lwrprobe.bench.contact",
+    "exploration": "lwrprobe.bench.exploration",
     "loop": "lwrprobe.bench.loop",
     "simulation": "lwrprobe.bench.simulation",
     "reconstruction": "lwrprobe.bench.reconstruction",

@@ -63,6 +63,8 @@ class Outcome:
     path: float
     contact_path: float
     peak_felt: float
+    range_used: float
+    cycle_us: float
     guard_interventions: int
     slowed_cycles: int
     stages: list[dict[str, Any]]
@@ -98,6 +100,9 @@ class Explorer:
         self._time = 0.0
         self._last_tip: np.ndarray | None = None
         self._path = self._contact_path = self._peak = 0.0
+        self._range_used = 0.0
+        probe = pipeline.probe
+        self._range = np.concatenate([probe.force_range, probe.torque_range])
         self._slowed = 0
         self._rows = 0
         self._wall_shown = 0.0
@@ -200,6 +205,8 @@ class Explorer:
             self._path,
             self._contact_path,
             self._peak,
+            self._range_used,
+            self.clock.round_median(),
             self._guard.interventions,
             self._slowed,
             self.clock.table(),
@@ -240,6 +247,9 @@ class Explorer:
         wrench = pipe.conditioner.condition(sample, pose[:3, :3])
         clock.lap("condition")
         size = wrench.magnitude
+        if size > 0.5 * self.scene.contact.target:
+            felt = np.concatenate([wrench.force, wrench.torque])
+            self._range_used = max(self._range_used, float(np.abs(felt / self._range).max()))
         contact = None
         if size >= self.scene.contact.threshold:
             if sample.time - self._touched_last > FORGET:

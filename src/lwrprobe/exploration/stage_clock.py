@@ -15,17 +15,23 @@ class StageClock:
 
     def __init__(self, stages: Iterable[str]) -> None:
         self._laps = {name: array("q") for name in stages}
-        self._last = perf_counter_ns()
+        self._rounds = array("q")
+        self._last = self._begun = perf_counter_ns()
 
     def start(self) -> None:
-        """Begin a round: what came before belongs to no stage."""
-        self._last = perf_counter_ns()
+        """Begin a round: what came since the last lap belongs to no stage."""
+        self._rounds.append(self._last - self._begun)
+        self._last = self._begun = perf_counter_ns()
 
     def lap(self, stage: str) -> None:
         """What has passed since the last lap belongs to `stage`."""
         now = perf_counter_ns()
         self._laps[stage].append(now - self._last)
         self._last = now
+
+    def round_median(self) -> float:
+        """us, of all stages of one round together."""
+        return round(float(np.median(np.frombuffer(self._rounds, dtype=np.int64))) / 1000.0, 3) if self._rounds else 0.0
 
     def table(self) -> list[dict[str, Any]]:
         """`{name, calls, us_median, us_p99, share}` a stage that ran; the shares sum to one."""

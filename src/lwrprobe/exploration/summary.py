@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import Judge, Reconstruction
-from lwrprobe.evaluation import coverage, lower_bound_time, mesh_error, normal_error, point_error, surface_error
+from lwrprobe.evaluation import (
+    coverage,
+    coverage_over_time,
+    end_errors,
+    lower_bound_time,
+    mesh_error,
+    normal_error,
+    point_error,
+    surface_error,
+)
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.exploration.explorer import Outcome
 from lwrprobe.exploration.pipeline import Pipeline
@@ -45,12 +54,14 @@ def summarise(
         "path_length_m": round(outcome.path, 4),
         "contact_path_length_m": round(outcome.contact_path, 4),
         "peak_force_n": round(judge.peak_force if judge is not None else outcome.peak_felt, 4),
+        "range_used": round(outcome.range_used, 4),
         "link_collisions": judge.link_collisions if judge is not None else None,
         "min_clearance_m": round(float(clearance), 5) if np.isfinite(clearance) else None,
         "force_guard_interventions": outcome.guard_interventions,
         "slowed_cycles": outcome.slowed_cycles,
         **_against_truth(scene, judge, recorder, points, normals, pitch, surface),
         "lower_bound_time_s": None,
+        "cycle_us": outcome.cycle_us,
         "stages": outcome.stages,
         "left_out": pipeline.left_out,
         "wrench_counters": asdict(outcome.counters),
@@ -71,7 +82,10 @@ def _against_truth(
     pitch: float,
     surface: Reconstruction | None,
 ) -> dict[str, Any]:
-    keys = ("coverage", "coverage_5mm", "contact_error_mm", "surface_error_mm", "normal_error_deg", "mesh_error_mm")
+    keys = (
+        "coverage", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm", "surface_error_mm",
+        "normal_error_deg", "mesh_error_mm",
+    )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if judge is None or not scene.objects:
         return found
@@ -80,6 +94,12 @@ def _against_truth(
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
+    times = np.array([contact.time for contact in recorder.contacts])
+    at = np.linspace(0.0, times.max(), 41)[1:]
+    shares = coverage_over_time(points, times, at, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
+    found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
+    ends = end_errors(points, solid, scene.probe.radius, lowest)
+    found["end_errors_mm"] = [round(1e3 * end, 4) for end in ends]
     truth = [judge.contact_at(sequence) for sequence in recorder.sequences]
     known = np.array([true is not None for true in truth])
     if known.any():

@@ -1,0 +1,195 @@
+"""Scenes x strategies x profiles x seeds, explored: errors, coverage, time against the bound, and what it cost.
+
+Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. Options (`--set`):
+`scenes`, `strategies`, `profiles`, `seeds` as comma-separated lists, `jobs` for runs side by side.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.contracts import InputError, LwrprobeError, UnknownNameError
+from lwrprobe.evaluation.machine import machine, versions
+
+SOURCE_SCENES = (
+    "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
+    "jaw_chuck", "stacked_blocks",
+)  # fmt: skip
+STRATEGIES = ("grid_version", "surface_contour", "orientation_change")
+QUICK_SCENES = ("block", "stacked_blocks")
+
+COLUMNS = {
+    "scene": "scene",
+    "strategy": "strategy",
+    "profile": "profile",
+    "seed": "seed",
+    "status": "status",
+    "collisions": "collisions",
+    "peak N": "peak_force_n",
+    "range used": "range_used",
+    "contact mm": "contact_median",
+    "p95 mm": "contact_p95",
+    "coverage": "coverage",
+    "ends mm": "ends",
+    "mesh mm": "mesh",
+    "clearance mm": "clearance",
+    "robot s": "time",
+    "bound s": "bound",
+    "times bound": "ratio",
+    "path m": "path",
+    "strategy us": "strategy_us",
+    "cycle us": "cycle_us",
+    "x real time": "real_time",
+}
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """`lwrprobe bench exploration`."""
+    jobs, processes = _jobs(quick, options)
+    one = partial(_explored)
+    if processes > 1:
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+            found = list(pool.map(one, jobs))
+    else:
+        found = [one(job) for job in jobs]
+    report = BenchReport("exploration", "Exploring: errors, coverage and time")
+    report.machine = machine() | versions("numpy", "numba", "ruckig")
+    rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
+    report.tables.append(Table("Every run", list(COLUMNS), rows))
+    report.tables += _summaries(found)
+    report.verdicts = _verdicts([item for item in found if item["profile"] == "default"])
+    report.figures["coverage"] = partial(_draw_growth, found=found)
+    report.data["runs"] = found
+    return report
+
+
+def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, str, int]], int]:
+    allowed = ("scenes", "strategies", "profiles", "seeds", "jobs")
+    for name in options:
+        if name not in allowed:
+            raise UnknownNameError("bench exploration option", name, allowed)
+    scenes = _listed(options, "scenes", QUICK_SCENES if quick else SOURCE_SCENES)
+    strategies = _listed(options, "strategies", STRATEGIES[:1] if quick else STRATEGIES)
+    profiles = _listed(options, "profiles", ("default",))
+    try:
+        seeds = [int(text) for text in _listed(options, "seeds", ("1",) if quick else ("1", "2", "3"))]
+        processes = int(options.get("jobs", "1"))
+    except ValueError as error:
+        raise InputError("bench exploration", str(error), "whole numbers for seeds and jobs") from error
+    return list(product(scenes, strategies, profiles, seeds)), processes
+
+
+def _listed(options: dict[str, str], name: str, default: tuple[str, ...]) -> list[str]:
+    return options[name].split(",") if name in options else list(default)
+
+
+def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
+    """One run as a flat record; a scene that cannot be run is a record that says so."""
+    from lwrprobe.exploration.explore import explore
+    from lwrprobe.scene import load_scene
+
+    name, strategy, profile, seed = job
+    record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
+    try:
+        settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
+        summary = explore(load_scene(name, settings, None if profile == "default" else profile))
+    except LwrprobeError as error:
+        return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
+    error, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
+    stages = {stage["name"]: stage["us_median"] for stage in summary["stages"]}
+    bound = summary["lower_bound_time_s"]
+    ends = summary["end_errors_mm"]
+    return record | {
+        "status": summary["status"],
+        "reason": summary["reason"],
+        "collisions": summary["link_collisions"],
+        "peak_force_n": summary["peak_force_n"],
+        "range_used": summary["range_used"],
+        "contact_median": error.get("median"),
+        "contact_p95": error.get("p95"),
+        "coverage": summary["coverage"],
+        "ends": max(map(abs, ends)) if ends else None,
+        "mesh": mesh.get("mean"),
+        "clearance": None if summary["min_clearance_m"] is None else 1e3 * summary["min_clearance_m"],
+        "time": summary["sim_time_s"],
+        "bound": bound,
+        "ratio": summary["sim_time_s"] / bound if bound else None,
+        "path": summary["path_length_m"],
+        "strategy_us": stages.get("strategy"),
+        "cycle_us": summary["cycle_us"],
+        "real_time": summary["real_time_factor"],
+        "left_out": [item["stage"] for item in summary["left_out"]],
+        "growth": summary["coverage_over_time"] or [],
+    }
+
+
+def _summaries(found: list[dict[str, Any]]) -> list[Table]:
+    """Medians over the seeds and scenes, a row each strategy and profile."""
+    keys = ("contact_median", "contact_p95", "coverage", "ends", "mesh", "ratio", "time")
+    rows = []
+    for strategy, profile in sorted({(item["strategy"], item["profile"]) for item in found}):
+        own = [item for item in found if (item["strategy"], item["profile"]) == (strategy, profile)]
+        values = [[item[key] for item in own if item.get(key) is not None] for key in keys]
+        done = sum(item["status"] == "done" for item in own)
+        rows.append([strategy, profile, f"{done} of {len(own)}", *(float(np.median(v)) if v else None for v in values)])
+    columns = [
+        "strategy",
+        "profile",
+        "done",
+        "contact mm",
+        "p95 mm",
+        "coverage",
+        "ends mm",
+        "mesh mm",
+        "times bound",
+        "s",
+    ]
+    return [Table("Medians over scenes and seeds", columns, rows)]
+
+
+def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
+    if not found:
+        return []
+
+    def held(promise: str, key: str, good: Any) -> Verdict:
+        bad = [item for item in found if item.get(key) is None or not good(item[key])]
+        names = sorted({f"{item['scene']}/{item['strategy']}" for item in bad})
+        return Verdict(
+            promise, f"{len(found) - len(bad)} of {len(found)}" + (f"; not {', '.join(names)}" if bad else ""), not bad
+        )
+
+    return [
+        held("status done", "status", lambda v: v == "done"),
+        held("no link collision", "collisions", lambda v: v == 0),
+        held("peak force <= 3 N", "peak_force_n", lambda v: v <= 3.0),
+        held("force and torque within the sensor's range", "range_used", lambda v: v < 1.0),
+        held("contact error median <= 0.15 mm", "contact_median", lambda v: v <= 0.15),
+        held("contact error p95 <= 0.5 mm", "contact_p95", lambda v: v <= 0.5),
+        held("coverage >= 0.97", "coverage", lambda v: v >= 0.97),
+        held("ends in x found within 0.3 mm", "ends", lambda v: v <= 0.3),
+        held("time <= 2 x the lower bound", "ratio", lambda v: v <= 2.0),
+    ]
+
+
+def _draw_growth(figure: Any, found: list[dict[str, Any]]) -> None:
+    """Coverage against robot time, one curve a run of the first seed."""
+    axes = figure.subplots(1, len(STRATEGIES), sharey=True)
+    seed = min(item["seed"] for item in found)
+    for panel, strategy in zip(axes, STRATEGIES):
+        for item in found:
+            if item["strategy"] != strategy or item["seed"] != seed or not item["growth"]:
+                continue
+            times, shares = zip(*item["growth"])
+            panel.plot(times, shares, "-" if item["profile"] == "default" else ":", label=item["scene"], lw=1)
+        panel.set_title(strategy)
+        panel.set_xlabel("robot time, s")
+    axes[0].set_ylabel("coverage")
+    axes[0].set_ylim(0, 1)
+    axes[0].legend(fontsize=7)

@@ -1,0 +1,98 @@
+"""What lines along y leave out: steep faces that lie along the lines, and the object's ends in x.
+
+Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
+line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe_strategies.lines import Line
+
+ROUGH = 0.002
+"""m, by which the way from touch to touch between two lines may exceed the lines' distance."""
+NEAR = 0.0015
+"""m, within which a touch of a line along y counts for a line across."""
+BENT = 0.06
+"""Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
+
+
+def lines_across(touches: np.ndarray, places: np.ndarray, pitch: float, floor: float, height: float) -> list[Line]:
+    """Lines along x over every face that the lines along y, at `places` (n,) m, left out; in the order to drive them.
+
+    Parameters
+    ----------
+    touches : (m, 10) as in `Touched.table`
+    pitch : m, between two lines across
+    floor : m, lowest height of the sphere's centre: where a line touched nothing
+    height : m, at which a line begins that begins in free space
+    """
+    if not len(touches):
+        return []
+    xs = np.sort(places)
+    runs: dict[tuple[int, int], list[tuple[float, np.ndarray]]] = {}
+    for y in _places_across(touches, pitch):
+        heights = _heights(touches, xs, y, floor)
+        for first, last in _left_out(xs, heights, pitch, floor):
+            runs.setdefault((first, last), []).append((y, heights))
+    lines: list[Line] = []
+    for (first, last), where in sorted(runs.items()):
+        for y, heights in where:
+            ends = (first, last) if len(lines) % 2 == 0 else (last, first)
+            touching = heights[ends[0]] > floor + 1e-4
+            begin_height = float(heights[ends[0]]) if touching else height
+            lines.append(Line(0, float(y), float(xs[ends[0]]), float(xs[ends[1]]), begin_height, bool(touching)))
+    return lines
+
+
+def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
+    """Lines that find the object's ends in x, where the outermost touch says that the end lies beside it.
+
+    Each touches the object where it reached furthest and follows it around, in the horizontal plane, to where the
+    normal points along x.
+    """
+    lines: list[Line] = []
+    if not len(touches):
+        return lines
+    for sign in (1.0, -1.0):
+        last = touches[np.argmax(sign * touches[:, 3])]
+        free = places[sign * places > sign * last[0] + 1e-3]
+        across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
+        if abs(across) < BENT or not len(free) or last[2] < height - 1e-3:
+            continue
+        begin = float(free[np.argmin(sign * free)])
+        lines.append(Line(0, float(last[1]), begin, float(last[0]), float(last[2]), rim=-1 if across > 0.0 else 1))
+    return lines
+
+
+def _places_across(touches: np.ndarray, pitch: float) -> np.ndarray:
+    """(k,) m in y, no more than a pitch apart and half of that from the ends of what was touched."""
+    low, high = touches[:, 4].min(), touches[:, 4].max()
+    count = max(int(np.ceil((high - low) / pitch - 1e-6)), 1)
+    return low + (np.arange(count) + 0.5) * (high - low) / count
+
+
+def _heights(touches: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.ndarray:
+    """(n,) m, the highest place of the sphere's centre on each grid line at `y`; `floor` where nothing was touched."""
+    near = touches[np.abs(touches[:, 1] - y) < NEAR]
+    heights = np.full(len(xs), floor)
+    for i, x in enumerate(xs):
+        own = near[near[:, 9] == x]
+        if len(own):
+            heights[i] = own[:, 2].max()
+    return heights
+
+
+def _left_out(xs: np.ndarray, heights: np.ndarray, pitch: float, floor: float) -> list[tuple[int, int]]:
+    """Index pairs of lines between which the surface is steep along x; pairs up to two lines apart become one."""
+    way = np.hypot(np.diff(xs), np.diff(heights))
+    steep = np.flatnonzero(way > np.maximum(np.diff(xs), pitch) + ROUGH)
+    pairs: list[tuple[int, int]] = []
+    for i in steep:
+        low_between = pairs and (heights[pairs[-1][1] : i + 1] <= floor + 1e-4).all()
+        if pairs and i - pairs[-1][1] <= 2 and not (low_between and i > pairs[-1][1]):
+            pairs[-1] = (pairs[-1][0], int(i) + 1)
+        else:
+            pairs.append((int(i), int(i) + 1))
+    return pairs

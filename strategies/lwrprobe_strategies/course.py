@@ -1,0 +1,84 @@
+"""Where a line leads: the plane of its contour, its end, the way back to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.lines import Line
+from lwrprobe_strategies.states import Plane
+
+Z = 2
+PULL = 2.0
+"""1/s, how fast a probe that was pushed off its line comes back."""
+FASTEST_PULL = 0.005
+"""m/s"""
+
+
+@dataclass(slots=True)
+class Course:
+    """The present line and the plane in which a contact on it is followed.
+
+    Attributes
+    ----------
+    line : the present line
+    plane : vertical through the line, or horizontal
+    round : +1 or -1, the sense in which a horizontal contour runs around the object
+    level : m, the height of a horizontal contour, None where it may drift
+    """
+
+    line: Line
+    area: Area
+    plane: Plane = Plane.Z_Y
+    round: float = 1.0
+    level: float | None = None
+
+    def ahead(self) -> np.ndarray:
+        """(3,) unit, along the line."""
+        ahead = np.zeros(3)
+        ahead[self.line.axis] = self.line.sign
+        return ahead
+
+    def across(self) -> np.ndarray:
+        """The axis that the contour does not use, signed so that the tangent (normal x across) leads onward."""
+        if self.plane is Plane.X_Y:
+            return np.array([0.0, 0.0, self.round])
+        if self.line.axis == 1:
+            return np.array([self.line.sign, 0.0, 0.0])
+        return np.array([0.0, -self.line.sign, 0.0])
+
+    def upright(self) -> Plane:
+        """The vertical plane through the line."""
+        return Plane.Z_Y if self.line.axis == 1 else Plane.Z_X
+
+    def past_end(self, place: np.ndarray) -> bool:
+        """Whether the line's end has been reached; a horizontal contour may also leave the area on the side."""
+        line = self.line
+        if self.plane is Plane.X_Y:
+            low, high = self.area.lower[line.axis], self.area.upper[line.axis]
+            return bool(place[line.axis] >= high - 1e-5 or place[line.axis] <= low + 1e-5)
+        return bool((place[line.axis] - line.end) * line.sign >= -1e-5)
+
+    def back(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(3,) m/s, small pull towards the line within the surface, for a probe that was pushed off it sideways."""
+        pull = np.zeros(3)
+        if self.plane is not Plane.X_Y:
+            pull[self.line.aside] = _pull(self.line.place - place[self.line.aside])
+        elif self.level is not None:
+            pull[Z] = _pull(self.level - place[Z])
+        return pull - (pull @ normal) * normal
+
+    def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """`velocity` without what leads out of the area in height or across the line."""
+        for axis in (self.line.aside, Z):
+            outward = place[axis] >= self.area.upper[axis] and velocity[axis] > 0.0
+            inward = place[axis] <= self.area.lower[axis] and velocity[axis] < 0.0
+            if outward or inward:
+                velocity[axis] = 0.0
+        return velocity
+
+
+def _pull(off: float) -> float:
+    return min(max(PULL * off, -FASTEST_PULL), FASTEST_PULL)

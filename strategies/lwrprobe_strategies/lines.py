@@ -1,0 +1,98 @@
+"""Lines that are driven over an exploration area (Rau 2017, sections 4.2.3 and 4.2.4, figure 4.6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lwrprobe.contracts import Area, InputError
+
+
+@dataclass(slots=True, frozen=True)
+class Line:
+    """One line along a horizontal world axis.
+
+    Attributes
+    ----------
+    axis : 0 along x, 1 along y
+    place : m, on the other horizontal axis
+    begin, end : m along `axis`
+    height : m, of the sphere's centre at the beginning
+    on_surface : the beginning is known to touch; it is come down to from above
+    rim : 0, or the sign on the other horizontal axis towards which a touch is followed around in the horizontal plane
+    """
+
+    axis: int
+    place: float
+    begin: float
+    end: float
+    height: float
+    on_surface: bool = False
+    rim: int = 0
+
+    @property
+    def sign(self) -> float:
+        """Of the travel along `axis`."""
+        return 1.0 if self.end >= self.begin else -1.0
+
+    @property
+    def aside(self) -> int:
+        """The other horizontal axis."""
+        return 1 - self.axis
+
+    @property
+    def start(self) -> np.ndarray:
+        """(3,) m, the sphere's centre at the beginning."""
+        return self.at(self.begin)
+
+    def at(self, along: float) -> np.ndarray:
+        """(3,) m, at a place along the axis."""
+        place = np.array([0.0, 0.0, self.height])
+        place[self.axis], place[self.aside] = along, self.place
+        return place
+
+    def turned(self) -> Line:
+        """The same the other way round."""
+        return replace(self, begin=self.end, end=self.begin)
+
+
+@dataclass(slots=True, frozen=True)
+class Grid:
+    """Lines along y, in the order in which they are driven.
+
+    Attributes
+    ----------
+    x : (n,) m, of each line: from the first line to the end of the area in +x, then from the first line's
+        neighbour to the end in -x
+    second_side : index of the first line of the second side, n where there is none
+    """
+
+    x: np.ndarray
+    second_side: int
+
+    @classmethod
+    def over(cls, area: Area, step: float, first: float | None = None) -> Grid:
+        """Lines that cover `area`; `first` is the x [m] of the first line, the area's lower end when None.
+
+        Both ends of the area get a line of their own, so that no strip wider than `step` is left.
+        """
+        low, high = float(area.lower[0]), float(area.upper[0])
+        if not (np.isfinite(step) and step > 0.0):
+            raise InputError("strategy.step", step, "a positive length in metres")
+        first = low if first is None else min(max(first, low), high)
+        up = cls._towards(first, high, step)
+        down = cls._towards(first, low, step)[1:]
+        return cls(np.array(up + down), len(up))
+
+    @staticmethod
+    def _towards(first: float, end: float, step: float) -> list[float]:
+        sign = 1.0 if end >= first else -1.0
+        count = int(abs(end - first) / step + 1e-9)
+        lines = [first + sign * i * step for i in range(count + 1)]
+        if abs(end - lines[-1]) > 1e-9:
+            lines.append(end)
+        return lines
+
+    def __len__(self) -> int:
+        return len(self.x)
