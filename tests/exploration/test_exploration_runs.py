@@ -118,7 +118,7 @@ def test_what_the_arm_cannot_reach_is_named_before_it_moves():
     assert explore(load_scene("empty", ["run.time_limit=2.0"]))["unreachable_area"] == ""
 
 
-@pytest.mark.parametrize("setting", ["motion.mode='joint'", "clearance.links='arm'"])
+@pytest.mark.parametrize("setting", ["clearance.links='arm'"])
 def test_what_is_not_built_is_refused(setting):
     with pytest.raises(InputError, match="not "):
         explore(load_scene("empty", [setting]))

@@ -128,7 +128,7 @@ class Explorer:
                 self._command(move.q)
                 self._remember(self.rig.arm.read())
         self._q[:] = q
-        self.pipe.trajectory.reset(pose)
+        self.pipe.place_tip(pose, q)
 
     def take_bias(self, seconds: float) -> None:
         """Rest in free space and take the sensor's bias; raises SafetyStop when the probe is touching already."""
@@ -304,9 +304,7 @@ class Explorer:
             trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
 
     def _reachable(self, pose: np.ndarray) -> bool:
-        near = np.abs(pose[:3, 3] - self.pipe.trajectory.pose[:3, 3]).max() < 0.02
-        # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
-        status = self.pipe.solver.track(pose, self._q, self._ahead) if near else IKStatus.CONVERGED
+        status = self.pipe.judge(pose, self._q, self._ahead)
         self._blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
         if self._blocked:
             self.pipe.trajectory.stop()
@@ -316,7 +314,7 @@ class Explorer:
         clock, pipe = self.clock, self.pipe
         pipe.trajectory.step()
         clock.lap("trajectory")
-        status = pipe.solver.track(pipe.trajectory.pose, self._q, self._next)
+        status = pipe.joints_now(self._q, self._next)
         if status != IKStatus.CONVERGED:
             self._blocked = f"out of reach: {IKStatus(status).name.lower()}"
             pipe.trajectory.stop()
@@ -328,8 +326,9 @@ class Explorer:
         clock.lap("ik")
         self._command(self._next)
         clock.lap("arm")
-        pipe.governor.watch(self._q)
-        clock.lap("governor")
+        if pipe.governor is not None:
+            pipe.governor.watch(self._q)
+            clock.lap("governor")
 
     def _command(self, q: np.ndarray) -> None:
         self.rig.arm.command(q)

@@ -19,7 +19,8 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.clearance_stage import ClearanceStage
-from lwrprobe.kinematics import IKSolver, Robot, robot_by_name
+from lwrprobe.exploration.joint_space import JointSpaceTip
+from lwrprobe.kinematics import IKSolver, IKStatus, Robot, robot_by_name
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.options import configure
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
@@ -31,8 +32,8 @@ class Pipeline:
 
     robot: Robot
     solver: IKSolver
-    trajectory: CartesianTrajectory
-    governor: SpeedGovernor
+    trajectory: CartesianTrajectory | JointSpaceTip
+    governor: SpeedGovernor | None
     conditioner: WrenchConditioner
     estimator: Any
     deflection: Deflection | None
@@ -44,6 +45,28 @@ class Pipeline:
     probe: Probe
     area: Area
     left_out: list[dict[str, str]] = field(default_factory=list)
+
+    def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
+        """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
+        if isinstance(self.trajectory, JointSpaceTip):
+            self.trajectory.reset(q)
+        else:
+            self.trajectory.reset(pose)
+
+    def joints_now(self, q: np.ndarray, out: np.ndarray) -> int:
+        """Joint values (n,) for the generator's present pose into out, from those of the cycle before; an IKStatus."""
+        if isinstance(self.trajectory, JointSpaceTip):
+            out[:] = self.trajectory.q
+            return IKStatus.CONVERGED
+        return self.solver.track(self.trajectory.pose, q, out)
+
+    def judge(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
+        """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
+        if isinstance(self.trajectory, JointSpaceTip):
+            return self.trajectory.judge(pose)
+        near = np.abs(pose[:3, 3] - self.trajectory.pose[:3, 3]).max() < 0.02
+        # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
+        return self.solver.track(pose, q, out) if near else IKStatus.CONVERGED
 
 
 @dataclass(slots=True, frozen=True)
@@ -61,8 +84,6 @@ def choose(scene: Any) -> Choices:
 
     Raises UnknownNameError, PluginError or InputError.
     """
-    if scene.motion.mode != "cartesian":
-        raise InputError("motion.mode", scene.motion.mode, "'cartesian' (exploring in joint space is not built yet)")
     if scene.clearance.links != "probe":
         raise InputError("clearance.links", scene.clearance.links, "'probe' (the arm's own links are not watched yet)")
     name, method = scene.strategy.name, scene.reconstruction.method
@@ -96,12 +117,13 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         turn_acceleration=motion.turn_acceleration,
         turn_jerk=motion.turn_jerk,
     )
-    solver, trajectory = IKSolver(robot), CartesianTrajectory(cycle, limits)
+    solver = IKSolver(robot)
+    trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     return Pipeline(
         robot=robot,
         solver=solver,
         trajectory=trajectory,
-        governor=SpeedGovernor(trajectory, solver.track, robot.speed),
+        governor=governor,
         conditioner=WrenchConditioner(probe, rate),
         estimator=make_estimator(scene.contact.estimator, probe),
         deflection=deflection,
@@ -114,7 +136,11 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         area=area,
         left_out=[
             {"stage": stage, "why": why}
-            for stage, why in (("clearance", no_clearance), ("deflection", no_deflection))
+            for stage, why in (
+                ("clearance", no_clearance),
+                ("deflection", no_deflection),
+                ("governor", no_governor),
+            )
             if why
         ],
     )
@@ -123,6 +149,20 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
 def robot_of(scene: Any) -> Robot:
     """The scene's robot with its base and tool."""
     return robot_by_name(scene.arm.robot).with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
+
+
+def _motion(
+    mode: str, cycle: float, robot: Robot, solver: IKSolver, limits: CartesianLimits
+) -> tuple[CartesianTrajectory | JointSpaceTip, SpeedGovernor | None, str]:
+    """The generator, what keeps its joints in bounds, and why that is left out."""
+    if mode == "joint":
+        return (
+            JointSpaceTip(cycle, robot, solver, limits),
+            None,
+            "in joint space the generator keeps the joints' limits",
+        )
+    trajectory = CartesianTrajectory(cycle, limits)
+    return trajectory, SpeedGovernor(trajectory, solver.track, robot.speed), ""
 
 
 def _clearance(scene: Any, probe: Probe, area: Area, voxels: VoxelMap) -> tuple[ClearanceStage | None, str]:

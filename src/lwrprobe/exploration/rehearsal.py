@@ -25,7 +25,7 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
     pipe.voxels.insert_point(contact.point)
     if pipe.clearance is not None:
         pipe.clearance.nearest(pose)
-    pipe.trajectory.reset(pose)
+    pipe.place_tip(pose, q)
     ahead = pose.copy()
     ahead[2, 3] -= 0.01
     pipe.trajectory.set_goal(ahead, scene.motion.free_speed)

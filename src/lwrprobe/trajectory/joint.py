@@ -71,9 +71,13 @@ class JointTrajectory:
             self._stops = True
             self._begin()
 
-    def set_goal(self, q: object) -> int:
-        """Go to q (n,) and rest there; returns the status. Raises InputError for what is outside the limits."""
+    def set_goal(self, q: object, factor: float | None = None) -> int:
+        """Go to q (n,) and rest there, with `factor` at the speeds that `scale` would give; returns the status.
+
+        Raises InputError for what is outside the limits.
+        """
         self._accept(q)
+        self._factor = self._factor if factor is None else _share(factor)
         self._stops = False
         return self._begin()
 
@@ -86,9 +90,7 @@ class JointTrajectory:
 
     def scale(self, factor: float) -> int:
         """Bring the speeds of this and later motions to `factor` (0 .. 1] of the limits."""
-        if not 0.0 < factor <= 1.0:
-            raise InputError("factor", factor, "a number above 0, up to 1")
-        if factor == self._factor:
+        if _share(factor) == self._factor:
             return self.status
         self._factor = factor
         return self.status if self._resting else self._begin()
@@ -227,6 +229,12 @@ class JointTrajectory:
         if not k.accept_joints(raw, self._bounds, self._goal):
             _vector("q", raw, raw.size)
             raise InputError("q", raw.tolist(), f"from {self._bounds[0].tolist()} to {self._bounds[1].tolist()}")
+
+
+def _share(factor: float) -> float:
+    if not 0.0 < factor <= 1.0:
+        raise InputError("factor", factor, "a number above 0, up to 1")
+    return factor
 
 
 def _vector(field: str, value: object, n: int | None = None) -> np.ndarray:
