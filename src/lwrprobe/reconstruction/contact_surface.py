@@ -27,7 +27,7 @@ from lwrprobe.reconstruction.distance_kernels import (
     scatter,
 )
 from lwrprobe.reconstruction.evidence import Evidence, Walls, WallSettings, find_walls, gather
-from lwrprobe.reconstruction.evidence_kernels import mark_near
+from lwrprobe.reconstruction.evidence_kernels import mark_near, nearest_planes
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
@@ -35,6 +35,7 @@ from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _MOST_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
+_BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
@@ -179,12 +180,15 @@ def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
 def _outer_field(evidence: Evidence, process: HermiteField, touches: Touches, pitch: float) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
-    near = np.zeros(grid.shape, dtype=np.bool_)
-    mark_near(process.data.points, 0.9 * pitch, grid.origin, grid.step, near)
+    square, values = np.full(grid.shape, np.inf), np.empty(grid.shape)
+    nearest_planes(process.data.points, process.data.normals, 0.9 * pitch, grid.origin, grid.step, square, values)
+    values = np.where(np.isfinite(square), values, evidence.bound)
+    # Away from the surface only the sign counts: the nearest tangent plane has it.
+    near = np.isfinite(square) & (np.abs(values) < max(_BAND * pitch, 2.0 * grid.step))
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
     near[:, :, :first] = False
-    values = process.values(grid, near)
-    values = np.where(np.isfinite(values), values, evidence.bound)
+    found = process.values(grid, near)
+    values = np.where(np.isfinite(found), found, values)
     values[:, :, :first] = values[:, :, first : first + 1]  # walls go straight down to the table and through it
     for axis in range(3):
         edge = [slice(None)] * 3

@@ -24,7 +24,7 @@ from lwrprobe.reconstruction.evidence_kernels import (
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData
 
-_CURVATURE_NOISE = 2e-4  # m, of the drop between two lines
+_CURVATURE_NOISE = 1.2e-4  # m, of the drop between two lines
 _EVIDENCE_FLOOR = 3e-4  # m, no extrapolation is better than this
 _WALL_NORMAL_SD = 0.2  # rad
 

@@ -21,18 +21,31 @@ def mark_places(places, origin, step, marks):
 
 @kernel
 def mark_below(points, normals, origin, step, free, solid):
-    """Columns under contacts are solid down to the next place that the sphere visited.
+    """Columns under contacts are solid down to the next place that the sphere visited, or to an undercut.
 
-    A contact from below (a normal that points down) says nothing about what lies under it.
+    A contact from below (a normal that points down) says nothing about what lies under it, and ends the columns of
+    the contacts over it, two cells around.
     """
     nx, ny, nz = solid.shape
+    undercut = np.full((nx, ny), -1, np.int64)
+    for p in range(points.shape[0]):
+        if normals[p, 2] > -0.25:
+            continue
+        i = int(np.rint((points[p, 0] - origin[0]) / step))
+        j = int(np.rint((points[p, 1] - origin[1]) / step))
+        k = int(np.rint((points[p, 2] - origin[2]) / step))
+        for a in range(max(0, i - 2), min(nx, i + 3)):
+            for b in range(max(0, j - 2), min(ny, j + 3)):
+                undercut[a, b] = max(undercut[a, b], k)
     for p in range(points.shape[0]):
         i = int(np.rint((points[p, 0] - origin[0]) / step))
         j = int(np.rint((points[p, 1] - origin[1]) / step))
         k = min(int(np.rint((points[p, 2] - origin[2]) / step)), nz - 1)
         if not (0 <= i < nx and 0 <= j < ny and k >= 0):
             continue
-        lowest = 0 if normals[p, 2] > -0.2 else k
+        lowest = k
+        if normals[p, 2] > -0.2:
+            lowest = undercut[i, j] if 0 <= undercut[i, j] <= k else 0
         while k >= lowest and free[i, j, k] < 0:
             solid[i, j, k] = p
             k -= 1
@@ -72,6 +85,30 @@ def mark_near(points, radius, origin, step, marks):
                     dz = origin[2] + step * k - points[p, 2]
                     if dx * dx + dy * dy + dz * dz <= radius * radius:
                         marks[i, j, k] = True
+
+
+@kernel
+def nearest_planes(points, normals, radius, origin, step, square, height):
+    """Grid nodes within `radius` of any point: squared distance to the nearest, and height over its tangent plane.
+
+    Both (nx, ny, nz); `square` comes in as inf and stays so where no point is near.
+    """
+    shape = square.shape
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for p in range(points.shape[0]):
+        for m in range(3):
+            first[m] = max(0, int(np.ceil((points[p, m] - radius - origin[m]) / step)))
+            last[m] = min(shape[m], int(np.floor((points[p, m] + radius - origin[m]) / step)) + 1)
+        for i in range(first[0], last[0]):
+            dx = origin[0] + step * i - points[p, 0]
+            for j in range(first[1], last[1]):
+                dy = origin[1] + step * j - points[p, 1]
+                for k in range(first[2], last[2]):
+                    dz = origin[2] + step * k - points[p, 2]
+                    apart = dx * dx + dy * dy + dz * dz
+                    if apart <= radius * radius and apart < square[i, j, k]:
+                        square[i, j, k] = apart
+                        height[i, j, k] = dx * normals[p, 0] + dy * normals[p, 1] + dz * normals[p, 2]
 
 
 @kernel
@@ -133,7 +170,7 @@ def curvature_radii(centres, along, order, pairs, pitch, noise, out):
     """
     n = centres.shape[0]
     mean = np.empty(6)
-    smooth = 0.6 * pitch
+    smooth = 1.5 * pitch
     for a in range(n):
         i = order[a]
         out[i, 0] = np.nan

@@ -7,14 +7,18 @@ joined by a partition of unity (Ohtake et al. 2003). The cost grows linearly wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_kernels import add_block, deviations, fit
+
+_NEAREST = 12
+"""Data that a deviation is taken from."""
 
 _AROUND = np.array(list(product((-1, 0, 1), repeat=3)))
 
@@ -46,10 +50,6 @@ class HermiteField:
 
     data: HermiteData
     reach: float
-    _cubes: dict[tuple[int, int, int], np.ndarray] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        self._cubes = _groups(np.floor(self.data.points / self.edge).astype(np.int64))
 
     @property
     def edge(self) -> float:
@@ -61,56 +61,56 @@ class HermiteField:
         """m^2, of the field before it has seen any data."""
         return self.reach**2 / 9.0
 
-    def values(self, grid: Grid, wanted: np.ndarray) -> np.ndarray:
+    def values(
+        self, grid: Grid, wanted: np.ndarray, progress: Callable[[float], None] = lambda share: None
+    ) -> np.ndarray:
         """Field at the grid's nodes marked in `wanted` (nx, ny, nz), NaN elsewhere and where no data is near."""
         total, share = np.zeros(grid.shape), np.zeros(grid.shape)
         scales = np.array([self.reach, self.variance, self.edge / 2.0, self.edge / 5.0])
-        for cube, members in self._blocks():
-            points, _, weights = self._fit(members)
-            centre = (np.array(cube) + 0.5) * self.edge
+        centres, members = self._blocks(grid, wanted)
+        for b, (centre, rows) in enumerate(zip(centres, members)):
+            points, weights = self._fit(np.array(rows))
             add_block(points, weights, scales, centre, grid.origin, grid.step, wanted, total, share)
+            if b % 64 == 0:
+                progress(b / len(centres))
         with np.errstate(invalid="ignore", divide="ignore"):
             return total / share
 
     def deviations(self, places: np.ndarray) -> np.ndarray:
-        """Standard deviation [m] of the field at places (m, 3)."""
-        out = np.full(len(places), np.sqrt(self.variance))
-        groups = _groups(np.floor(places / self.edge).astype(np.int64))
-        for cube, members in self._blocks():
-            here = groups.get(cube)
-            if here is not None:
-                points, factor, _ = self._fit(members)
-                some = np.empty(len(here))
-                deviations(points, factor, self.reach, self.variance, places[here], some)
-                out[here] = some
+        """Standard deviation [m] of the field at places (m, 3), from the nearest data: farther ones add nothing."""
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(self.data.points)
+        _, near = tree.query(places, k=_NEAREST, distance_upper_bound=self.reach)
+        out = np.empty(len(places))
+        variances = self.data.value_sd**2, self.data.normal_sd**2
+        if not deviations(self.data.points, *variances, near, self.reach, self.variance, places, out):
+            raise ArithmeticError("covariance is not positive definite")
         return out
 
-    def _blocks(self) -> Iterator[tuple[tuple[int, int, int], np.ndarray]]:
-        """Cubes that hold data or touch one that does, each with the points in it and around it."""
-        active = np.unique((np.array(list(self._cubes))[:, None] + _AROUND).reshape(-1, 3), axis=0)
-        for cube in active:
-            near = [self._cubes[key] for key in map(tuple, (cube + _AROUND).tolist()) if key in self._cubes]
-            members = np.sort(np.concatenate(near))
-            apart = np.abs(self.data.points[members] - (cube + 0.5) * self.edge).max(axis=1)
-            members = members[apart <= 1.2 * self.edge]
-            if len(members):
-                yield tuple(cube.tolist()), members
+    def _blocks(self, grid: Grid, wanted: np.ndarray) -> tuple[np.ndarray, Any]:
+        """Centres of the cubes with a wanted node, and the data in and around each."""
+        from scipy.spatial import cKDTree
 
-    def _fit(self, members: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        cubes = np.unique(np.floor(self.data.points / self.edge).astype(np.int64), axis=0)
+        cubes = np.unique((cubes[:, None] + _AROUND).reshape(-1, 3), axis=0)
+        centres = (cubes + 0.5) * self.edge
+        reach = 0.7 * self.edge  # half a cube and its overlap
+        first = np.maximum(np.ceil((centres - reach - grid.origin) / grid.step).astype(int), 0)
+        last = np.floor((centres + reach - grid.origin) / grid.step).astype(int) + 1
+        busy = [
+            wanted[a[0] : max(b[0], 0), a[1] : max(b[1], 0), a[2] : max(b[2], 0)].any() for a, b in zip(first, last)
+        ]
+        centres = centres[busy]
+        members = cKDTree(self.data.points).query_ball_point(centres, 1.2 * self.edge, p=np.inf, return_sorted=True)
+        held = np.array([len(rows) > 0 for rows in members], dtype=bool)
+        return centres[held], members[held]
+
+    def _fit(self, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         data, size = self.data, 4 * len(members)
         points, factor, weights = data.points[members], np.empty((size, size)), np.empty(size)
         variances = data.value_sd[members] ** 2, data.normal_sd[members] ** 2
         # With noise on the diagonal the covariance is positive definite; rounding cannot break it at these sizes.
         if not fit(points, data.normals[members], *variances, self.reach, self.variance, factor, weights):
             raise ArithmeticError("covariance is not positive definite")
-        return points, factor, weights
-
-
-def _groups(keys: np.ndarray) -> dict[tuple[int, int, int], np.ndarray]:
-    """Row numbers of equal rows of (n, 3) integer keys."""
-    if len(keys) == 0:
-        return {}
-    order = np.lexsort(keys.T)
-    ordered = keys[order]
-    cuts = np.flatnonzero(np.any(np.diff(ordered, axis=0) != 0, axis=1)) + 1
-    return {tuple(ordered[rows[0]].tolist()): order[rows] for rows in np.split(np.arange(len(keys)), cuts)}
+        return points, weights

@@ -52,19 +52,28 @@ def assemble(points, value_variance, gradient_variance, length, s2, out):
 
 @kernel
 def factorise(matrix):
-    """Cholesky factor U with U'U = matrix in the upper half, in place; False when it is not positive definite."""
+    """Cholesky factor U with U'U = matrix in the upper half, in place; False when it is not positive definite.
+
+    Row by row, four earlier rows at a time, so that a row is loaded and stored a quarter as often.
+    """
     n = matrix.shape[0]
-    for k in range(n):
-        if not matrix[k, k] > 0.0:
+    for i in range(n):
+        k = 0
+        while k + 4 <= i:
+            a, b, c, d = matrix[k, i], matrix[k + 1, i], matrix[k + 2, i], matrix[k + 3, i]
+            for j in range(i, n):
+                matrix[i, j] -= a * matrix[k, j] + b * matrix[k + 1, j] + c * matrix[k + 2, j] + d * matrix[k + 3, j]
+            k += 4
+        while k < i:
+            a = matrix[k, i]
+            for j in range(i, n):
+                matrix[i, j] -= a * matrix[k, j]
+            k += 1
+        if not matrix[i, i] > 0.0:
             return False
-        scale = 1.0 / np.sqrt(matrix[k, k])
-        for j in range(k, n):
-            matrix[k, j] *= scale
-        for i in range(k + 1, n):
-            factor = matrix[k, i]
-            if factor != 0.0:
-                for j in range(i, n):
-                    matrix[i, j] -= factor * matrix[k, j]
+        scale = 1.0 / np.sqrt(matrix[i, i])
+        for j in range(i, n):
+            matrix[i, j] *= scale
     return True
 
 
@@ -119,13 +128,28 @@ def value_at(points, weights, length, s2, x, y, z):
 
 
 @kernel
-def deviations(points, factor, length, s2, places, out):
-    """Standard deviation of the interpolated value at places (m, 3), into out (m,)."""
-    n = points.shape[0]
-    column = np.empty(4 * n)
+def deviations(points, value_variance, gradient_variance, near, length, s2, places, out):
+    """Standard deviation of the interpolated value at places (m, 3) into out (m,).
+
+    Each place has its own process over the data in its row of `near` (m, k), which ends at the first number beyond
+    the data. False when a covariance is not positive definite.
+    """
+    most, total = near.shape[1], points.shape[0]
+    local, values, slopes = np.empty((most, 3)), np.empty(most), np.empty(most)
     for p in range(places.shape[0]):
+        n = 0
+        while n < most and near[p, n] < total:
+            i = near[p, n]
+            for m in range(3):
+                local[n, m] = points[i, m]
+            values[n], slopes[n] = value_variance[i], gradient_variance[i]
+            n += 1
+        factor, column = np.empty((4 * n, 4 * n)), np.empty(4 * n)
+        assemble(local[:n], values[:n], slopes[:n], length, s2, factor)
+        if not factorise(factor):
+            return False
         for i in range(n):
-            dx, dy, dz = places[p, 0] - points[i, 0], places[p, 1] - points[i, 1], places[p, 2] - points[i, 2]
+            dx, dy, dz = places[p, 0] - local[i, 0], places[p, 1] - local[i, 1], places[p, 2] - local[i, 2]
             k, a, _ = radial(np.sqrt(dx * dx + dy * dy + dz * dz), length, s2)
             column[i] = k
             column[n + i], column[2 * n + i], column[3 * n + i] = -a * dx, -a * dy, -a * dz
@@ -134,6 +158,7 @@ def deviations(points, factor, length, s2, places, out):
         for i in range(4 * n):
             explained += column[i] * column[i]
         out[p] = np.sqrt(max(s2 - explained, 0.0))
+    return True
 
 
 @kernel
