@@ -38,6 +38,7 @@ from lwrprobe_strategies.following import Follower, rolling
 from lwrprobe_strategies.lines import Grid, Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
 from lwrprobe_strategies.touched import Touched
+from lwrprobe_strategies.way import Pace, Waypoint
 
 Y = 1
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -46,8 +47,11 @@ JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
-HOVER = 0.002
+HOVER = 0.0005
 """m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
+MARGIN = 0.003
+"""m above the height of a grid line, from which on a descent on the border feels for a table that is not where it was
+said to be."""
 PAST = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 
@@ -94,11 +98,12 @@ class Contouring(ABC):
         self.task = task
         self.options = task.options or self.Config()
         first = None if self.options.first_line == "border" else float(task.start[0])
-        self.grid = Grid.over(task.area, self.options.step, first)
+        self.grid = Grid.over(task.area, self.options.step, first, task.probe.radius)
         self.height = line_height(task)
         self.touched = Touched()
         self.upright = np.array(task.orientation, dtype=np.float64)
         self.rotation = self.upright
+        self._carried = self.upright  # how the tip is held on the way between two lines
         self.follower = Follower(task)
         self.state = State.TRANSFER
         self.trace: list[tuple[float, str, str, str]] = []
@@ -107,8 +112,6 @@ class Contouring(ABC):
         self._driven = 0
         self._coming: deque[Line] = deque()
         self._passes = deque(self._further_passes())
-        self.course = Course(self._grid_line(task.start), task.area)
-        self._way = self._to_line(task.start)
         self._finished = False
         self._last_time: float | None = None
         self._period = 0.008
@@ -119,7 +122,20 @@ class Contouring(ABC):
         self._aborts = 0
         self._borne = np.inf
         self._leaving = False
+        self._touching_tilt = False
         self._mark: tuple[float, np.ndarray] | None = None
+        self._begin_grid()
+
+    def _begin_grid(self) -> None:
+        """Take the grid's first line."""
+        self._take(self._grid_line(self.task.start), np.asarray(self.task.start))
+
+    def _take(self, line: Line, here: np.ndarray) -> None:
+        line, rotation = self.prepared(line, here)
+        self.course = Course(line, self.task.area)
+        self.course.plane = self.course.upright()
+        self._carried, self.rotation = self.rotation, rotation
+        self._way = self._to_line(here)
 
     def step(self, observation: Observation) -> Motion:
         """One observation, one motion; see `states.TRANSITIONS`."""
@@ -171,12 +187,10 @@ class Contouring(ABC):
         line = self._line_after(here)
         self._finished = line is None
         if line is not None:
-            self.course = Course(line, self.task.area)
-            self.course.plane = self.course.upright()
-            self._way = self._to_line(here)
+            self._take(line, here)
         self._leaving = seen.contact is not None
         if self._leaving:
-            self._way.insert(0, here + self.options.retreat * surface_normal(seen))
+            self._way.insert(0, Waypoint(here + self.options.retreat * surface_normal(seen)))
 
     def _line_after(self, here: np.ndarray) -> Line | None:
         if self._number < len(self.grid):
@@ -185,22 +199,36 @@ class Contouring(ABC):
             self._coming.extend(self._passes.popleft()())
         return self._coming.popleft() if self._coming else None
 
-    def _to_line(self, here: np.ndarray) -> list[np.ndarray]:
+    def _to_line(self, here: np.ndarray) -> list[Waypoint]:
         """Way to the start of the present line: along what is known to be free, else over the top of the area."""
         line, start, top = self.course.line, self.course.line.start, float(self.task.area.upper[Z])
+        turn, margin = self.rotation, np.array([0.0, 0.0, MARGIN])
         if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
-            return [np.array([start[0], start[1], here[Z]]), start]
-        if line.axis == Y:
-            border = np.array([here[0], line.begin, top])
-            return [np.array([here[0], here[1], top]), border, np.array([start[0], line.begin, top]), start]
+            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]))]
+            if here[Z] > start[Z] + MARGIN:
+                way.append(Waypoint(start + margin, Pace.CAREFUL))
+            return [*way, Waypoint(start, Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE)]
         beside = abs(here[0] - line.begin) < self.options.step and abs(here[Z] - line.height) < 1e-3
-        if beside and not line.on_surface:  # along a line of the grid that met nothing
-            return [np.array([line.begin, here[1], here[Z]]), start]
-        way = [np.array([here[0], here[1], top]), np.array([start[0], start[1], top])]
+        if line.axis == 0 and beside and not line.on_surface:  # along a line of the grid that met nothing
+            return [Waypoint(np.array([line.begin, here[1], here[Z]])), Waypoint(start, rotation=turn)]
+        way = [Waypoint(np.array([here[0], here[1], top]))]
+        if line.axis == Y:
+            way += [Waypoint(np.array([here[0], line.begin, top]), rotation=turn)]
+            way += [Waypoint(np.array([start[0], line.begin, top]))]
+            return [*way, Waypoint(start + margin, Pace.CAREFUL), Waypoint(start, Pace.FEELING)]
+        way.append(Waypoint(np.array([start[0], start[1], top]), rotation=turn))
         if line.on_surface:
             hover = np.array([0.0, 0.0, HOVER])
-            return [*way, start + hover, start - hover]
-        return [*way, start]
+            return [*way, Waypoint(start + hover), Waypoint(start - hover, Pace.FEELING)]
+        return [*way, Waypoint(start)]
+
+    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
+        """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
+        return line, self.upright
+
+    def turn_wanted(self, seen: Observation) -> np.ndarray | None:
+        """(3, 3) to turn to in the middle of a contour, None = go on as it is."""
+        return None
 
     # What happened
 
@@ -220,8 +248,7 @@ class Contouring(ABC):
     def _event_transfer(self, seen: Observation) -> Event | None:
         if self._overloaded(seen):
             return Event.OVERLOAD
-        self._leaving = self._leaving and seen.contact is not None
-        if seen.contact is not None and not self._leaving:
+        if self._met(seen):
             return Event.CONTACT
         if seen.blocked:
             return Event.BLOCKED
@@ -234,7 +261,7 @@ class Contouring(ABC):
     def _event_line(self, seen: Observation) -> Event | None:
         if self._overloaded(seen):
             return Event.OVERLOAD
-        if seen.contact is not None:
+        if self._met(seen):
             return Event.CONTACT
         if self._threatened(seen):
             return Event.THREAT
@@ -251,6 +278,10 @@ class Contouring(ABC):
             return Event.BLOCKED
         if self.course.past_end(seen.pose[:3, 3]):
             return Event.LINE_END
+        turn = self.turn_wanted(seen)
+        if turn is not None:
+            self.rotation = turn
+            return Event.TURN
         if self.course.line.rim:
             if self._end_found(seen):
                 return Event.END_FOUND
@@ -300,8 +331,9 @@ class Contouring(ABC):
             return Event.OVERLOAD
         if seen.blocked:
             return Event.BLOCKED
-        turned = np.trace(self.rotation.T @ seen.pose[:3, :3])
-        return Event.ARRIVED if turned > 1.0 + 2.0 * np.cos(0.02) else None
+        if not held(seen, self.rotation):
+            return None
+        return Event.ARRIVED if self._touching_tilt else Event.LOST
 
     def _jammed(self, seen: Observation) -> bool:
         """Following a surface, and yet in the same place after `JAM_TIME`: between two walls, or in a corner."""
@@ -321,6 +353,13 @@ class Contouring(ABC):
     def _overloaded(self, seen: Observation) -> bool:
         level = self.task.force_target + 0.6 * (self.task.force_limit - self.task.force_target)
         return bool(seen.force @ seen.force > level * level)
+
+    def _met(self, seen: Observation) -> bool:
+        """A touch, and not the one that is being left."""
+        self._leaving = self._leaving and seen.contact is not None
+        if self._leaving:
+            return self.state is State.LINE and bool(surface_normal(seen) @ self.course.ahead() < -0.3)
+        return seen.contact is not None
 
     def _threatened(self, seen: Observation) -> bool:
         """A link is nearer than it may come, and nearer than it already was when the last threat was answered."""
@@ -357,8 +396,9 @@ class Contouring(ABC):
         last = min(self._number + 1, len(self.grid) - 1)
         return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
 
-    def _is_at(self, seen: Observation, place: np.ndarray) -> bool:
-        return bool(np.abs(seen.pose[:3, 3] - place).max() < 2e-4)
+    def _is_at(self, seen: Observation, target: Waypoint) -> bool:
+        there = np.abs(seen.pose[:3, 3] - target.place).max() < 2e-4
+        return bool(there and (target.rotation is None or held(seen, target.rotation)))
 
     # What follows from it
 
@@ -367,12 +407,16 @@ class Contouring(ABC):
         after = self.avoid(seen) if event is Event.THREAT else TRANSITIONS[before, event]
         if event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND) and after is State.TRANSFER:
             self._next_line(seen)
+        if event is Event.TABLE:
+            self._leaving = seen.contact is not None
         if event is Event.NEXT_LINE:
             self._take_next_in_passing(seen)
         if after in (State.LINE, State.TRANSFER):
             self.course.plane = self.course.upright()
         if after is State.CONTOUR and before in (State.LINE, State.TRANSFER, State.REAPPROACH):
             self._begin_contour(seen)
+        if after is State.TILT:
+            self._touching_tilt = before is State.CONTOUR
         if after is State.REAPPROACH:
             self._sought = 0.0
         self.state = after
@@ -441,11 +485,17 @@ class Contouring(ABC):
         if not self._way:
             return Goal(seen.pose, self.task.free_speed, self.state)
         target = self._way[0]
-        # Where nothing has been ruled out a move down is as slow as any search for a contact.
-        unknown = self.course.line.axis == Y or (self.course.line.on_surface and len(self._way) == 1)
-        down = target[Z] < seen.pose[Z, 3] - 1e-3 and unknown
-        speed = self.follower.approach_speed(DOWN, seen.pose[:3, :3]) if down else self.task.free_speed
-        return Goal(self._pose(target), speed, self.state)
+        speed = {
+            Pace.FREE: self.task.free_speed,
+            Pace.CAREFUL: self.task.approach_speed,
+            Pace.FEELING: self.follower.approach_speed(DOWN, seen.pose[:3, :3]),
+        }[target.pace]
+        pose = seen.pose.copy()
+        pose[:3, 3] = target.place
+        if target.rotation is not None:
+            self._carried = target.rotation
+        pose[:3, :3] = self._carried
+        return Goal(pose, speed, self.state)
 
     def _along_line(self, seen: Observation) -> Motion:
         line = self.course.line
@@ -472,7 +522,9 @@ class Contouring(ABC):
             self.touched.add(here, contact.point, contact.normal, line.place if on_grid else np.nan)
 
     def _tilt(self, seen: Observation) -> Motion:
-        """Hold the contact by its force alone while the probe turns about the sphere's centre."""
+        """Hold the contact, if there is one, by its force alone while the probe turns about the sphere's centre."""
+        if not self._touching_tilt:
+            return Feed(np.zeros(3), reason=self.state, pose=self._held(seen))
         normal = surface_normal(seen) if seen.contact is not None else self.follower.normal
         force = max(float(seen.force @ normal), 0.0)
         velocity = self.follower.velocity(normal, force, self.course.across(), 0.0, seen.pose[:3, :3], self._period)
@@ -504,6 +556,11 @@ class Contouring(ABC):
         pose[:3, :3] = self.rotation
         pose[:3, 3] = place
         return pose
+
+
+def held(seen: Observation, rotation: np.ndarray) -> bool:
+    """Whether the tip's orientation is the wanted one, to a degree."""
+    return bool(np.trace(rotation.T @ seen.pose[:3, :3]) > 1.0 + 2.0 * np.cos(0.02))
 
 
 def surface_normal(seen: Observation) -> np.ndarray:

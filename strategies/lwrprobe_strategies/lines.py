@@ -72,25 +72,25 @@ class Grid:
     second_side: int
 
     @classmethod
-    def over(cls, area: Area, step: float, first: float | None = None) -> Grid:
+    def over(cls, area: Area, step: float, first: float | None = None, radius: float = 0.0) -> Grid:
         """Lines that cover `area`; `first` is the x [m] of the first line, the area's lower end when None.
 
-        Both ends of the area get a line of their own, so that no strip wider than `step` is left.
+        An end of the area gets a line of its own where the sphere, of `radius` m, does not sweep it from the last one.
         """
         low, high = float(area.lower[0]), float(area.upper[0])
         if not (np.isfinite(step) and step > 0.0):
             raise InputError("strategy.step", step, "a positive length in metres")
         first = low if first is None else min(max(first, low), high)
-        up = cls._towards(first, high, step)
-        down = cls._towards(first, low, step)[1:]
+        up = cls._towards(first, high, step, radius)
+        down = cls._towards(first, low, step, radius)[1:]
         return cls(np.array(up + down), len(up))
 
     @staticmethod
-    def _towards(first: float, end: float, step: float) -> list[float]:
+    def _towards(first: float, end: float, step: float, radius: float) -> list[float]:
         sign = 1.0 if end >= first else -1.0
         count = int(abs(end - first) / step + 1e-9)
         lines = [first + sign * i * step for i in range(count + 1)]
-        if abs(end - lines[-1]) > 1e-9:
+        if abs(end - lines[-1]) > radius + 1e-9:
             lines.append(end)
         return lines
 

@@ -1,17 +1,24 @@
-"""OrientationChange: a collision threat turns the probe towards the object (Rau 2017, section 5.3.3, figure 5.12)."""
+"""OrientationChange: the probe is turned so that it points at the object (Rau 2017, section 5.3.3, figure 5.12)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import InputError, Observation
-from lwrprobe_strategies.contouring import Contouring, ContouringConfig
+from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
+from lwrprobe_strategies.course import Z
+from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import Plane, State
 
 UP = np.array([0.0, 0.0, 1.0])
+ABOVE = 0.003
+"""m above the lowest height at which an upright probe is safe, where a leaning one is set upright again."""
+
+MOST_TURNS = 4
+"""On one line; what still comes near after as many is given up."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -36,29 +43,87 @@ class OrientationChangeConfig(ContouringConfig):
 class OrientationChange(Contouring):
     """A threat in Z_Y turns the probe so that it points at the object, and the contour goes on; in X_Y it goes to Z_Y.
 
-    Departure: the direction of the turn follows from the surface's normal at the contact; the source chooses between
-    two fixed orientations.
+    Departures: the direction of the turn follows from the surface's normal at the contact, where the source chooses
+    between two fixed orientations. And where the object may be taller than the stick is long, lines begin at the lowest
+    height with the probe leaning back, so that the near side is touched from its foot upwards as well; the source
+    drives them above the height at which an upright probe is safe.
     """
 
     Config: ClassVar[type] = OrientationChangeConfig
 
+    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
+        """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
+        if line.on_surface or line.rim or self.height <= self.lowest + 1e-6:
+            return line, self.upright
+        low = replace(line, height=self.lowest)
+        back = np.zeros(3)
+        back[line.axis] = -line.sign
+        # On the border it turns where it stands; elsewhere it comes over the top, where nothing is.
+        turn = [here] if line.axis == Y and abs(here[Y] - line.begin) < 1e-3 else []
+        middle = low.at(0.5 * (low.begin + low.end))
+        rotation = self._leaning(back, turn, [low.start, middle])
+        return (line, self.upright) if rotation is None else (low, rotation)
+
+    def turn_wanted(self, seen: Observation) -> np.ndarray | None:
+        """Upright again as soon as that is safe."""
+        leaning = np.abs(self.rotation - self.upright).max() > 1e-6
+        return self.upright if leaning and seen.pose[Z, 3] > self.height + ABOVE else None
+
     def avoid(self, seen: Observation) -> State:
-        """In X_Y: change the motion state. In Z_Y: tilt, or retreat when tilted already."""
-        if self.course.line.rim:
+        """In X_Y: change the motion state. In Z_Y: lean away; give the line up where that has not helped."""
+        self._aborts += 1
+        if self.course.line.rim or self._aborts > MOST_TURNS:
             return self.give_up_line(seen)
         if self.course.plane is Plane.X_Y:
             return self.follow_in(Plane.Z_Y)
-        away = self.follower.normal - self.follower.normal[2] * UP
-        size = float(np.sqrt(away @ away))
-        tilted = np.abs(self.rotation - self.upright).max() > 1e-6
-        if size < 0.3 or tilted or self.state is State.LINE:
-            return self.retreat(seen, self.follower.normal)
-        self.rotation = turned(UP, away / size, np.radians(self.options.tilt_deg)) @ self.upright
+        here = seen.pose[:3, 3]
+        foot = np.array([here[0], here[1], self.lowest])
+        rotation = self._leaning(self._away(seen), [here], [foot])
+        if rotation is None or np.abs(rotation - self.rotation).max() < 0.05:
+            return self.give_up_line(seen)
+        self.rotation = rotation
         return State.TILT
 
-    def _next_line(self, seen: Observation) -> None:
-        super()._next_line(seen)
-        self.rotation = self.upright
+    def _away(self, seen: Observation) -> np.ndarray:
+        """Horizontal: off the surface that is followed and off what comes near."""
+        near = seen.clearance
+        assert near is not None
+        away = _horizontal(near.on_robot - near.on_map)
+        if self.state is State.CONTOUR:
+            away = away + 2.0 * _horizontal(self.follower.normal)
+        else:  # what stands ahead is unknown: keep leaning back from it
+            away = away + _horizontal(-self.rotation[:, Z])
+        return _horizontal(away)
+
+    def _leaning(self, towards: np.ndarray, turn: list[np.ndarray], reach: list[np.ndarray]) -> np.ndarray | None:
+        """Leaning towards a horizontal direction, as far as it can turn to at the places `turn` without coming near
+        anything, and as the arm reaches there and at the places `reach`; None where it cannot.
+        """
+        if not towards.any():
+            return None
+        for share in (1.0, 0.75, 0.5, 0.35):
+            rotation = turned(UP, towards, share * np.radians(self.options.tilt_deg)) @ self.upright
+            way = [self._at(place, rotation) for place in turn]
+            if self.task.clear(way) and self.task.reachable([*way, *(self._at(place, rotation) for place in reach)]):
+                return rotation
+        return None
+
+    @property
+    def lowest(self) -> float:
+        """m"""
+        return float(self.task.area.lower[Z])
+
+    def _at(self, place: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, place
+        return pose
+
+
+def _horizontal(vector: np.ndarray) -> np.ndarray:
+    """Unit, zero where the vector is all but vertical."""
+    flat = vector - vector[Z] * UP
+    size = float(np.sqrt(flat @ flat))
+    return flat / size if size > 0.2 * float(np.sqrt(vector @ vector)) and size > 0.0 else np.zeros(3)
 
 
 def turned(from_axis: np.ndarray, to_axis: np.ndarray, angle: float) -> np.ndarray:

@@ -56,6 +56,7 @@ class Event(StrEnum):
     TABLE = "table height reached"
     LINE_END = "end of the line"
     THREAT = "collision threat"
+    TURN = "another orientation wanted"
     BLOCKED = "cannot move on"
     COVERED = "area covered"
 
@@ -85,7 +86,9 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.CONTOUR, Event.END_FOUND): State.TRANSFER,
     (State.RELEASE, Event.RELEASED): State.CONTOUR,
     (State.RELEASE, Event.LINE_END): State.TRANSFER,
+    (State.CONTOUR, Event.TURN): State.TILT,
     (State.TILT, Event.ARRIVED): State.CONTOUR,
+    (State.TILT, Event.LOST): State.LINE,
     (State.TILT, Event.OVERLOAD): State.RELEASE,
     (State.TILT, Event.BLOCKED): State.TRANSFER,
     (State.RETREAT, Event.ARRIVED): State.LINE,

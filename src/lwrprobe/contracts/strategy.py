@@ -6,6 +6,7 @@ run can be replayed through it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -69,6 +70,9 @@ class Task:
     stiffness : N/m, series stiffness of probe and object as far as known, else an upper bound
     delay : s, total reaction delay of the loop
     options : the strategy's own configuration, an instance of its `Config`
+    reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
+        within its joint limits and without a jump
+    clear : whether on that way no link comes nearer to what has been touched than it may
     """
 
     area: Area
@@ -88,6 +92,8 @@ class Task:
     delay: float
     map: MapView
     options: Any = None
+    reachable: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
+    clear: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
 
 
 @dataclass(slots=True)
@@ -131,7 +137,8 @@ class Strategy(Protocol):
     """Turns observations into motions.
 
     `Config` is a dataclass whose fields are the strategy's options (`--set strategy.step=0.005`), `contract` the
-    `STRATEGY_CONTRACT` it was written for.
+    `STRATEGY_CONTRACT` it was written for. A strategy that has a list `trace` of (time, state, event, next state) finds
+    it in the run's `states.csv`.
     """
 
     Config: ClassVar[type]

@@ -16,6 +16,8 @@ from lwrprobe.contracts import Clearance, LinkShape
 from lwrprobe.mapping import VoxelMap
 
 STICK = "stick"
+PLAY = 0.001
+"""m"""
 
 
 class ClearanceStage:
@@ -27,6 +29,17 @@ class ClearanceStage:
         groups = ((behind, body), (sticks, stick))
         self._queries = [(ClearanceQuery(group, voxels), keep) for group, keep in groups if group]
         self.smallest = np.inf
+
+    def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether the links keep their distance all the way from one tip pose (4, 4) to another.
+
+        A link that is too near already may stay that near, with 1 mm for the contact's own play.
+        """
+        for query, keep in self._queries:
+            allowed = min(keep, query.nearest(begin).distance) - PLAY
+            if query.ahead(begin, end, enough=keep).distance < allowed:
+                return False
+        return True
 
     def nearest(self, pose: np.ndarray) -> Clearance:
         """The most urgent pair at a tip pose (4, 4); `required` says how far that link has to keep."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -30,7 +31,7 @@ from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.stage_clock import StageClock
-from lwrprobe.kinematics import IKStatus
+from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
     "arm", "sensor", "condition", "estimate", "map", "clearance", "strategy", "trajectory", "ik", "governor", "record",
@@ -105,6 +106,7 @@ class Explorer:
         self._range = np.concatenate([probe.force_range, probe.torque_range])
         self._slowed = 0
         self._rows = 0
+        self._transitions = 0
         self._wall_shown = 0.0
         self._force = 0.0
         self._touched_last = -np.inf
@@ -167,6 +169,8 @@ class Explorer:
             delay=reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate),
             map=pipe.voxels,
             options=pipe.options,
+            reachable=self._can_follow,
+            clear=self._is_clear,
         )
         self._of_plugin(pipe.strategy.start, task)
 
@@ -303,6 +307,20 @@ class Explorer:
                 return
             trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
 
+    def _can_follow(self, poses: Sequence[np.ndarray]) -> bool:
+        begin, q = self.pipe.trajectory.pose.copy(), self._q
+        for end in poses:
+            seen = follow(self.pipe.robot, straight_line(begin, end, 0.02, 0.1), q, solver=self.pipe.solver)
+            if not seen.complete:
+                return False
+            begin, q = end, seen.q[-1]
+        return True
+
+    def _is_clear(self, poses: Sequence[np.ndarray]) -> bool:
+        stage = self.pipe.clearance
+        way = [self.pipe.trajectory.pose.copy(), *poses]
+        return stage is None or all(stage.clear(begin, end) for begin, end in pairwise(way))
+
     def _reachable(self, pose: np.ndarray) -> bool:
         status = self.pipe.judge(pose, self._q, self._ahead)
         self._blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
@@ -370,6 +388,10 @@ class Explorer:
         self._peak = max(self._peak, force)
         self._force = force
         self._rows += 1
+        trace = getattr(self.pipe.strategy, "trace", ())
+        for step in trace[self._transitions :]:
+            self.recorder.transition(*step)
+        self._transitions = len(trace)
         if self._rows % 5 == 0:
             distance = near.distance if near is not None else np.inf
             state = self.pipe.strategy.progress().state

@@ -64,7 +64,8 @@ class Pipeline:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
         if isinstance(self.trajectory, JointSpaceTip):
             return self.trajectory.judge(pose)
-        near = np.abs(pose[:3, 3] - self.trajectory.pose[:3, 3]).max() < 0.02
+        now = self.trajectory.pose
+        near = np.abs(pose[:3, 3] - now[:3, 3]).max() < 0.02 and np.abs(pose[:3, :3] - now[:3, :3]).max() < 0.1
         # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
         return self.solver.track(pose, q, out) if near else IKStatus.CONVERGED
 

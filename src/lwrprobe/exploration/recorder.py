@@ -12,6 +12,7 @@ from lwrprobe.contracts import Contact, InputError
 
 CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,trust"
 TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
+STATE_COLUMNS = "time,state,event,next"
 
 
 class Recorder:
@@ -31,6 +32,7 @@ class Recorder:
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
         self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS)
         self._trace_file = self._open("trace.csv", TRACE_COLUMNS)
+        self._state_file = self._open("states.csv", STATE_COLUMNS)
 
     def contact(self, contact: Contact, sequence: int) -> None:
         """One trusted contact and the wrench sample it comes from."""
@@ -50,6 +52,11 @@ class Recorder:
             self._trace_file.write(
                 f"{time:.4f},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
             )
+
+    def transition(self, time: float, state: str, event: str, following: str) -> None:
+        """One step of the strategy's state machine."""
+        if self._state_file is not None:
+            self._state_file.write(f"{time:.4f},{state},{event},{following}\n")
 
     def points(self) -> np.ndarray:
         """(n, 3) m."""
@@ -73,7 +80,7 @@ class Recorder:
 
     def close(self) -> None:
         """Close the streams; the folder is complete up to here."""
-        for stream in (self._contact_file, self._trace_file):
+        for stream in (self._contact_file, self._trace_file, self._state_file):
             if stream is not None:
                 stream.close()
 
