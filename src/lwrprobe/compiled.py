@@ -29,7 +29,8 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
         if body.__name__.startswith("_"):
             # Called by kernels alone: without the way in from Python it compiles faster.
             options.setdefault("no_cpython_wrapper", True)
-            options.setdefault("no_cfunc_wrapper", True)
+        # Nobody hands a kernel over as a C function.
+        options.setdefault("no_cfunc_wrapper", True)
         dispatcher = numba.njit(cache=True, error_model="numpy", **options)(body)
         _stamp(dispatcher)
         return dispatcher

@@ -8,6 +8,7 @@ from naive_kinematics import allocations, naive_frames, naive_jacobian, naive_ti
 
 from lwrprobe.contracts import InputError
 from lwrprobe.kinematics import Robot, iiwa14, lwr4, panda, puma560, to_roboticstoolbox, ur5e
+from lwrprobe.kinematics.lane_kernels import LANES
 
 MODELS = [lwr4, iiwa14, ur5e, panda, puma560]
 
@@ -156,3 +157,22 @@ def test_joint_values_that_are_none_are_refused(q):
         with pytest.raises(InputError) as caught:
             ask(q)
         assert caught.value.field == "q"
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 3 * LANES + 7])
+def test_a_batch_is_one_tip_after_another(count, convention):
+    rng = np.random.default_rng(count)
+    robot = random_chain(rng, 5, convention)
+    qs = rng.uniform(robot.lower, robot.upper, (count, 5))
+    np.testing.assert_allclose(robot.fk_batch(qs), [naive_tip(robot, q) for q in qs], atol=1e-14)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-8, 0.785398163, 1e3, 9.9e4, 1e5, 1e12])
+def test_a_batch_of_endless_joints_keeps_its_digits_however_far_they_turned(size):
+    rng = np.random.default_rng(8)
+    robot = lwr4().with_limits(np.full(7, -np.inf), np.full(7, np.inf))
+    qs = size * rng.uniform(-1.0, 1.0, (2 * LANES, 7))
+    qs[:7] = 0.5 * np.pi * rng.integers(-4, 5, (7, 7))
+    one_by_one = np.array([robot.fk(q).A for q in qs])
+    np.testing.assert_allclose(robot.fk_batch(qs), one_by_one, atol=3e-15)

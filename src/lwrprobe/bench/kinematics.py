@@ -7,6 +7,7 @@ Poses come from joint values drawn evenly within the limits, so that each has a 
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -32,14 +33,20 @@ JUMP = 0.5
 NEAR = 0.05
 BEYOND = 0.05
 BLOCK = 50
+ROUNDS = 7
 OPTIONS = {"targets": "poses that every solver gets", "cold": "random poses for our own count of successes"}
 
 
 @dataclass(slots=True)
 class Outcome:
-    """What one solver made of a set of targets, one row a target."""
+    """What one solver made of a set of targets, one row a target.
+
+    `seconds` are those of one call. `work` is the median over several rounds, in each of which every target is asked
+    once: what the target costs, without the pauses of the machine that hit one call or another.
+    """
 
     seconds: Array
+    work: Array
     answered: Array
     success: Array
     jump: Array
@@ -51,9 +58,10 @@ class Outcome:
         return self.answered & ~self.success
 
     def row(self) -> list[float]:
-        """Median and p99 in us, then per cent of successes, jumps and false successes."""
+        """Median, p99 and p99 of the work in us, then per cent of successes, jumps and false successes."""
         shares = (100.0 * share.mean() for share in (self.success, self.jump, self.false))
-        return [1e6 * np.median(self.seconds), 1e6 * np.quantile(self.seconds, 0.99), *shares]
+        slow = [1e6 * np.quantile(seconds, 0.99) for seconds in (self.seconds, self.work)]
+        return [1e6 * np.median(self.seconds), *slow, *shares]
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
@@ -70,7 +78,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.machine = machine() | {"date": time.strftime("%Y-%m-%d")} | versions(*sorted({p.package for p in peers}))
     with _silence():
         _forward(report, robot, peers, quick)
-        _solving(report, robot, peers, count, cold)
+        _solving(report, robot, peers, count, cold, 3 if quick else ROUNDS)
         _hard_cases(report, robot, peers, 25 if quick else 200)
         _out_of_reach(report, robot, peers, min(count, 300))
         _invalid(report, robot, peers)
@@ -144,18 +152,24 @@ def _compiled(robot: Robot, qs: Array, rounds: int) -> float:
     return float(np.median(timed)) / len(qs)
 
 
-def _solving(report: BenchReport, robot: Robot, peers: list[Peer], count: int, cold: int) -> None:
+def _solving(report: BenchReport, robot: Robot, peers: list[Peer], count: int, cold: int, rounds: int) -> None:
     qs, poses = _targets(robot, count, 2)
     rng = np.random.default_rng(3)
     near = np.clip(qs + rng.uniform(-NEAR, NEAR, qs.shape), robot.lower, robot.upper)
     anywhere = rng.uniform(robot.lower, robot.upper, qs.shape)
-    columns = ["library", "median [us]", "p99 [us]", "success [%]", "jumps [%]", "false successes [%]"]
-    tracked = _outcomes(robot, {p.name: p.track for p in peers if p.track}, poses, near)
+    columns = ["library", "median [us]", "p99 [us]", "p99 of work [us]"]
+    columns += ["success [%]", "jumps [%]", "false successes [%]"]
+    tracked = _outcomes(robot, {p.name: p.track for p in peers if p.track}, poses, near, rounds)
     rows = [[name, *outcome.row()] for name, outcome in tracked.items()]
     report.tables.append(Table(f"Tracking: {count} poses, starts within {NEAR} rad", columns, rows))
-    started = _outcomes(robot, {p.name: p.cold for p in peers if p.cold}, poses, anywhere)
+    started = _outcomes(robot, {p.name: p.cold for p in peers if p.cold}, poses, anywhere, rounds)
     rows = [[name, *outcome.row()] for name, outcome in started.items()]
     report.tables.append(Table(f"Cold starts: {count} poses, random starts", columns, rows))
+    report.notes.append(
+        f"p99 is over single calls, which the machine's own pauses (interrupts, another process on the core) hit at "
+        f"random. p99 of work is over the targets, each the median of {rounds} rounds through all of them: the slowest "
+        "targets, without the pauses; for every library alike. The garbage collector rests meanwhile."
+    )
     _solving_verdicts(report, tracked, started, count)
     _many(report, robot, cold)
 
@@ -164,10 +178,10 @@ def _solving_verdicts(
     report: BenchReport, tracked: dict[str, Outcome], started: dict[str, Outcome], count: int
 ) -> None:
     for what, table, limits, factor in (("tracking", tracked, (6, 15), 4.0), ("a cold start", started, (5, 30), 10.0)):
-        median, p99, success, jumps, false = table["lwrprobe"].row()
-        promise = f"{what}: median <= {limits[0]} us, p99 <= {limits[1]} us"
-        held = median <= limits[0] and p99 <= limits[1]
-        report.verdicts.append(Verdict(promise, f"{median:.3g} us, {p99:.3g} us", held))
+        median, p99, work, success, jumps, false = table["lwrprobe"].row()
+        promise = f"{what}: median <= {limits[0]} us, p99 of work <= {limits[1]} us"
+        measured = f"{median:.3g} us, {work:.3g} us (single calls {p99:.3g} us)"
+        report.verdicts.append(Verdict(promise, measured, median <= limits[0] and work <= limits[1]))
         done = f"{success:.4g} %, {false:.4g} %"
         report.verdicts.append(Verdict(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0))
         if what == "tracking":
@@ -196,21 +210,34 @@ def _targets(robot: Robot, count: int, seed: int) -> tuple[Array, Array]:
     return qs, robot.fk_batch(qs)
 
 
-def _outcomes(robot: Robot, solvers: dict[str, Solve], poses: Array, seeds: Array) -> dict[str, Outcome]:
+def _outcomes(
+    robot: Robot, solvers: dict[str, Solve], poses: Array, seeds: Array, rounds: int = 1
+) -> dict[str, Outcome]:
     """Solvers take turns, a block of targets each, so that each finds the caches as warm as its own loop leaves them;
-    answers are judged outside the clock."""
+    answers are judged outside the clock, those of the first round."""
     count = len(poses)
     outcomes = {
-        name: Outcome(np.empty(count), *(np.zeros(count, bool) for _ in range(3)), np.full(count, np.nan))
+        name: Outcome(np.empty(count), np.empty(count), *(np.zeros(count, bool) for _ in range(3)), np.empty(count))
         for name in solvers
     }
     for solve in solvers.values():
         _answer(solve, poses[0], seeds[0])
-    for start in range(0, count, BLOCK):
-        for name, solve in solvers.items():
-            for k in range(start, min(start + BLOCK, count)):
-                seconds, q = _answer(solve, poses[k], seeds[k])
-                _judge(robot, outcomes[name], k, seconds, q, poses[k], seeds[k])
+    each = {name: np.empty((rounds, count)) for name in solvers}
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for turn in range(rounds):
+            for start in range(0, count, BLOCK):
+                for name, solve in solvers.items():
+                    for k in range(start, min(start + BLOCK, count)):
+                        each[name][turn, k], q = _answer(solve, poses[k], seeds[k])
+                        if turn == 0:
+                            _judge(robot, outcomes[name], k, q, poses[k], seeds[k])
+    finally:
+        if collecting:
+            gc.enable()
+    for name, outcome in outcomes.items():
+        outcome.seconds[:], outcome.work[:] = each[name][0], np.median(each[name], axis=0)
     return outcomes
 
 
@@ -223,8 +250,8 @@ def _answer(solve: Solve, pose: Array, seed: Array) -> tuple[float, Array | None
     return time.perf_counter() - begin, q
 
 
-def _judge(robot: Robot, outcome: Outcome, k: int, seconds: float, q: Array | None, pose: Array, seed: Array) -> None:
-    outcome.seconds[k] = seconds
+def _judge(robot: Robot, outcome: Outcome, k: int, q: Array | None, pose: Array, seed: Array) -> None:
+    outcome.residual[k] = np.nan
     if q is None or len(q) != robot.n or not np.isfinite(q).all():
         return
     q = np.ascontiguousarray(q, dtype=float)

@@ -15,6 +15,7 @@ def use_everything() -> None:
     robot.fk_into(q, pose)
     robot.jacobian_into(q, jac)
     robot.fk_batch(q[None])
+    robot.fk_batch(np.tile(q, (1000, 1)))
     robot.jacobian_batch(q[None])
     robot.link_frames(q)
     solver.track(pose, q, out)

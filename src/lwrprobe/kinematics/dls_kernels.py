@@ -51,7 +51,7 @@ def tip_error(f, target, shrink, weight, e):
         stretch = 1.0 / math.sqrt(trace)
         v0, v1, v2 = stretch * v0, stretch * v1, stretch * v2
     else:
-        v0, v1, v2 = half_turn(f, target)
+        v0, v1, v2 = _half_turn(f, target)
     e[0], e[1], e[2] = shrink * p0, shrink * p1, shrink * p2
     e[3], e[4], e[5] = weight * v0, weight * v1, weight * v2
     e[OFF_POSITION], e[OFF_ROTATION] = p0 * p0 + p1 * p1 + p2 * p2, v0 * v0 + v1 * v1 + v2 * v2
@@ -59,7 +59,7 @@ def tip_error(f, target, shrink, weight, e):
 
 
 @kernel
-def half_turn(f, target):
+def _half_turn(f, target):
     """The rotation vector of a turn by pi, where the skew part of the rotation says nothing."""
     best, axis = -2.0, 0
     for k in range(3):
@@ -75,7 +75,7 @@ def half_turn(f, target):
 
 
 @kernel
-def aim(chain, settings, target, q, work):
+def _aim(chain, settings, target, q, work):
     """Tip frame at q and half its squared scaled error, which goes into work; JAC is half done."""
     f = tip_and_axes(chain, q, work[JAC : JAC + 6])
     return f, tip_error(f, target, 1.0 / chain[0, LENGTH], settings[ROTATION_WEIGHT], work[ERROR])
@@ -84,7 +84,7 @@ def aim(chain, settings, target, q, work):
 @kernel
 def look(chain, settings, target, q, work):
     """Scaled Jacobian and error at q into work; returns half the squared error."""
-    f, error = aim(chain, settings, target, q, work)
+    f, error = _aim(chain, settings, target, q, work)
     axes_to_jacobian(chain, f, 1.0 / chain[0, LENGTH], settings[ROTATION_WEIGHT], work[JAC : JAC + 6])
     return error
 
@@ -156,7 +156,7 @@ def damped_step(n, q, damping, work):
         worst, over = -1, 0.0
         for i in range(n):
             if free[i] > 0.0:
-                step[i] = free[i] * along(jac, i, y)
+                step[i] = free[i] * _along(jac, i, y)
                 to = q[i] + step[i]
                 beyond = max(low[i] - to, to - high[i])
                 if beyond > over:
@@ -170,7 +170,7 @@ def damped_step(n, q, damping, work):
 
 
 @kernel
-def along(jac, i, y):
+def _along(jac, i, y):
     """Component of y (6,) along the i-th column."""
     return (
         jac[0, i] * y[0] + jac[1, i] * y[1] + jac[2, i] * y[2] + jac[3, i] * y[3] + jac[4, i] * y[4] + jac[5, i] * y[5]
@@ -192,7 +192,7 @@ def project(n, work):
     substitute(m, y)
     largest = 0.0
     for i in range(n):
-        push[i] -= weight[i] * along(jac, i, y)
+        push[i] -= weight[i] * _along(jac, i, y)
         largest = max(largest, abs(push[i]))
     return largest
 
@@ -206,13 +206,13 @@ def move(n, q, work, to):
 
 
 @kernel
-def close_enough(settings, work):
+def _close_enough(settings, work):
     e, position, rotation = work[ERROR], settings[POSITION_TOL], settings[ROTATION_TOL]
     return e[OFF_POSITION] <= position * position and e[OFF_ROTATION] <= rotation * rotation
 
 
 @kernel
-def chord_step(n, work):
+def _chord_step(n, work):
     """The step for a new error with Jacobian, factor and free joints of the last damped step, into STEP."""
     jac, e, y = work[JAC : JAC + 6], work[ERROR], work[RHS]
     step, free = work[STEP], work[FREE]
@@ -220,7 +220,7 @@ def chord_step(n, work):
         y[r] = e[r]
     substitute(work[NORMAL : NORMAL + 6], y)
     for i in range(n):
-        step[i] = free[i] * along(jac, i, y)
+        step[i] = free[i] * _along(jac, i, y)
 
 
 @kernel
@@ -233,23 +233,23 @@ def descend(chain, settings, target, q, work):
     n = chain.shape[0] - 2
     trial = work[TRIAL]
     shrink, weight, iterations = 1.0 / chain[0, LENGTH], settings[ROTATION_WEIGHT], int(settings[ITERATIONS])
-    f, error = aim(chain, settings, target, q, work)
+    f, error = _aim(chain, settings, target, q, work)
     factor, idle = 1.0, 0
     for k in range(iterations):
-        if close_enough(settings, work):
+        if _close_enough(settings, work):
             return True, k
         axes_to_jacobian(chain, f, shrink, weight, work[JAC : JAC + 6])
         damped_step(n, q, settings[DAMPING] * factor * error + LEAST_DAMPING, work)
         move(n, q, work, trial)
         if error < CHORD:
             tip_error(tip_frame(chain, trial), target, shrink, weight, work[ERROR])
-            if close_enough(settings, work):
+            if _close_enough(settings, work):
                 for i in range(n):
                     q[i] = trial[i]
                 return True, k + 1
-            chord_step(n, work)
+            _chord_step(n, work)
             move(n, trial, work, trial)
-        f, fresh = aim(chain, settings, target, trial, work)
+        f, fresh = _aim(chain, settings, target, trial, work)
         if fresh < error:
             idle = idle + 1 if fresh > IDLE * error else 0
             for i in range(n):
@@ -259,10 +259,10 @@ def descend(chain, settings, target, q, work):
         else:
             factor *= 8.0
             idle += 1
-            f, error = aim(chain, settings, target, q, work)
+            f, error = _aim(chain, settings, target, q, work)
         if idle == PATIENCE:
             return False, k + 1
-    return close_enough(settings, work), iterations
+    return _close_enough(settings, work), iterations
 
 
 @kernel

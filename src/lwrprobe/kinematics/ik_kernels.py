@@ -25,7 +25,7 @@ SPHERICAL, STEPS = 11, 12
 FOREVER = 1e300
 # the largest and the smallest joint step of `settle`
 STRIDE, LEAST_STRIDE = 0.3, 1e-6
-# places from which `nearest` is sought, and how a radian weighs there against the arm's length, squared in the end
+# places from which `_nearest` is sought, and how a radian weighs there against the arm's length, squared in the end
 NEAREST_STARTS, HEAVY = 12, 100.0
 
 
@@ -43,7 +43,7 @@ def places_of(table, n):
 
 
 @kernel
-def take_target(pose, seed, target):
+def _take_target(pose, seed, target):
     """The pose row by row into target; False for what is no rotation to 1e-6, or no number."""
     for i in range(4):
         for j in range(4):
@@ -65,7 +65,7 @@ def take_target(pose, seed, target):
 
 
 @kernel
-def clip(seed, work, q):
+def _clip(seed, work, q):
     """The seed within LOW..HIGH into q."""
     low, high = work[dls.LOW], work[dls.HIGH]
     for i in range(seed.shape[0]):
@@ -73,13 +73,13 @@ def clip(seed, work, q):
 
 
 @kernel
-def copy(source, to, n):
+def _copy(source, to, n):
     for i in range(n):
         to[i] = source[i]
 
 
 @kernel
-def into_reach(chain, settings, shape, work, arm_work):
+def _into_reach(chain, settings, shape, work, arm_work):
     """Moves TARGET to where the elbow can take the wrist; the status of what was asked for."""
     target = work[dls.TARGET]
     way = srs.lay_wrist(chain, shape, target, arm_work)
@@ -92,7 +92,7 @@ def into_reach(chain, settings, shape, work, arm_work):
 
 
 @kernel
-def drift(chain, settings, places, target, q, work):
+def _drift(chain, settings, places, target, q, work):
     """One step of q, in place, towards target and by at most PACE along the null space towards what is preferred;
     False, and no step, when nothing is."""
     n = chain.shape[0] - 2
@@ -121,33 +121,33 @@ def track(table, pose, seed, out):
     n = seed.shape[0]
     chain, settings, work, shape, arm_work = parts(table, n)
     target = work[dls.TARGET]
-    if not take_target(pose, seed, target):
-        copy(seed, out, n)
+    if not _take_target(pose, seed, target):
+        _copy(seed, out, n)
         return INVALID
     jump = settings[dls.MAX_JUMP]
     bound(chain, seed, jump, work)
-    clip(seed, work, out)
+    _clip(seed, work, out)
     spherical = settings[SPHERICAL] != 0.0
     wanted = CONVERGED
     if spherical and srs.beyond(shape, target, settings[dls.POSITION_TOL]):
-        wanted = into_reach(chain, settings, shape, work, arm_work)
-    shifted = settings[PACE] > 0.0 and drift(chain, settings, places_of(table, n), target, out, work)
+        wanted = _into_reach(chain, settings, shape, work, arm_work)
+    shifted = settings[PACE] > 0.0 and _drift(chain, settings, places_of(table, n), target, out, work)
     arrived, steps = descend(chain, settings, target, out, work)
     if shifted and not arrived:
-        clip(seed, work, out)
+        _clip(seed, work, out)
         arrived, steps = descend(chain, settings, target, out, work)
     settings[STEPS] = steps
     if arrived:
         return wanted
     if not spherical:
-        return why_stuck(chain, out, work)
+        return _why_stuck(chain, out, work)
     if wanted == CONVERGED:
         srs.lay_wrist(chain, shape, target, arm_work)
-    return rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work)
+    return _rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work)
 
 
 @kernel
-def rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work):
+def _rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work):
     """The closed form's word where a descent got stuck: a configuration near the seed, or why there is none."""
     found = work[dls.SAVED]
     srs.lay_halves(shape, arm_work)
@@ -158,14 +158,14 @@ def rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work):
         return LIMITED if wanted == CONVERGED else wanted
     if far > jump:
         return JUMP
-    copy(found, out, seed.shape[0])
+    _copy(found, out, seed.shape[0])
     arrived, steps = descend(chain, settings, work[dls.TARGET], out, work)
     settings[STEPS] += steps
     return wanted if arrived else BUDGET
 
 
 @kernel
-def why_stuck(chain, q, work):
+def _why_stuck(chain, q, work):
     """What held a descent that did not arrive: a joint limit, the bound on jumps, or the chain's reach."""
     low, high = work[dls.LOW], work[dls.HIGH]
     status = UNREACHABLE
@@ -188,27 +188,27 @@ def reach(table, pose, seed, out):
     n = seed.shape[0]
     chain, settings, work, shape, arm_work = parts(table, n)
     target = work[dls.TARGET]
-    if not take_target(pose, seed, target):
-        copy(seed, out, n)
+    if not _take_target(pose, seed, target):
+        _copy(seed, out, n)
         return INVALID
     bound(chain, seed, FOREVER, work)
     settings[STEPS] = 0.0
-    clip(seed, work, out)
+    _clip(seed, work, out)
     wanted, restarts, spherical = CONVERGED, int(settings[dls.RESTARTS]), settings[SPHERICAL] != 0.0
     if spherical:
-        wanted = into_reach(chain, settings, shape, work, arm_work)
+        wanted = _into_reach(chain, settings, shape, work, arm_work)
         srs.lay_halves(shape, arm_work)
         if not srs.any_configuration(chain, shape, seed, arm_work, out):
             restarts = 0
-    if search(chain, settings, table[n + SPREAD], restarts, out, work):
+    if _search(chain, settings, table[n + SPREAD], restarts, out, work):
         return wanted
-    take_target(pose, seed, target)
-    settled = nearest(chain, settings, table[n + SPREAD], out, work)
+    _take_target(pose, seed, target)
+    settled = _nearest(chain, settings, table[n + SPREAD], out, work)
     if wanted != CONVERGED:
         return wanted
     if spherical:
         return LIMITED
-    return why_stuck(chain, out, work) if settled else BUDGET
+    return _why_stuck(chain, out, work) if settled else BUDGET
 
 
 @kernel
@@ -223,7 +223,7 @@ def restart(chain, spread, k, q):
 
 
 @kernel
-def search(chain, settings, spread, restarts, q, work):
+def _search(chain, settings, spread, restarts, q, work):
     """Descents from q, in place, and from restarts; False, with the best of them in q, where all are in vain."""
     n = chain.shape[0] - 2
     target, best = work[dls.TARGET], work[dls.SAVED]
@@ -238,13 +238,13 @@ def search(chain, settings, spread, restarts, q, work):
         error = look(chain, settings, target, q, work)
         if error < least:
             least = error
-            copy(q, best, n)
-    copy(best, q, n)
+            _copy(q, best, n)
+    _copy(best, q, n)
     return False
 
 
 @kernel
-def nearest(chain, settings, spread, q, work):
+def _nearest(chain, settings, spread, q, work):
     """From q, in place, or from elsewhere, to the least distance from TARGET, its orientation weighing far more;
     whether the last descent came to rest.
 
@@ -263,8 +263,8 @@ def nearest(chain, settings, spread, q, work):
         error = look(chain, settings, target, q, work)
         if error < least:
             least = error
-            copy(q, best, n)
-    copy(best, q, n)
+            _copy(q, best, n)
+    _copy(best, q, n)
     usual = settings[dls.ITERATIONS]
     settings[dls.ITERATIONS] = 4 * usual
     for _ in range(2):
@@ -283,7 +283,7 @@ def settle(table, pose, q):
     n = q.shape[0]
     chain, settings, work, _, _ = parts(table, n)
     target, trial, places = work[dls.TARGET], work[dls.RESTING, :n], places_of(table, n)
-    take_target(pose, q, target)
+    _take_target(pose, q, target)
     bound(chain, q, FOREVER, work)
     look(chain, settings, target, q, work)
     value = potential(settings, places, q, work)
@@ -291,8 +291,8 @@ def settle(table, pose, q):
     left = int(settings[dls.ITERATIONS])
     while left > 0 and settings[PACE] > LEAST_STRIDE:
         left -= 1
-        copy(q, trial, n)
-        if not drift(chain, settings, places, target, trial, work):
+        _copy(q, trial, n)
+        if not _drift(chain, settings, places, target, trial, work):
             break
         arrived, _ = descend(chain, settings, target, trial, work)
         look(chain, settings, target, trial, work)
@@ -300,7 +300,7 @@ def settle(table, pose, q):
         if arrived and fresh < value:
             settings[PACE] = min(2.0 * settings[PACE], STRIDE) if value - fresh > 1e-12 else 0.0
             value = fresh
-            copy(trial, q, n)
+            _copy(trial, q, n)
         else:
             settings[PACE] *= 0.25
     settings[PACE] = usual
@@ -311,8 +311,8 @@ def arcs_of(table, pose, n, side, flip_shoulder, flip_wrist, arcs):
     """The feasible arm angles of one branch (see srs_kernels.branch_arcs), -1 where the elbow cannot reach."""
     chain, settings, work, shape, arm_work = parts(table, n)
     middle = table[n + PLACES + POSTURE]
-    take_target(pose, middle[:n], work[dls.TARGET])
-    if into_reach(chain, settings, shape, work, arm_work) != CONVERGED:
+    _take_target(pose, middle[:n], work[dls.TARGET])
+    if _into_reach(chain, settings, shape, work, arm_work) != CONVERGED:
         return -1
     srs.lay_halves(shape, arm_work)
     return srs.branch_arcs(chain, shape, side, flip_shoulder, flip_wrist, middle, arm_work, arcs)
@@ -322,8 +322,8 @@ def arcs_of(table, pose, n, side, flip_shoulder, flip_wrist, arcs):
 def on_branch(table, pose, side, flip_shoulder, flip_wrist, psi, seed, out):
     """One branch at one arm angle into out, its joints turned to be nearest to the seed; False where limits forbid."""
     chain, settings, work, shape, arm_work = parts(table, seed.shape[0])
-    take_target(pose, seed, work[dls.TARGET])
-    if into_reach(chain, settings, shape, work, arm_work) != CONVERGED:
+    _take_target(pose, seed, work[dls.TARGET])
+    if _into_reach(chain, settings, shape, work, arm_work) != CONVERGED:
         return False
     srs.lay_halves(shape, arm_work)
     c, s = math.cos(psi), math.sin(psi)

@@ -24,7 +24,7 @@ def wish(settings, places, q, work):
     n = q.shape[0]
     push, posture, low, high = work[PUSH], places[POSTURE], places[EASE_LOW], places[EASE_HIGH]
     if settings[OFF_SINGULARITY] > 0.0:
-        opening(n, settings[OFF_SINGULARITY], work)
+        _opening(n, settings[OFF_SINGULARITY], work)
     else:
         for i in range(n):
             push[i] = 0.0
@@ -47,12 +47,12 @@ def potential(settings, places, q, work):
         beside, into = posture[i] - q[i], max(low[i] - q[i], q[i] - high[i], 0.0)
         value += 0.5 * (near * beside * beside + off * into * into) / weight[i]
     if settings[OFF_SINGULARITY] > 0.0:
-        value -= settings[OFF_SINGULARITY] * math.log(volume(n, work))
+        value -= settings[OFF_SINGULARITY] * math.log(_volume(n, work))
     return value
 
 
 @kernel
-def volume(n, work):
+def _volume(n, work):
     """sqrt(det(J J')) of JAC, prismatic joints counted in lengths of the arm; leaves the factor in NORMAL."""
     m = work[NORMAL : NORMAL + 6]
     gram(work[JAC : JAC + 6], n, work[WEIGHT], m)
@@ -64,10 +64,10 @@ def volume(n, work):
 
 
 @kernel
-def opening(n, gain, work):
+def _opening(n, gain, work):
     """The way up gain * log(volume) into PUSH: d/dq_k = sum_i dJ_i/dq_k . (J J')^-1 J_i."""
     jac, m, b, push, weight = work[JAC : JAC + 6], work[NORMAL : NORMAL + 6], work[RHS], work[PUSH], work[WEIGHT]
-    volume(n, work)
+    _volume(n, work)
     for k in range(n):
         push[k] = 0.0
     for i in range(n):

@@ -9,6 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import InputError, as_pose
 from lwrprobe.kinematics import chain_kernels as kernels
+from lwrprobe.kinematics import lane_kernels
 
 if TYPE_CHECKING:
     from spatialmath import SE3
@@ -140,7 +141,10 @@ class Robot:
         """The tips (m, 4, 4) for joint values qs (m, n)."""
         qs = self.joint_values(qs, "qs", 2)
         out = np.empty((len(qs), 4, 4))
-        kernels.forward_batch(self.chain, qs, out)
+        if len(qs) < lane_kernels.LANES:
+            kernels.forward_batch(self.chain, qs, out)
+        else:
+            lane_kernels.forward_lanes(self.chain, qs, np.empty((lane_kernels.ROWS, lane_kernels.LANES)), out)
         return out
 
     def link_frames(self, q: Array) -> Array:

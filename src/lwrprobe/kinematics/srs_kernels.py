@@ -38,7 +38,7 @@ GUESSES = 6
 
 
 @kernel
-def place_wrist(shape, target, goal):
+def _place_wrist(shape, target, goal):
     """The target as the arm sees it: last frame's columns and wrist centre in the shoulder frame, into goal."""
     base, tail = shape[0], shape[1]
     for m in range(12):
@@ -83,7 +83,7 @@ def fit(angle, row, seed, slack):
 
 
 @kernel
-def reach_of(shape, q4):
+def _reach_of(shape, q4):
     """Distance from shoulder to wrist centre for a DH angle of the elbow joint."""
     law = shape[2]
     straight = -law[SIGN + 2] * law[SIGN + 3] * math.cos(q4)
@@ -101,7 +101,7 @@ def bend(shape, distance):
 
 
 @kernel
-def elbow_angle(shape, gamma, side):
+def _elbow_angle(shape, gamma, side):
     """DH angle of the elbow joint for a bend and a side, +1 or -1."""
     law = shape[2]
     return math.atan2(side * law[SIGN + 3] * math.sin(gamma), -law[SIGN + 2] * law[SIGN + 3] * math.cos(gamma))
@@ -113,15 +113,15 @@ def nearest_reach(shape, row, distance):
     upper, fore = shape[2, UPPER_ARM], shape[2, FOREARM]
     inside = min(max(distance, abs(upper - fore)), upper + fore)
     gamma = bend(shape, inside)
-    plus, minus = elbow_angle(shape, gamma, 1.0), elbow_angle(shape, gamma, -1.0)
+    plus, minus = _elbow_angle(shape, gamma, 1.0), _elbow_angle(shape, gamma, -1.0)
     if min(fit(plus, row, 0.0, ELBOW_SLACK), fit(minus, row, 0.0, ELBOW_SLACK)) < NONE:
         return inside
-    at_low, at_high = reach_of(shape, row[LOWER] + row[THETA]), reach_of(shape, row[UPPER] + row[THETA])
+    at_low, at_high = _reach_of(shape, row[LOWER] + row[THETA]), _reach_of(shape, row[UPPER] + row[THETA])
     return at_low if abs(at_low - distance) < abs(at_high - distance) else at_high
 
 
 @kernel
-def linear(out, at, radial, tangent, along, g1, g2, gn):
+def _linear(out, at, radial, tangent, along, g1, g2, gn):
     """Coefficients of cos psi, sin psi and 1 of (radial e_r + tangent e_t + along n) . g, e_r going round with psi."""
     out[at] = radial * g1 + tangent * g2
     out[at + 1] = radial * g2 - tangent * g1
@@ -129,7 +129,7 @@ def linear(out, at, radial, tangent, along, g1, g2, gn):
 
 
 @kernel
-def lay_circle(goal, circle):
+def _lay_circle(goal, circle):
     """e1, e2 and n = unit vector to the wrist, right-handed, into circle; returns the wrist's distance."""
     w0, w1, w2 = goal[WRIST], goal[WRIST + 1], goal[WRIST + 2]
     distance = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
@@ -167,8 +167,8 @@ def lay_halves(shape, work):
         xr, xn = -side * high, side * out
         zr, zn = out, high
         for i in range(3):
-            linear(shoulder, R11 + 3 * i, xr, 0.0, xn, circle[i], circle[3 + i], circle[AXIS + i])
-            linear(shoulder, R13 + 3 * i, zr, 0.0, zn, circle[i], circle[3 + i], circle[AXIS + i])
+            _linear(shoulder, R11 + 3 * i, xr, 0.0, xn, circle[i], circle[3 + i], circle[AXIS + i])
+            _linear(shoulder, R13 + 3 * i, zr, 0.0, zn, circle[i], circle[3 + i], circle[AXIS + i])
         # frame 4 axes: x4, y4 = (0, yt, 0), z4
         ur, un = c4 * xr + s3 * z4 * zr, c4 * xn + s3 * z4 * zn
         yt = s3 * s4 * side
@@ -179,12 +179,12 @@ def lay_halves(shape, work):
             gn = circle[6] * goal[3 * j] + circle[7] * goal[3 * j + 1] + circle[8] * goal[3 * j + 2]
             first = R32 if j == 1 else (R11 if j == 0 else R13)
             if j == 1:
-                linear(shoulder, first, 0.0, -side, 0.0, circle[2], circle[5], circle[AXIS + 2])
-                linear(wrist, first, fr, 0.0, fn, g1, g2, gn)
+                _linear(shoulder, first, 0.0, -side, 0.0, circle[2], circle[5], circle[AXIS + 2])
+                _linear(wrist, first, fr, 0.0, fn, g1, g2, gn)
             else:
-                linear(wrist, first, ur, 0.0, un, g1, g2, gn)
-                linear(wrist, first + 3, 0.0, yt, 0.0, g1, g2, gn)
-                linear(wrist, first + 6, fr, 0.0, fn, g1, g2, gn)
+                _linear(wrist, first, ur, 0.0, un, g1, g2, gn)
+                _linear(wrist, first + 3, 0.0, yt, 0.0, g1, g2, gn)
+                _linear(wrist, first + 6, fr, 0.0, fn, g1, g2, gn)
 
 
 @kernel
@@ -192,11 +192,11 @@ def lay_wrist(chain, shape, target, work):
     """Wrist, elbow circle and elbow joint for the target or, where the elbow cannot reach it, for the nearest one with
     the same orientation; returns how far the wrist had to be moved along the circle's axis [m]."""
     circle = work[CIRCLE]
-    place_wrist(shape, target, work[GOAL])
-    wanted = lay_circle(work[GOAL], circle)
+    _place_wrist(shape, target, work[GOAL])
+    wanted = _lay_circle(work[GOAL], circle)
     distance = nearest_reach(shape, chain[4], wanted)
     gamma = bend(shape, distance)
-    circle[ELBOW], circle[ELBOW + 1] = elbow_angle(shape, gamma, 1.0), elbow_angle(shape, gamma, -1.0)
+    circle[ELBOW], circle[ELBOW + 1] = _elbow_angle(shape, gamma, 1.0), _elbow_angle(shape, gamma, -1.0)
     circle[BEND], circle[DISTANCE] = gamma, distance
     return distance - wanted
 
@@ -212,7 +212,7 @@ def move_along_axis(shape, work, way, target):
 
 
 @kernel
-def shared_turn(total, mirror, row_a, row_c, seed_a):
+def _shared_turn(total, mirror, row_a, row_c, seed_a):
     """The angle a nearest to its seed for which a + mirror * c = total and both keep their limits; else the seed's."""
     low, high = row_a[LOWER] + row_a[THETA], row_a[UPPER] + row_a[THETA]
     c_low, c_high = row_c[LOWER] + row_c[THETA], row_c[UPPER] + row_c[THETA]
@@ -229,7 +229,7 @@ def shared_turn(total, mirror, row_a, row_c, seed_a):
 
 
 @kernel
-def triple(half, s1, s2, c, s, row_a, row_c, seed_a):
+def _triple(half, s1, s2, c, s, row_a, row_c, seed_a):
     """Angles a, b, c of one half at (cos psi, sin psi) for sin b >= 0, and sin b; the other flip is a + pi, -b, c + pi.
 
     c follows from a, so that the two stay consistent however small sin b is; at a singularity a is free to choose.
@@ -247,20 +247,20 @@ def triple(half, s1, s2, c, s, row_a, row_c, seed_a):
         a = math.atan2(sa, ca)
     else:
         total = math.atan2(x2, x1) + (math.pi if cb < 0.0 else 0.0)
-        a = shared_turn(total, 1.0 if z3 > 0.0 else -1.0, row_a, row_c, seed_a)
+        a = _shared_turn(total, 1.0 if z3 > 0.0 else -1.0, row_a, row_c, seed_a)
         ca, sa = math.cos(a), math.sin(a)
     across, along = ca * x2 - sa * x1, ca * x1 + sa * x2
     return a, b, math.atan2(-s1 * s2 * across, cb * along + sb * s1 * x3), sb
 
 
 @kernel
-def half_joints(chain, shape, half, first, c, s, seed, slack, flips, out):
+def _half_joints(chain, shape, half, first, c, s, seed, slack, flips, out):
     """Joints first..first+2 of one half into out, for the flip of its middle joint that is nearer to the seed; their
     largest distance from it, NONE where limits forbid them. `flips`: +1 or -1 for that flip alone, 0 for both."""
     law = shape[2]
     row_a, row_b, row_c = chain[first + 1], chain[first + 2], chain[first + 3]
     seed_a, seed_b, seed_c = seed[first], seed[first + 1], seed[first + 2]
-    a, b, g, sb = triple(half, law[SIGN + first], law[SIGN + first + 1], c, s, row_a, row_c, seed_a)
+    a, b, g, sb = _triple(half, law[SIGN + first], law[SIGN + first + 1], c, s, row_a, row_c, seed_a)
     # at a singularity both flips are one
     turn = math.pi if sb > SINGULAR else 0.0
     best = NONE
@@ -300,7 +300,7 @@ def branch_at(chain, shape, side, flip_shoulder, flip_wrist, c, s, seed, slack, 
         flips = flip_wrist if part else flip_shoulder
         if far < NONE:
             half = work[2 * side + part]
-            far = max(far, half_joints(chain, shape, half, 4 * part, c, s, seed, slack, flips, out))
+            far = max(far, _half_joints(chain, shape, half, 4 * part, c, s, seed, slack, flips, out))
     out[3] = elbow
     return far
 
@@ -320,7 +320,7 @@ def roots(a, b, c, cuts, count):
 
 
 @kernel
-def all_cuts(chain, shape, side, work):
+def _all_cuts(chain, shape, side, work):
     """Every psi at which a joint may meet one of its limits, for one side of the elbow, into CUTS; their count."""
     law, cuts = shape[2], work[CUTS]
     count = 0
@@ -347,10 +347,10 @@ def all_cuts(chain, shape, side, work):
 
 
 @kernel
-def sorted_cuts(chain, shape, side, work):
+def _sorted_cuts(chain, shape, side, work):
     """All cuts for one side of the elbow (0 or 1) sorted in [-pi, pi), the first again a turn later; their count."""
     cuts = work[CUTS]
-    count = all_cuts(chain, shape, side, work)
+    count = _all_cuts(chain, shape, side, work)
     for i in range(count):
         psi = cuts[i] - TURN * math.floor((cuts[i] + math.pi) / TURN)
         j = i
@@ -398,7 +398,7 @@ def on_arcs(chain, shape, seed, cap, work, out):
     cuts = work[CUTS]
     for points in range(2):
         for side in range(2):
-            count = sorted_cuts(chain, shape, side, work)
+            count = _sorted_cuts(chain, shape, side, work)
             for i in range(count):
                 psi = cuts[i] if points == 1 else 0.5 * (cuts[i] + cuts[i + 1])
                 slack = POINT_SLACK if points == 1 else 0.0
@@ -412,7 +412,7 @@ def on_arcs(chain, shape, seed, cap, work, out):
 def branch_arcs(chain, shape, side, flip_shoulder, flip_wrist, seed, work, arcs):
     """The feasible arcs of one branch into arcs (ARCS, 2), from <= to in rad; their count."""
     cuts, spare = work[CUTS], work[SPARE]
-    count = sorted_cuts(chain, shape, side, work)
+    count = _sorted_cuts(chain, shape, side, work)
     found = 0
     for i in range(count):
         lo, hi = cuts[i], cuts[i + 1]
