@@ -13,5 +13,6 @@ BENCHES: dict[str, str] = {
     "exploration": "lwrprobe.bench.exploration",
     "loop": "lwrprobe.bench.loop",
     "simulation": "lwrprobe.bench.simulation",
+    "stability": "lwrprobe.bench.stability",
     "reconstruction": "lwrprobe.bench.reconstruction",
 }

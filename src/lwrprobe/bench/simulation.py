@@ -48,6 +48,12 @@ CLEAN = {
 }  # fmt: skip
 """The simulator's options for an arm without lag and a sensor without faults."""
 
+PLAIN = [
+    "probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "object.0.friction=0.0", "object.0.stiffness=1e4",
+    "table.friction=0.0", "table.stiffness=1e4",
+]  # fmt: skip
+"""A rigid stick, and one slippery object on a slippery table: whatever differs is named where it is measured."""
+
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench simulation`; no options."""
@@ -66,7 +72,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 def build_world(overrides: list[str], scene: str = "block", **config: Any) -> Any:
     """The simulator's world on the gantry, faultless but for what is asked."""
     driver = load("driver", "sim")
-    return driver.World(load_scene(scene, overrides), driver.Config(**{**CLEAN, **config}), 1, gantry())
+    return driver.World(load_scene(scene, [*PLAIN, *overrides]), driver.Config(**{**CLEAN, **config}), 1, gantry())
 
 
 def follow(world: Any, path: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """From the sensor's reading to a contact on the sphere, and how to press on it."""
 
+from lwrprobe.contact.agreed_bias import AgreedBias, agreed_bias
 from lwrprobe.contact.conditioner import BiasOutcome, Counters, WrenchConditioner
 from lwrprobe.contact.deflection import Compliance, Deflection, identify_compliance
 from lwrprobe.contact.drift import BiasChange, DriftWatch
@@ -25,6 +26,7 @@ __all__ = [
     "REASONS",
     "TRUSTED",
     "UNCONFIRMED",
+    "AgreedBias",
     "BiasChange",
     "BiasOutcome",
     "Compliance",
@@ -43,6 +45,7 @@ __all__ = [
     "Wrench",
     "WrenchConditioner",
     "WrenchNoise",
+    "agreed_bias",
     "approach_speed",
     "check_probe",
     "choose_force_law",

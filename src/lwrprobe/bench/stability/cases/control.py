@@ -1,0 +1,123 @@
+"""Stiffness, delay, the first touch: does the force stay where the formulas put it?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.bench.simulation import build_world
+from lwrprobe.bench.stability.case import Case, Finding, within
+from lwrprobe.bench.stability.gantry_loop import TOP, UPRIGHT, press
+from lwrprobe.contact import (
+    Refusal,
+    WrenchConditioner,
+    agreed_bias,
+    choose_force_law,
+    peak_force,
+    zero_force_point,
+)
+from lwrprobe.contracts import WrenchSample
+
+TARGET, LIMIT, THRESHOLD, BRAKING = 0.8, 3.0, 0.2, 1.0
+STICK = 1.3e6
+CYCLE = 1e-4
+SAMPLING = 80  # cycles between two readings
+GRAVITY = 9.80665
+OFFSET = np.array([0.12, -0.08, 0.25, 1e-3, -2e-3, 5e-4])
+
+
+def _pressed(stiffness: float, delay: float, rigid: bool) -> Finding:
+    """Peak on approach against the formula; the force limit and the hold decide as well."""
+    series = stiffness if rigid else 1.0 / (1.0 / stiffness + 1.0 / STICK)
+    stick = "rigid stick" if rigid else "stick 1.3e6 N/m"
+    setting = f"K {stiffness:.0e} N/m, {stick}, tau {1e3 * delay:g} ms"
+    law = choose_force_law(
+        series, delay + CYCLE, TARGET, LIMIT, force_threshold=THRESHOLD, braking=BRAKING, most_speed=0.5
+    )
+    if isinstance(law, Refusal):
+        return Finding(setting, f"refused: {law.reason}", held=True)
+    settings = [f"object.0.stiffness={stiffness}", "object.0.damping=0.0"]
+    settings += [f"probe.stiffness_axial={0.0 if rigid else STICK}"]
+    course = press(law, delay, THRESHOLD, BRAKING, settings, cycle=CYCLE)
+    formula = peak_force(law.approach_speed, series, delay, BRAKING, THRESHOLD)
+    off = abs(course.peak_approach - formula) / formula
+    calm = course.swing < 0.05 * TARGET and abs(course.rest - TARGET) < 0.05 * TARGET
+    told = (
+        f"S {law.stability_number:.3f}, {1e3 * law.approach_speed:.3g} mm/s, peak {course.peak_approach:.3f} N "
+        f"(formula {formula:.3f}), most {course.peak:.3f} N, rests at {course.rest:.3f} N within {course.swing:.2g} N"
+    )
+    return within(setting, told, off, 0.10, "of the formula", also=calm and course.peak <= LIMIT)
+
+
+def _stiffness_sweep(quick: bool) -> list[Finding]:
+    decades = (1e2, 1e5, 1e7) if quick else tuple(10.0**k for k in range(2, 8))
+    return [_pressed(k, 0.010, rigid) for rigid in (False, True) for k in decades]
+
+
+def _latency_sweep(quick: bool) -> list[Finding]:
+    delays = (0.0, 0.01, 0.05) if quick else (0.0, 0.002, 0.005, 0.01, 0.02, 0.05)
+    return [_pressed(1e5, delay, rigid=True) for delay in delays]
+
+
+def _start_in_contact(quick: bool) -> list[Finding]:
+    """The sensor's own offset hides a light touch: only a second place tells."""
+    found = []
+    for depth in (0.0, 1e-4) if quick else (0.0, 1e-5, 3e-5, 1e-4, 3e-4):
+        world = build_world(
+            ["object.0.stiffness=1e4"], bias_force=tuple(OFFSET[:3]), bias_torque=tuple(OFFSET[3:]),
+            gravity=(0.0, 0.0, -GRAVITY), noise_force=0.003, noise_torque=2e-5,
+        )  # fmt: skip
+        conditioner = WrenchConditioner(world.probe, world.scene.sensor.rate)
+        height = [TOP - depth if depth else TOP + 0.001]
+
+        def retreat(height: list[float] = height) -> None:
+            height[0] += 0.002
+
+        taken = agreed_bias(
+            conditioner, lambda world=world, height=height: _readings(world, height[0], 100), retreat, UPRIGHT
+        )
+        off = 1e3 * float(np.abs(conditioner.bias[:3] - OFFSET[:3]).max())
+        right = taken.outcome.taken and taken.touched == (depth > 0.0)
+        told = (
+            f"{'touch seen' if taken.touched else 'no touch seen'}, {taken.retreats} retreats, bias off by {off:.2g} mN"
+        )
+        found.append(within(f"pressed with {1e4 * depth:.2g} N at t = 0", told, off, 5.0, "mN", also=right))
+    return found
+
+
+def _readings(world, height: float, count: int) -> list[WrenchSample]:
+    """Samples while the tip rests at a height, after a short while to settle."""
+    place = np.array([0.0, 0.0, height])
+    samples: list[WrenchSample] = []
+    for settle in (True, False):
+        samples.clear()
+        while len(samples) < (8 if settle else count):
+            world.command(place)
+            world.advance()
+            samples += [
+                WrenchSample(row[0], np.array(row[1:4]), np.array(row[4:7]), int(row[7]), int(row[8]))
+                for row in world.fetch()
+            ]
+    return samples
+
+
+def _soft_object(quick: bool) -> list[Finding]:
+    """A slow touch, read at 125 Hz with 3 mN of noise, is extrapolated to zero force; the dent is what it saves."""
+    found, random = [], np.random.default_rng(11)
+    for stiffness in (1e2, 1e3) if quick else (1e2, 2e2, 5e2, 1e3):
+        law = choose_force_law(stiffness, 0.01, TARGET, LIMIT, force_threshold=THRESHOLD, most_speed=0.002)
+        settings = [f"object.0.stiffness={stiffness}", "object.0.damping=0.0"]
+        course = press(law, 0.01, THRESHOLD, BRAKING, settings)
+        ways, forces = np.array(course.ways)[::SAMPLING], np.array(course.forces)[::SAMPLING]
+        fit = zero_force_point(ways, forces + random.normal(0.0, 0.003, len(forces)))
+        dent = 1e3 * course.peak_approach / stiffness
+        told = f"K found {fit.stiffness:.4g} N/m, surface off by {1e3 * fit.zero:+.3f} mm; the dent was {dent:.2f} mm"
+        found.append(within(f"K {stiffness:.0e} N/m", told, 1e3 * abs(fit.zero), 0.2, "mm"))
+    return found
+
+
+CASES = (
+    Case(1, "stiffness sweep", "peak within 10 % of the formula, below the limit, or refused", _stiffness_sweep),
+    Case(2, "latency sweep", "speed reduced by the formula, peak within 10 % of it", _latency_sweep),
+    Case(10, "start already in contact", "no bias while touching; after a retreat it is right", _start_in_contact),
+    Case(11, "soft object", "corrected to zero force, error < 0.2 mm", _soft_object),
+)

@@ -1,0 +1,91 @@
+"""Whole explorations, short ones, and what they left behind."""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.exploration.explore import explore
+from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene.solid import Solid
+
+LINES_ONLY = ("strategy.across=false", "strategy.find_ends=false")
+"""The grid's own lines and nothing after them: the case is in the line, and the run is short."""
+
+
+@dataclass(slots=True)
+class Run:
+    """A run and its data.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) of the contacts that were trusted
+    distance : (n,) m of these from the true surface, outside positive
+    way : (m, 3) m, where the sphere was; force : (m,) N; touching : (m,) at those times
+    """
+
+    scene: Scene
+    summary: dict[str, Any]
+    points: np.ndarray
+    normals: np.ndarray
+    distance: np.ndarray
+    way: np.ndarray
+    force: np.ndarray
+    touching: np.ndarray
+
+    @property
+    def solid(self) -> Solid:
+        """The true object."""
+        return self.scene.solid()
+
+    @property
+    def ended(self) -> str:
+        """How, in the summary's words."""
+        return f"{self.summary['status']}: {self.summary['reason']}"
+
+    @property
+    def within_limit(self) -> bool:
+        """The true force stayed below the scene's limit."""
+        return self.summary["peak_force_n"] <= self.scene.contact.limit
+
+    def told(self) -> str:
+        """The figures that every run has."""
+        s = self.summary
+        return f"{self.ended}; {s['contacts']} contacts in {s['sim_time_s']:.0f} s, peak {s['peak_force_n']:.2f} N"
+
+
+def strip(name: str, half_width: float, settings: list[str] | None = None, lines: int = 2) -> Run:
+    """Explore a scene between x = -half_width and half_width only, by `lines` or one more lines across it."""
+    area = load_scene(name).area
+    step = 2.0 * half_width / lines
+    bounds = [
+        f"area.lower=[{-half_width}, {area.lower[1]}, {area.lower[2]}]",
+        f"area.upper=[{half_width}, {area.upper[1]}, {area.upper[2]}]",
+        f"strategy.step={step}",
+    ]
+    return explored(name, [*bounds, *LINES_ONLY, *(settings or [])])
+
+
+def explored(name: str, settings: list[str]) -> Run:
+    """Explore a scene into a folder that is gone afterwards; 600 s of robot time at most unless set."""
+    scene = load_scene(name, ["run.time_limit=600.0", *settings])
+    with tempfile.TemporaryDirectory() as folder:
+        summary = explore(scene, Path(folder))
+        contacts = _table(Path(folder) / "contacts.csv", 9)
+        way = _table(Path(folder) / "trace.csv", 7)
+    solid = scene.solid()
+    points = contacts[:, 1:4]
+    distance = solid.signed_distance(points) if len(points) and scene.objects else np.full(len(points), np.nan)
+    return Run(scene, summary, points, contacts[:, 4:7], distance, way[:, 1:4], way[:, 4], way[:, 5] > 0.0)
+
+
+def _table(path: Path, width: int) -> np.ndarray:
+    """(n, width) of the numeric columns from the left."""
+    with path.open() as file:
+        rows = [[float(cell) for cell in row[:width]] for row in list(csv.reader(file))[1:]]
+    return np.array(rows).reshape(-1, width)

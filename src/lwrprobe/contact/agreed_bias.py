@@ -1,0 +1,64 @@
+"""The bias at the start of a run, when nobody knows whether the probe touches something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lwrprobe.contact.conditioner import BiasOutcome, WrenchConditioner
+from lwrprobe.contracts import WrenchSample
+
+AGREEMENT = 0.03
+"""N by which the biases of two places may differ: ten times the noise of one reading, less than a touch of any use."""
+
+TOUCHING = "touching"
+
+
+@dataclass(slots=True, frozen=True)
+class AgreedBias:
+    """How the bias was found.
+
+    Attributes
+    ----------
+    outcome : of the last attempt; `taken` says whether there is a bias
+    retreats : how often the probe was moved away
+    touched : the probe stood in contact at first
+    """
+
+    outcome: BiasOutcome
+    retreats: int
+    touched: bool
+
+
+def agreed_bias(
+    conditioner: WrenchConditioner,
+    listen: Callable[[], Sequence[WrenchSample]],
+    retreat: Callable[[], None],
+    rotation: np.ndarray,
+    most_retreats: int = 4,
+) -> AgreedBias:
+    """Take the bias, retreat, take it again, until two places in a row agree.
+
+    A sensor's unknown offset is larger than a light touch, so one reading cannot tell them apart; a touch differs
+    between two places, an offset does not. A contact that the retreat slides along with unchanged force is not seen.
+
+    Parameters
+    ----------
+    listen : rests and returns the samples of that time
+    retreat : moves the probe away from whatever it may touch, keeping its orientation
+    rotation : (3, 3) of the sensor in the world
+    """
+    before = conditioner.take_bias(listen(), rotation)
+    touched = before.reason == TOUCHING
+    for retreats in range(1, most_retreats + 1):
+        retreat()
+        samples = listen()
+        measured = before.reason in ("", TOUCHING)
+        now = conditioner.take_bias(samples, rotation, AGREEMENT, before.bias if measured else None)
+        if now.taken and measured:
+            return AgreedBias(now, retreats, touched)
+        touched = touched or now.reason == TOUCHING
+        before = now
+    return AgreedBias(before if before.reason else replace(before, taken=False, reason="unsteady"), retreats, touched)
