@@ -52,6 +52,12 @@ HOVER = 0.0005
 MARGIN = 0.003
 """m above the height of a grid line, from which on a descent on the border feels for a table that is not where it was
 said to be."""
+STEEPEST_FRICTION = 0.5
+"""Share of the normal force that may act against the feed before that means another surface."""
+MEETS = 0.5
+"""Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
+EDGE_WAY = 0.001
+"""m from an inner edge, after which the surface met there is felt alone."""
 PAST = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 
@@ -123,6 +129,7 @@ class Contouring(ABC):
         self._borne = np.inf
         self._leaving = False
         self._touching_tilt = False
+        self._edge: tuple[np.ndarray, np.ndarray] | None = None
         self._mark: tuple[float, np.ndarray] | None = None
         self._begin_grid()
 
@@ -415,6 +422,8 @@ class Contouring(ABC):
             self.course.plane = self.course.upright()
         if after is State.CONTOUR and before in (State.LINE, State.TRANSFER, State.REAPPROACH):
             self._begin_contour(seen)
+        if after is not State.RELEASE and before is not State.RELEASE:
+            self._edge = None
         if after is State.TILT:
             self._touching_tilt = before is State.CONTOUR
         if after is State.REAPPROACH:
@@ -505,7 +514,7 @@ class Contouring(ABC):
         return Goal(self._pose(target), speed, self.state)
 
     def _contour(self, seen: Observation) -> Motion:
-        here, normal = seen.pose[:3, 3], surface_normal(seen)
+        here, normal = seen.pose[:3, 3], self._followed_normal(seen)
         self._remember(seen, normal)
         force = max(float(seen.force @ normal), 0.0)
         velocity = self.follower.velocity(
@@ -513,6 +522,23 @@ class Contouring(ABC):
         )
         velocity += self.course.back(here, self.follower.normal)
         return Feed(self.course.bounded(here, velocity), reason=self.state, pose=self._held(seen))
+
+    def _followed_normal(self, seen: Observation) -> np.ndarray:
+        """That of the surface; in an inner edge, where two are felt at once, that of the one met last."""
+        here, contact = seen.pose[:3, 3], seen.contact
+        if self._edge is None:
+            onward, along = self.follower.tangent(self.course.across()), self.follower.normal
+            friction = STEEPEST_FRICTION * max(float(seen.force @ along), 0.0)
+            if -float(seen.force @ onward) - friction > MEETS * self.task.force_target:
+                self._edge = (-onward, here.copy())
+                self.follower.restart(-onward)
+        if self._edge is not None:
+            normal, place = self._edge
+            alone = contact is not None and contact.trust >= 0.5 and contact.normal @ normal > 0.8
+            if not alone and np.abs(here - place).max() < EDGE_WAY:
+                return normal
+            self._edge = None
+        return surface_normal(seen)
 
     def _remember(self, seen: Observation, normal: np.ndarray) -> None:
         here, line, contact = seen.pose[:3, 3], self.course.line, seen.contact

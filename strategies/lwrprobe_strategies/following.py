@@ -20,6 +20,8 @@ TURN = 0.08
 
 CONE = 0.35
 """rad"""
+DIVE = 0.3
+"""Share of the feed along the stick, towards its tip, from which on it is also an approach."""
 
 
 @dataclass(slots=True)
@@ -74,8 +76,11 @@ class Follower:
         press = min(max(error / damping + self._slope, -inward), self.outward)
         slack = self.task.force_limit - self.task.force_target
         steady = self.task.force_target / (damping / e * TURN)
+        onward = self.tangent(across)
+        if onward @ rotation[:, 2] > DIVE:  # down a wall to a foot that nobody has felt yet, stick first
+            feed = min(feed, self.approach_speed(onward, rotation))
         slowed = min(feed, steady) * min(max(1.0 - abs(error) / slack, 0.1), 1.0)
-        return slowed * self.tangent(across) + press * self.normal
+        return slowed * onward + press * self.normal
 
     def damping(self, rotation: np.ndarray) -> float:
         """N·s/m: B with K tau / B = 1/e, the fastest law without overshoot, K that of the series along the normal."""

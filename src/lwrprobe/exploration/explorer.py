@@ -40,6 +40,9 @@ STAGES = (
 FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
 
+SETTLED = 3
+"""Samples of one touch before it is believed: until then the slip that friction opposes is that of the approach."""
+
 WatchFunction = Callable[["Glimpse"], None]
 
 
@@ -110,6 +113,7 @@ class Explorer:
         self._wall_shown = 0.0
         self._force = 0.0
         self._touched_last = -np.inf
+        self._touch_age = 0
 
     # Before the strategy
 
@@ -265,11 +269,16 @@ class Explorer:
             contact = pipe.estimator.estimate(wrench, centre, pose[:3, :3], velocity)
             contact.time = sample.time - self._zero_time
             clock.lap("estimate")
-            if contact.trust >= TRUSTED:
+            self._touch_age += 1
+            # A light touch says little: the error of its normal goes with one over the force.
+            settled = self._touch_age > SETTLED and size >= 0.5 * self.scene.contact.target
+            if contact.trust >= TRUSTED and settled:
                 pipe.voxels.insert_point(contact.point)
                 clock.lap("map")
                 self.recorder.contact(contact, sample.sequence)
                 clock.lap("record")
+        else:
+            self._touch_age = 0
         near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(
