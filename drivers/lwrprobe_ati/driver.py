@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
+from dataclasses import asdict
 from typing import ClassVar
 
 from lwrprobe.contracts import DRIVER_CONTRACT, ConnectionLost, DriverContext, DriverError, Reading, WrenchSample
@@ -18,6 +19,7 @@ from lwrprobe_ati.stream import Stream
 from lwrprobe_ati.wire import Command, encode_command
 
 _BUFFER = 1 << 20
+_ORDER = ("received", "lost", "repeated", "old", "implausible")
 _AT_ONCE = 4096  # datagrams taken by one read at most, so that it always returns
 _FREEING = 0.2  # s between two commands that free a stale console
 
@@ -43,6 +45,7 @@ class AtiSensor:
         self._heard = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
+        self._last_account: dict[str, int] = {}
 
     def __enter__(self) -> AtiSensor:
         self.open()
@@ -97,12 +100,21 @@ class AtiSensor:
         """Stop streaming, release console and port."""
         if self._socket is None:
             return
+        self._last_account = self.account()
         self._stop_stream()
         self._console.close()
         self._socket.close()
         self._socket = None
         self.stream = None
         farewell.forget(self._stop_stream)
+
+    def account(self) -> dict[str, int]:
+        """What has been counted since `open`, or until the last `close`."""
+        if self.stream is None:
+            return self._last_account
+        admission = self.stream.admission
+        order = {name: getattr(admission, name) for name in _ORDER}
+        return order | asdict(self.stream.traffic) | {"restarts": self.restarts}
 
     def readings(self, seconds: float) -> list[Reading]:
         """Listen for some seconds and judge rate, losses, latency, noise, drift, battery and calibration."""
@@ -240,3 +252,7 @@ class AtiDriver:
     def readings(self, seconds: float) -> list[Reading]:
         """Lines for `lwrprobe doctor`."""
         return self._sensor.readings(seconds)
+
+    def account(self) -> dict[str, int]:
+        """What the summary of a run tells about the line."""
+        return self._sensor.account()

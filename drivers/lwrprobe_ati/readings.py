@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,14 +21,14 @@ def sensor_readings(sensor: AtiSensor, seconds: float) -> list[Reading]:
     """Listen for `seconds`; raises ConnectionLost when the sensor falls silent."""
     samples: list[WrenchSample] = []
     ages: list[float] = []
-    before = _counts(sensor)
+    before = sensor.account()
     end = time.monotonic() + seconds
     while time.monotonic() < end or len(samples) < 3:
         for sample in sensor.read():
             samples.append(sample)
             ages.append(time.monotonic() - sample.time)
         time.sleep(_POLL)
-    counts = {name: value - before[name] for name, value in _counts(sensor).items()}
+    counts = {name: value - before[name] for name, value in sensor.account().items()}
     return [
         *_timing(sensor, samples, ages),
         _losses(counts),
@@ -37,13 +36,6 @@ def sensor_readings(sensor: AtiSensor, seconds: float) -> list[Reading]:
         _flags(samples),
         *_device(sensor),
     ]
-
-
-def _counts(sensor: AtiSensor) -> dict[str, int]:
-    admission = sensor.stream.admission
-    names = ("received", "lost", "repeated", "old", "implausible")
-    counts = {name: getattr(admission, name) for name in names}
-    return counts | asdict(sensor.stream.traffic) | {"restarts": sensor.restarts}
 
 
 def _timing(sensor: AtiSensor, samples: list[WrenchSample], ages: list[float]) -> list[Reading]:

@@ -48,7 +48,7 @@ class FriConfig:
     connect_timeout: float = 5.0
     start_timeout: float = 20.0
     stop_timeout: float = 5.0
-    silence: float = 0.1
+    silence: float = 0.25
     priority: int = 0
     core: int = -1
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import atexit
 import time
-from typing import ClassVar
+from collections import deque
+from dataclasses import asdict
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,7 +22,8 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.samples import Vector
 from lwrprobe_fri.config import FriConfig
-from lwrprobe_fri.connection import Arrival, Connection, Traffic
+from lwrprobe_fri.connection import Arrival, Connection
+from lwrprobe_fri.messages import Traffic
 from lwrprobe_fri.readings import connection_readings
 from lwrprobe_fri.wire import Measurement, Quality, State
 
@@ -39,6 +42,9 @@ class FriArm:
         self._seen = -1
         self._before: Arrival | None = None
         self._stopped = False
+        self._read_at = 0.0
+        self._loops: deque[float] = deque(maxlen=100_000)
+        self._last_account: dict[str, Any] = {}
 
     def __enter__(self) -> FriArm:
         self.open()
@@ -107,6 +113,7 @@ class FriArm:
             raise DriverError(line.loss)
         state = self._state(arrival, line)
         self._seen, self._before = arrival.index, arrival
+        self._read_at = time.monotonic()
         return state
 
     def command(self, q: Vector) -> None:
@@ -131,6 +138,7 @@ class FriArm:
             line.let_go()
             self._stopped = True
             raise
+        self._loops.append(time.monotonic() - self._read_at)
 
     def stop(self) -> None:
         """Brake along the present direction and hold; set points are refused until `open` or `restart`."""
@@ -157,6 +165,7 @@ class FriArm:
         except DriverError:
             pass  # whoever closes wants the port back; a silent controller has stopped by itself
         finally:
+            self._last_account = self.account()
             self._line = None
             line.close()
             atexit.unregister(self.close)
@@ -170,6 +179,26 @@ class FriArm:
     def traffic(self) -> Traffic:
         """What has been received, lost and late since `connect`."""
         return self._connected().traffic
+
+    def account(self) -> dict[str, Any]:
+        """What has been counted since `connect`, or until the last `close`; times in ms.
+
+        `answers_in_time` is the share of all measurements sent meanwhile whose answer the controller counts as
+        received within its cycle; `loop_ms` what the runner took from a state to its set point.
+        """
+        line = self._line
+        if line is None or line.latest is None:
+            return self._last_account
+        loops = 1e3 * np.array(self._loops) if self._loops else np.zeros(1)
+        answers = 1e3 * line.timing()[:, 1]
+        return {
+            **asdict(line.traffic),
+            "answers_in_time": round(line.answered_in_time, 5),
+            "answer_ms_p99": round(float(np.quantile(answers, 0.99)), 3),
+            "loop_ms_median": round(float(np.median(loops)), 3),
+            "loop_ms_p99": round(float(np.quantile(loops, 0.99)), 3),
+            "quality": line.latest.measurement.quality.name,
+        }
 
     def timing(self) -> np.ndarray:
         """(n, 2) s: arrival of the latest measurements by `time.monotonic`, and the time until the answer was sent."""
@@ -262,3 +291,7 @@ class FriDriver:
     def readings(self, seconds: float) -> list[Reading]:
         """Lines for `lwrprobe doctor`."""
         return self._arm.readings(seconds)
+
+    def account(self) -> dict[str, Any]:
+        """What the summary of a run tells about the line."""
+        return self._arm.account()

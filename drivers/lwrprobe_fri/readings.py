@@ -16,13 +16,13 @@ def connection_readings(line: Connection, seconds: float) -> list[Reading]:
     """Listen for `seconds`; raises ConnectionLost when the controller falls silent."""
     first, joints = line.latest, []
     begin = time.monotonic()
-    before = asdict(line.traffic) | _order(line)
+    before = asdict(line.traffic)
     end = begin + seconds
     arrival = first
     while time.monotonic() < end or not joints:
         arrival = line.next(arrival.index)
         joints.append(arrival.measurement.measured)
-    counts = {name: value - before[name] for name, value in (asdict(line.traffic) | _order(line)).items()}
+    counts = {name: value - before[name] for name, value in asdict(line.traffic).items()}
     m = arrival.measurement
     timing = line.timing()
     return [
@@ -32,11 +32,6 @@ def connection_readings(line: Connection, seconds: float) -> list[Reading]:
         *_drives(m),
         _rest(np.array(joints)),
     ]
-
-
-def _order(line: Connection) -> dict[str, int]:
-    names = ("lost", "repeated", "old", "implausible", "restarts")
-    return {name: getattr(line.admission, name) for name in names}
 
 
 def _timing(timing: np.ndarray, m: Measurement) -> list[Reading]:

@@ -13,6 +13,9 @@ from lwrprobe.options import configure
 SENSOR_RATE = 1000.0
 """Hz, at which the world is felt; the emulated device samples that at its own rate."""
 
+_LONGEST = 7200.0
+"""s for which the truth has room from the start; growing it would keep the controller waiting."""
+
 # What the line does to the samples is up to the emulated device.
 _IDEAL_LINE = {"latency": 0.0, "late_share": 0.0, "loss": 0.0, "saturation": False}
 
@@ -35,6 +38,7 @@ class SimulatedWorld:
         felt = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
         driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), felt, seed))
         self._arm, self._sensor, self.judge = driver.arm(), driver.sensor(), driver.judge()
+        self.judge.reserve(round(_LONGEST * SENSOR_RATE))
         self._arm.open()
         self._sensor.open()
         self._wrench = np.zeros(6)

@@ -173,6 +173,15 @@ class SimJudge:
         """N, the largest resultant of all contact forces on the sphere so far, friction included."""
         return float(self._world.state[kernels.PEAK])
 
+    def reserve(self, samples: int) -> None:
+        """Room for the truth of so many samples: whoever must not pause later has nothing to move then."""
+        world = self._world
+        if samples > len(world.truth):
+            # The system hands the pages out when they are first written to.
+            room = np.zeros((samples, world.truth.shape[1]))
+            room[: len(world.truth)] = world.truth
+            world.truth = room
+
     @property
     def object_pose(self) -> np.ndarray:
         """(4, 4) by which the movable object has left its place; identity without one."""

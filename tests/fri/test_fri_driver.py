@@ -18,7 +18,6 @@ from lwrprobe.contracts import (
     InputError,
 )
 from lwrprobe_fri import FriConfig, FriDriver
-from lwrprobe_fri.connection import Connection
 from lwrprobe_fri.emulator import Controller, ControllerSettings, FriEmulator, LaggingArm
 from lwrprobe_fri.krl import PROGRAMS
 from lwrprobe_fri.wire import State
@@ -281,7 +280,7 @@ def test_only_the_configured_peer_is_listened_to():
             stranger.sendto(emulator._last, (host, int(port)))
         wait_for(lambda: arm.traffic.foreign == 50)
         assert arm.measurement.sequence != received or arm.traffic.received > 0
-        assert arm._line.admission.repeated == 0
+        assert arm.traffic.repeated == 0
 
 
 def test_bad_line_is_counted_and_never_makes_the_driver_break_a_limit():
@@ -299,8 +298,8 @@ def test_bad_line_is_counted_and_never_makes_the_driver_break_a_limit():
                 lost += 1
                 arm.restart()
                 goal = np.array(arm.measurement.set_point)
-        counts = arm._line.admission
-        assert arm.traffic.malformed
+        counts = arm.traffic
+        assert counts.malformed
         assert counts.repeated
         assert counts.lost
         violations = ("speed", "range", "interpolation", "flags", "number")
@@ -317,7 +316,7 @@ def test_corrupted_line_yields_typed_errors_alone():
                 assert np.isfinite(arm.read().q).all()
                 arm.command(np.array(arm.measurement.set_point))
             time.sleep(0.005)
-        assert arm.traffic.malformed + arm._line.admission.implausible > 0
+        assert arm.traffic.malformed + arm.traffic.implausible > 0
         emulator.control("fault none")
         wait_for(lambda: emulator.controller.quality >= 2)
         arm.restart()
@@ -329,7 +328,7 @@ def test_nobody_there_is_a_typed_error_in_time():
     arm = FriDriver(DriverContext(config, None)).arm()
     with pytest.raises(ConnectionLost, match=r"no measurement came from 127\.0\.0\.1:1 at .* within 0\.3 s"):
         arm.open()
-    assert not [t for t in threading.enumerate() if t.name == "fri"]
+    assert arm._line is None
     arm.close()
 
 
@@ -415,12 +414,23 @@ def test_each_set_point_is_in_the_next_answer():
     pytest.skip("this machine never left 30 cycles of 10 ms in peace")
 
 
-def test_thread_failure_reaches_the_reader(monkeypatch):
-    def broken(self, *_):
-        raise RuntimeError("boom")
-
+def test_end_of_the_answering_process_reaches_the_reader():
     with bench() as (arm, _):
         arm.open()
-        monkeypatch.setattr(Connection, "_send", broken)
-        with pytest.raises(DriverError, match=r"boom"):
+        process = arm._line._process
+        process.kill()
+        with pytest.raises(DriverError, match="the line to the controller broke: its process is gone"):
             read_on(arm)
+        with pytest.raises(DriverError, match="its process is gone"):
+            arm.command(np.zeros(7))
+        arm.close()
+        arm.open()
+        assert arm.read().status == 0
+
+
+def test_no_process_is_left_behind():
+    with bench() as (arm, _):
+        arm.open()
+        process = arm._line._process
+        arm.close()
+        assert process.returncode is not None

@@ -46,6 +46,25 @@ sensor.close()
 """
 
 
+HOLDER = """
+import sys, time
+import numpy as np
+from lwrprobe.contracts import DriverContext
+from lwrprobe.contracts.plugins import load
+
+fri = load("driver", "fri")
+arm = fri(DriverContext(fri.Config(bind=sys.argv[1], remote=sys.argv[2], silence=2.0), None)).arm()
+arm.open()
+arm.command(np.array(arm.measurement.set_point))
+before, first = arm.measurement.sequence, time.monotonic()
+while time.monotonic() - first < 1.0:
+    sum(range(3_000_000))  # one call that keeps the interpreter's lock
+passed = arm.read().time - first
+print("state", arm.measurement.state.name, "answered", arm.measurement.answer_rate, "passed", passed, flush=True)
+arm.close()
+"""
+
+
 def free_addresses(count):
     probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     for probe in probes:
@@ -181,6 +200,18 @@ def test_killed_explorer_is_followed_by_one_that_works():
             assert explorer.wait(20.0) == 0
         eventually(lambda: over_udp(fri_port, "status"), "MON")
         eventually(lambda: over_udp(ati_port, "status"), "quiet")
+
+
+def test_runner_that_holds_the_interpreter_does_not_keep_the_controller_waiting():
+    """A hundred cycles without a word of the runner: without a process of its own, no answer would come meanwhile."""
+    bind, remote = free_addresses(2)
+    with running(EMULATE, "fri", "--bind", bind, "--remote", remote, "--bridged", "50") as emulator:
+        line_of(emulator, "FRI controller at")
+        with running(HOLDER, remote, bind) as runner:
+            words = line_of(runner, "state").split()
+            assert words[1] == "CMD"
+            assert float(words[3]) > 0.5
+            assert float(words[5]) > 0.9
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])

@@ -14,6 +14,9 @@ from lwrprobe_fri.emulator.rating import QUALITIES
 from lwrprobe_rig.console import as_seconds, bound_socket
 from lwrprobe_rig.link import FaultyLink, LinkFaults
 
+_LATE = 0.2
+"""Of a cycle, by which one may begin too late and the next one still begin on time."""
+
 
 class FriEmulator:
     """A `lwrprobe_rig.reactor.Device` that sends a measurement every cycle and takes the answers.
@@ -38,7 +41,7 @@ class FriEmulator:
         self.controller = make_controller()
         self.faults = LinkFaults()
         self.overruns = 0
-        """Cycles that this process itself began more than a cycle too late."""
+        """Cycles that this process itself began too late by a good part of one."""
         self._bind = as_address(bind, "bind")
         self._remote = as_address(remote, "remote")
         self._out = FaultyLink(self.faults, seed)
@@ -129,9 +132,11 @@ class FriEmulator:
         cycle = self.controller.settings.cycle
         self._last = self.controller.tick(now)
         self._out.put(self._last if self._frozen is None else self._frozen, now)
+        late = now - self._next
         self._next += cycle
-        if self._next < now:
-            # This process was kept from running: its clock pauses, as the real controller never would.
+        if late > _LATE * cycle:
+            # This process was kept from running. Its clock pauses, as the real controller's never would: else the
+            # remote had less than its cycle to answer in, and would be rated for what happened here.
             self.overruns += 1
             self._next = now + cycle
 
