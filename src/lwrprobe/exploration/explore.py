@@ -13,7 +13,7 @@ from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchR
 from lwrprobe.exploration.explorer import Explorer, Outcome, WatchFunction
 from lwrprobe.exploration.pipeline import Pipeline, choose, compose, robot_of
 from lwrprobe.exploration.recorder import Recorder
-from lwrprobe.exploration.rehearsal import rehearse
+from lwrprobe.exploration.rehearsal import rehearse, settled_memory
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.summary import summarise
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
@@ -65,7 +65,7 @@ def explore(
         pipeline.left_out += getattr(driver, "left_out", [])
     rehearse(scene, choices, rig.arm.cycle, rig.sensor.rate, pose, q)
     explorer = Explorer(scene, pipeline, rig, recorder, watch)
-    with rig:
+    with settled_memory(), rig:
         refused = _make_ready(explorer, pose, q)
         seconds["compile"] = perf_counter() - begin
         tell("exploring")
@@ -80,6 +80,8 @@ def explore(
     surface, lack = _reconstruct(record, pipeline)
     pipeline.left_out += lack
     summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])
+    summary["limits_used"] = explorer.motion_guard.peaks
+    summary["devices"] = rig.account()
     if out is not None:
         _write(out, scene, pipeline, recorder, surface, summary)
     seconds["finish"] = perf_counter() - begin
@@ -157,7 +159,7 @@ def _make_ready(explorer: Explorer, pose: np.ndarray, q: np.ndarray) -> Outcome 
         explorer.take_bias(BIAS_SECONDS)
         explorer.start()
     except LwrprobeError as error:
-        explorer.come_to_rest()
+        explorer.come_to_rest(error)
         return explorer.outcome("ended early", str(error))
     return None
 

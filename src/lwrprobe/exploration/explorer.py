@@ -22,15 +22,16 @@ from lwrprobe.contracts import (
     PluginError,
     Progress,
     SafetyStop,
-    SampleStatus,
     Task,
     WrenchSample,
 )
-from lwrprobe.exploration.guards import ForceGuard, SilenceGuard
+from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop, table_plane
 from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.stage_clock import StageClock
+from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
@@ -95,9 +96,12 @@ class Explorer:
         self._pose = np.eye(4)
         self._states: deque[tuple[float, np.ndarray]] = deque(maxlen=64)
         self._joint_step = pipeline.robot.speed * self.cycle
-        contact = scene.contact
-        self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed)
-        self._silence = SilenceGuard(max(0.1, 5.0 / rig.sensor.rate))
+        contact, safety = scene.contact, scene.safety
+        torque = safety.torque_share * pipeline.probe.torque_range
+        self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
+        self._silence = SilenceGuard(max(safety.silence, 5.0 / rig.sensor.rate), self.cycle)
+        self.motion_guard = MotionGuard(pipeline.robot, self.cycle, safety, table_plane(scene))
+        self._way_back = WayBack(safety.lift)
         self._blocked = ""
         self._motion: Motion | None = None
         self._zero_time = 0.0
@@ -153,6 +157,7 @@ class Explorer:
     def start(self) -> None:
         """Hand the task to the strategy; the run's time begins."""
         scene, pipe = self.scene, self.pipe
+        self.motion_guard.confine(pipe.area.lower - scene.safety.margin, pipe.area.upper + scene.safety.margin)
         self._zero_time = self._time
         pose = pipe.trajectory.pose
         task = Task(
@@ -183,7 +188,7 @@ class Explorer:
     def run(self, time_limit: float) -> Outcome:
         """Until the strategy is done; whatever ends the run early, what was measured is kept."""
         begin = perf_counter()
-        status, reason = "ended early", ""
+        status, reason, cause = "ended early", "", None
         try:
             while not isinstance(self._motion, Done):
                 self._one_cycle()
@@ -196,10 +201,10 @@ class Explorer:
                 reason = self._motion.reason
                 status = "done" if self._motion.complete else "ended early"
         except (DriverError, SafetyStop, PluginError) as error:
-            reason = str(error)
+            reason, cause = str(error), error
         except KeyboardInterrupt:
             reason = "interrupted"
-        self.come_to_rest()
+        self.come_to_rest(cause)
         if self.watch is not None:
             self._show(begin)
         return self.outcome(status, reason)
@@ -221,38 +226,67 @@ class Explorer:
             self.pipe.conditioner.counters,
         )
 
-    def come_to_rest(self) -> None:
-        """Brake inside the limits, then hold; a device that no longer answers has stopped by itself."""
+    def come_to_rest(self, error: Exception | None = None) -> None:
+        """Brake inside the limits, go back where nothing is felt any more, then hold.
+
+        After a `MotionStop` the arm brakes by itself, and a device that no longer answers has stopped by itself.
+        """
         try:
+            if isinstance(error, MotionStop):
+                for _ in range(int(0.5 / self.cycle)):
+                    self.rig.arm.read()
+                return
             self.pipe.trajectory.stop()
-            for _ in range(int(1.0 / self.cycle)):
-                if self.pipe.trajectory.arrived:
-                    break
-                self.rig.arm.read()
-                self._move()
+            self._follow(1.0)
+            if isinstance(error, SensorLost):
+                self._go_back()
             self.rig.arm.stop()
-        except DriverError:
+        except (DriverError, SafetyStop):
             return
+
+    def _go_back(self) -> None:
+        """Blind now: off the surface and back on the tip's own way, where nothing was in it a moment ago."""
+        trajectory = self.pipe.trajectory
+        for place in self._way_back.places(trajectory.pose[:3, 3], self.scene.safety.retreat):
+            pose = trajectory.pose.copy()
+            pose[:3, 3] = place
+            trajectory.set_goal(pose, self.scene.motion.approach_speed)
+            self._follow(5.0)
+
+    def _follow(self, seconds: float) -> None:
+        """Carry out what the generator has been told, without asking the strategy."""
+        for _ in range(int(seconds / self.cycle)):
+            if self.pipe.trajectory.resting:
+                break
+            self._remember(self.rig.arm.read())
+            self._move()
 
     def _one_cycle(self) -> None:
         clock, rig = self.clock, self.rig
         clock.start()
         self._remember(rig.arm.read())
         clock.lap("arm")
-        samples = rig.sensor.read()
+        samples = self._samples()
         clock.lap("sensor")
         for sample in samples:
             self._one_sample(sample)
         self._silence.check(self._time)
         self._move()
 
+    def _samples(self) -> list[WrenchSample]:
+        try:
+            return self.rig.sensor.read()
+        except DriverError as error:
+            raise SensorLost(str(error)) from error
+
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
-        if not sample.status & SampleStatus.FROZEN:
-            self._silence.heard(self._time)
+        self._silence.heard(sample)
         pose = self._pose_at(sample.time)
         velocity = pipe.trajectory.velocity
         wrench = pipe.conditioner.condition(sample, pose[:3, :3])
+        if pipe.conditioner.failing:
+            raise SensorLost(f"the sensor cannot be relied on: {pipe.conditioner.failing}")
         clock.lap("condition")
         size = wrench.magnitude
         if size > 0.5 * self.scene.contact.target:
@@ -292,7 +326,7 @@ class Explorer:
             blocked=self._blocked,
         )
         motion = self._of_plugin(pipe.strategy.step, seen)
-        override = self._guard.check(self._time, wrench.world_force)
+        override = self._guard.check(self._time, wrench.world_force, wrench.torque)
         clock.lap("strategy")
         self._adopt(override or motion)
         clock.lap("trajectory")
@@ -358,6 +392,11 @@ class Explorer:
             clock.lap("governor")
 
     def _command(self, q: np.ndarray) -> None:
+        try:
+            self.motion_guard.check(q)
+        except MotionStop:
+            self.rig.arm.stop()
+            raise
         self.rig.arm.command(q)
         self._q[:] = q
 
@@ -366,6 +405,7 @@ class Explorer:
     def _remember(self, state: Any) -> None:
         self._time = state.time
         self._states.append((state.time, state.q))
+        self.motion_guard.watch(state)
 
     def _pose_at(self, time: float) -> np.ndarray:
         """(4, 4) tip pose at an instant not long ago, joints interpolated linearly between two states."""
@@ -394,6 +434,7 @@ class Explorer:
             if contact is not None:
                 self._contact_path += length
         self._last_tip = tip
+        self._way_back.note(tip, contact.normal if contact is not None else None)
         self._peak = max(self._peak, force)
         self._force = force
         self._rows += 1

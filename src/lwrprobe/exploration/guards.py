@@ -1,61 +1,97 @@
-"""What stands between strategy and arm, whatever the strategy asks for."""
+"""What stands between sensor and arm, whatever the strategy asks for. Set points have a guard of their own."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.contracts import Feed, SafetyStop
+from lwrprobe.contact.wrench import UNUSABLE
+from lwrprobe.contracts import Feed, SafetyStop, SampleStatus, WrenchSample
 from lwrprobe.contracts.samples import Vector
+
+_SATURATED_RUN = 3  # samples in a row; one alone may be a spike
+
+
+class SensorLost(SafetyStop):
+    """Nothing is known of the forces any more: stop, then go back where it is known to be free."""
 
 
 class ForceGuard:
-    """Moves the tip along the acting force as soon as that is above the limit, until it is released.
+    """Moves the tip along the acting force as soon as force or torque is above its limit, until it is released.
 
     Parameters
     ----------
     limit : N, never to be exceeded
     release_below : N, where the strategy gets the arm back
+    speed : m/s, of the release
+    torque : (3,) N·m an axis of the sensor; it ends before the force does where the stick is long
     patience : s, after which a force that does not fall stops the run
     """
 
-    def __init__(self, limit: float, release_below: float, speed: float, patience: float = 1.0) -> None:
+    def __init__(
+        self,
+        limit: float,
+        release_below: float,
+        speed: float,
+        torque: Vector | None = None,
+        patience: float = 1.0,
+    ) -> None:
         self.limit = limit
         self.release_below = release_below
         self.speed = speed
         self.patience = patience
+        self.torque = np.full(3, np.inf) if torque is None else torque
         self.interventions = 0
         self._since: float | None = None
 
-    def check(self, time: float, force: Vector) -> Feed | None:
+    def check(self, time: float, force: Vector, torque: Vector | None = None) -> Feed | None:
         """A motion that overrides the strategy's, or None; raises SafetyStop when releasing does not help."""
         size = float(np.sqrt(force @ force))
+        twisted = torque is not None and bool((np.abs(torque) > self.torque).any())
         if self._since is None:
-            if size <= self.limit:
+            if size <= self.limit and not twisted:
                 return None
             self._since = time
             self.interventions += 1
-        elif size < self.release_below:
+        elif size < self.release_below and not twisted:
             self._since = None
             return None
         elif time - self._since > self.patience:
             raise SafetyStop(f"force {size:.2f} N stays above {self.release_below:.2f} N for {self.patience:.1f} s")
-        return Feed(force * (self.speed / size), reason="force limit")
+        return Feed(force * (self.speed / max(size, 1e-9)), reason="torque limit" if twisted else "force limit")
 
 
 class SilenceGuard:
-    """Stops the run when the sensor has sent nothing for too long."""
+    """Stops the run when the sensor has told nothing usable for too long.
 
-    def __init__(self, allowed: float) -> None:
+    The time that counts is the arm's, at most two of its cycles a look: where arm, sensor and this host stood still
+    together, nothing has moved meanwhile.
+
+    Parameters
+    ----------
+    allowed : s
+    cycle : s, of the arm
+    """
+
+    def __init__(self, allowed: float, cycle: float) -> None:
         self.allowed = allowed
+        self._most = 2.0 * cycle
         self._last: float | None = None
+        self._silent = 0.0
+        self._saturated = 0
 
-    def heard(self, time: float) -> None:
-        """A sample came."""
-        self._last = time
+    def heard(self, sample: WrenchSample) -> None:
+        """A sample came; raises SensorLost for one in a row too many that is at the end of the sensor's range."""
+        if sample.status & UNUSABLE:
+            return
+        self._silent = 0.0
+        self._saturated = self._saturated + 1 if sample.status & SampleStatus.SATURATED else 0
+        if self._saturated >= _SATURATED_RUN:
+            raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
 
     def check(self, time: float) -> None:
-        """Raises SafetyStop after `allowed` seconds of silence."""
-        if self._last is None:
-            self._last = time
-        elif time - self._last > self.allowed:
-            raise SafetyStop(f"no wrench sample for {time - self._last:.3f} s (allowed {self.allowed:.3f} s)")
+        """Raises SensorLost after `allowed` seconds of silence."""
+        if self._last is not None:
+            self._silent += min(time - self._last, self._most)
+        self._last = time
+        if self._silent > self.allowed:
+            raise SensorLost(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from lwrprobe.contracts import WrenchSample
 from lwrprobe.exploration.pipeline import Choices, compose
+
+
+@contextmanager
+def settled_memory() -> Iterator[None]:
+    """While the arm moves, the collector does not walk through all that has been loaded before."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
@@ -30,5 +44,6 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
     ahead[2, 3] -= 0.01
     pipe.trajectory.set_goal(ahead, scene.motion.free_speed)
     pipe.trajectory.step()
-    pipe.trajectory.set_feed(np.zeros(3), 0.05, None)
+    pipe.trajectory.set_feed(np.array([0.01, 0.0, 0.0]), 0.05, None)
     pipe.trajectory.step()
+    pipe.governor.watch(q)

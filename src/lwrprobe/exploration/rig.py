@@ -56,6 +56,10 @@ class Rig:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
+    def account(self) -> dict[str, dict[str, Any]]:
+        """What each driver has counted about its line: losses, lateness; nothing where it counts nothing."""
+        return {name: driver.account() for name, driver in self.drivers.items() if hasattr(driver, "account")}
+
     def close(self) -> None:
         """Release both devices, the sensor also when the arm's way out fails."""
         try:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
+from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
 
@@ -302,6 +303,7 @@ class Scene(Table):
     area: AreaTable = AreaTable()
     motion: MotionTable = MotionTable()
     contact: ContactTable = ContactTable()
+    safety: SafetyTable = SafetyTable()
     map: MapTable = MapTable()
     clearance: ClearanceTable = ClearanceTable()
     strategy: StrategyTable = StrategyTable()

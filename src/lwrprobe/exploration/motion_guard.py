@@ -1,0 +1,105 @@
+"""The last look at a set point before it goes to the arm, and at the arm's answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.compiled import entry
+from lwrprobe.contracts import ArmState, ArmStatus, SafetyStop
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.exploration import guard_kernels as k
+from lwrprobe.kinematics import Robot
+
+_LAME = int(ArmStatus.NOT_COMMANDING | ArmStatus.POWER_OFF | ArmStatus.FAULT)
+
+
+def table_plane(scene: Any) -> np.ndarray | None:
+    """(4,) for `MotionGuard`: the table's unit normal and the least height over it, None without a table."""
+    table = scene.table
+    if not table.present:
+        return None
+    normal = table.normal()
+    floor = table.height * normal[2] + scene.probe.radius - scene.safety.table_dent
+    return np.append(normal, floor)
+
+
+class MotionStop(SafetyStop):
+    """A set point broke a limit, or the arm does not follow: nothing further may be sent, the arm brakes by itself."""
+
+
+class MotionGuard:
+    """Holds each set point against the joints' ranges, speeds, accelerations and jerks, and the tip's speed and room.
+
+    Parameters
+    ----------
+    robot : with its base and tool
+    cycle : s between set points
+    safety : the scene's table of that name
+    plane : (4,) of the table: unit normal and the least height of the sphere's centre along it [m]; None = no table
+    """
+
+    def __init__(self, robot: Robot, cycle: float, safety: Any, plane: np.ndarray | None) -> None:
+        n = max(robot.n, k.FOLLOWING + 1)
+        limits = np.zeros((6, n))
+        limits[k.LOWER, : robot.n], limits[k.UPPER, : robot.n] = robot.lower, robot.upper
+        limits[k.SPEED, : robot.n] = robot.speed
+        limits[k.ACCELERATION], limits[k.JERK] = safety.joint_acceleration, safety.joint_jerk
+        limits[k.TIP, k.TIP_SPEED] = safety.tip_speed
+        limits[k.TIP, k.TABLE : k.FLOOR + 1] = (0.0, 0.0, 0.0, -np.inf) if plane is None else plane
+        limits[k.TIP, k.FOLLOWING] = safety.following
+        limits[k.TIP, k.LOW : k.HIGH], limits[k.TIP, k.HIGH : k.FOLLOWING] = -np.inf, np.inf
+        self._limits, self._state, self._peaks = limits, np.zeros((5, n)), np.zeros(6)
+        self._silence = float(safety.arm_silence)
+        self._measured = np.zeros(robot.n)
+        self._last_time: float | None = None
+        self._rest = (self._measured, float(cycle), robot.chain, limits, self._state, self._peaks)
+        self._check = entry(k.check, self._measured, *self._rest)
+
+    def confine(self, lower: Vector, upper: Vector) -> None:
+        """From now on the tip keeps to a box (m, world frame); one that is outside may come back."""
+        self._limits[k.TIP, k.LOW : k.HIGH] = lower
+        self._limits[k.TIP, k.HIGH : k.FOLLOWING] = upper
+
+    def check(self, q: Vector) -> None:
+        """Raises MotionStop for a set point (n,) that must not be sent; otherwise it is remembered as sent."""
+        verdict = self._check(q, *self._rest)
+        if verdict:
+            raise MotionStop(self._sentence(verdict % 16, verdict // 16))
+
+    def watch(self, state: ArmState) -> None:
+        """Where the arm is now; raises MotionStop when it reports that it does not follow, or was silent for too long.
+
+        Whether it is where it was sent is seen with the next set point.
+        """
+        self._measured[:] = state.q
+        if state.status & _LAME:
+            raise MotionStop(f"the arm no longer follows: {ArmStatus(state.status & _LAME).name}")
+        last, self._last_time = self._last_time, state.time
+        if last is not None and state.time - last > self._silence:
+            gap, allowed = state.time - last, self._silence
+            raise MotionStop(f"no state of the arm for {gap:.3f} s (allowed {allowed:.3f} s)")
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """{name: largest share of that limit used so far}."""
+        names = ("joint_speed", "joint_acceleration", "joint_jerk", "tip_speed")
+        return {name: round(float(self._peaks[row]), 4) for name, row in zip(names, range(k.SPEED, k.TIP + 1))}
+
+    def _sentence(self, what: int, index: int) -> str:
+        value, limit = self._state[k.SHARE, :2]
+        joint, axis = f"joint {index + 1}", "xyz"[index % 3]
+        if what == k.AWAY:
+            return f"{joint} is {value:.3f} rad away from its set point (allowed {limit:.3f} rad)"
+        words = {
+            k.NOT_FINITE: f"the set point of {joint} is {value}",
+            k.RANGE: f"{joint} would go to {value:.4f} rad, beyond its limit {limit:.4f} rad",
+            k.TOO_FAST: f"{joint} would move at {value:.3f} rad/s (allowed {limit:.3f})",
+            k.TOO_SUDDEN: f"{joint} would accelerate with {value:.1f} rad/s^2 (allowed {limit:.1f})",
+            k.TOO_JERKY: f"{joint} would jerk with {value:.0f} rad/s^3 (allowed {limit:.0f})",
+            k.TIP_FAST: f"the tip would move at {value:.3f} m/s (allowed {limit:.3f})",
+            k.IN_TABLE: f"the sphere's centre would be {1e3 * value:.1f} mm over the table (least {1e3 * limit:.1f})",
+            k.OUTSIDE: f"the tip would leave its room: {axis} at {value:.4f} m, limit {limit:.4f} m",
+        }
+        return f"the set point was not sent: {words[what]}"

@@ -1,0 +1,55 @@
+"""Where the tip has been, so that it can go back there when nothing is felt any more."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from lwrprobe.contracts.samples import Vector
+
+_SPACING = 0.001  # m between two remembered places
+_REMEMBERED = 256
+
+
+class WayBack:
+    """The last stretch of the tip's way; places that touched are remembered a little off the surface.
+
+    Parameters
+    ----------
+    lift : m off the surface, along its outward normal
+    """
+
+    def __init__(self, lift: float) -> None:
+        self._lift = lift
+        self._places: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
+        self._last: np.ndarray | None = None
+        self._outward = np.zeros(3)
+
+    def note(self, tip: Vector, normal: Vector | None) -> None:
+        """The tip (3,) is here, and touches a surface with this outward normal, or nothing."""
+        self._outward = np.zeros(3) if normal is None else self._lift * normal
+        last = self._last
+        if last is not None:
+            moved = tip - last
+            if moved @ moved < _SPACING * _SPACING:
+                return
+        self._last = tip.copy()
+        self._places.append(tip + self._outward)
+
+    def places(self, tip: Vector, length: float) -> list[np.ndarray]:
+        """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m."""
+        if length <= 0.0:
+            return []
+        way, here, left = [], tip, length
+        if self._outward.any():
+            here = tip + self._outward
+            way.append(here)
+        for place in reversed(self._places):
+            step = float(np.linalg.norm(place - here))
+            if step >= left:
+                way.append(here + (left / step) * (place - here))
+                break
+            way.append(place)
+            here, left = place, left - step
+        return way

@@ -1,0 +1,101 @@
+"""Silence, saturation, overlarge force and torque, and the way back."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import SafetyStop, SampleStatus, WrenchSample
+from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.way_back import WayBack
+
+
+def sample(status=0):
+    return WrenchSample(0.0, np.zeros(3), np.zeros(3), 1, int(status))
+
+
+def run_silent(guard, cycle, status=None):
+    """Cycles until it stops, with a sample of that status each cycle, or none."""
+    for n in range(1, 1000):
+        if status is not None:
+            guard.heard(sample(status))
+        try:
+            guard.check(n * cycle)
+        except SensorLost:
+            return n
+    return None
+
+
+@pytest.mark.parametrize("cycle", [0.001, 0.01])
+@pytest.mark.parametrize(
+    "status", [None, SampleStatus.FROZEN, SampleStatus.LATE, SampleStatus.INVALID, SampleStatus.BRIDGE_LOW]
+)
+def test_silence_is_no_usable_sample_whatever_else_comes(cycle, status):
+    stopped = run_silent(SilenceGuard(0.1, cycle), cycle, status)
+    assert stopped == pytest.approx(0.1 / cycle, abs=3)
+
+
+def test_usable_samples_keep_it_going():
+    assert run_silent(SilenceGuard(0.1, 0.01), 0.01, SampleStatus.LOST_BEFORE) is None
+
+
+def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
+    guard = SilenceGuard(0.1, 0.01)
+    guard.check(1.0)
+    guard.check(1.8)
+    for n in range(1, 9):
+        guard.check(1.8 + 0.01 * n)
+    with pytest.raises(SensorLost, match="no usable wrench sample"):
+        guard.check(1.8 + 0.01 * 9)
+
+
+def test_saturation_in_a_row():
+    guard = SilenceGuard(0.1, 0.01)
+    for _ in range(5):
+        guard.heard(sample(SampleStatus.SATURATED))
+        guard.heard(sample(SampleStatus.SATURATED))
+        guard.heard(sample())
+    guard.heard(sample(SampleStatus.SATURATED))
+    guard.heard(sample(SampleStatus.SATURATED))
+    with pytest.raises(SensorLost, match="end of its range"):
+        guard.heard(sample(SampleStatus.SATURATED))
+
+
+def test_torque_yields_as_force_does():
+    guard = ForceGuard(3.0, 0.8, 0.04, np.full(3, 0.09))
+    force, torque = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.05, 0.0])
+    assert guard.check(0.0, force, torque) is None
+    feed = guard.check(0.1, force, 2.0 * torque)
+    assert feed.velocity == pytest.approx([0.04, 0.0, 0.0])
+    assert feed.reason == "torque limit"
+    assert guard.check(0.2, 0.5 * force, torque) is None
+    guard.check(0.3, force, 2.0 * torque)
+    with pytest.raises(SafetyStop, match="stays above"):
+        guard.check(1.4, force, 2.0 * torque)
+
+
+def test_way_back_leads_off_the_surface_and_back_where_it_came_from():
+    way = WayBack(0.002)
+    descent = np.array([[0.0, 0.0, 0.02 - 0.0005 * k] for k in range(41)])
+    for tip in descent:
+        way.note(tip, None)
+    up = np.array([0.0, 0.0, 1.0])
+    slide = np.array([[0.0002 * k, 0.0, 0.0] for k in range(51)])
+    for tip in slide:
+        way.note(tip, up)
+    places = way.places(slide[-1], 0.03)
+    assert places[0] == pytest.approx([0.01, 0.0, 0.002])
+    path = np.vstack([slide[-1:], places])
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).sum() == pytest.approx(0.03, abs=1e-9)
+    sliding = [p for p in places if p[0] > 0.0005]
+    assert all(p[2] == pytest.approx(0.002) for p in sliding)
+    assert places[-1][2] > 0.01
+    assert places[-1][0] == pytest.approx(0.0)
+
+
+def test_way_back_of_free_motion_is_its_own_way():
+    way = WayBack(0.002)
+    for k in range(100):
+        way.note(np.array([0.0, 0.001 * k, 0.05]), None)
+    places = way.places(np.array([0.0, 0.0995, 0.05]), 0.02)
+    assert np.abs(np.array(places)[:, [0, 2]] - [0.0, 0.05]).max() < 1e-12
+    assert places[-1][1] == pytest.approx(0.0795)
+    assert way.places(np.zeros(3), 0.0) == []
