@@ -23,6 +23,9 @@ from lwrprobe.mapping import VoxelMap
 OURS, COAL, FCL = "lwrprobe", "coal", "python-fcl"
 TENFOLD = (100, 1_000, 10_000, 100_000)
 BRUTE_VOXELS = 1_000
+NEED = {100: 5e-6, 1_000: 8e-6, 10_000: 12e-6, 100_000: 15e-6}
+"""s, wanted median at so many voxels."""
+NEED_P99 = 30e-6
 COAL_LEAD, COAL_LEAD_P99, FCL_LEAD, MOST_ERROR = 2.0, 5.0, 30.0, 1e-6
 
 Ask = Callable[[np.ndarray], float]
@@ -262,6 +265,11 @@ def _ratio(by_who: dict[str, np.ndarray], name: str, percent: float) -> float:
 
 def _verdicts(times: dict[int, dict[str, np.ndarray]], libraries: dict[str, Any]) -> list[Verdict]:
     held = []
+    ours = {n: [float(np.percentile(by_who[OURS], q)) for q in (50, 99)] for n, by_who in times.items()}
+    for n, (median, _) in ours.items():
+        held.append(Verdict(f"{n} voxels: median <= {1e6 * NEED[n]:g} us", f"{1e6 * median:.3g} us", median <= NEED[n]))
+    slowest = max(p99 for _, p99 in ours.values())
+    held.append(Verdict(f"p99 <= {1e6 * NEED_P99:g} us throughout", f"{1e6 * slowest:.3g} us", slowest <= NEED_P99))
 
     def promise(text: str, name: str, percent: float, lead: float, at_least: int) -> None:
         ratios = [_ratio(by_who, name, percent) for n, by_who in times.items() if n >= at_least]

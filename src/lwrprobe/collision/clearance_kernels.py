@@ -143,12 +143,13 @@ def record(answer, who, distance, ax, ay, az, bx, by, bz):
 
 @kernel
 def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
-    """Put an entry among those from `base` upwards, the nearest on top: a cube of 4^level voxels' edge and its node.
+    """Put an entry on those from `base` upwards, so that the nearest of them is on top: a cube of 4^level voxels' edge
+    and its node, 0 for a filled cube.
 
-    A filled cube has no node: 0.
+    Those below are in no order: most of them are never looked at again, and to sort them costs more than it saves.
     """
     slot = depth
-    while slot > base and bounds[slot - 1] < bound:
+    if slot > base and bounds[slot - 1] < bound:
         bounds[slot] = bounds[slot - 1]
         stack[slot, 0], stack[slot, 1] = stack[slot - 1, 0], stack[slot - 1, 1]
         slot -= 1
@@ -178,10 +179,16 @@ def descend(words, node, level, child, kx, ky, kz):
 def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
     """Push all children of a node that may be nearer than `best` by the node's own plane; the stack's new height."""
     base = depth
+    # the plane's least value in a child's own cube: worth asking before looking into the child
+    size = edge * (np.int64(1) << (2 * (level - 1)))
+    low = (kx - CENTRE_KEY) * gx + (ky - CENTRE_KEY) * gy + (kz - CENTRE_KEY) * gz
+    low = offset + edge * low + size * (min(gx, 0.0) + min(gy, 0.0) + min(gz, 0.0))
     rest = words[node]
     while rest != 0:
         child = lowest_bit(rest)
         rest &= rest - 1
+        if low + size * ((child & 3) * gx + ((child >> 2) & 3) * gy + (child >> 4) * gz) >= best:
+            continue
         below, at_level, cx, cy, cz = descend(words, node, level - 1, child, kx, ky, kz)
         x, y, z, hx, hy, hz = box_around(words, edge, below, at_level, cx, cy, cz)
         bound = gx * x + gy * y + gz * z + offset - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)

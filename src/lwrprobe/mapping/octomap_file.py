@@ -23,22 +23,33 @@ _CLAMPED = (0.5, 0.1192, 0.971)
 """Probabilities that OctoMap gives unknown, free and occupied when it reads a `.bt`."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, frozen=True)
 class Octree:
     """The pruned octree of a map as flat records in pre-order.
 
     Attributes
     ----------
-    keys : (n, 3) of each cube's lowest corner
-    sizes : (n,) edges in voxels
-    states : (n,) 1 free, 2 occupied; of an inner node the strongest inside
+    places : (n,) packed, see `octomap_kernels`; what is in them is unpacked when asked for
     codes : (n,) uint16, two bits a child: 0 unknown, 1 free, 2 occupied, 3 inner; 0 for leaves
     """
 
-    keys: np.ndarray
-    sizes: np.ndarray
-    states: np.ndarray
+    places: np.ndarray
     codes: np.ndarray
+
+    @property
+    def keys(self) -> np.ndarray:
+        """(n, 3) of each cube's lowest corner."""
+        return np.stack([(self.places >> shift) & 0xFFFF for shift in (0, 16, 32)], axis=1)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """(n,) edges in voxels."""
+        return np.int64(1) << ((self.places >> 48) & 31)
+
+    @property
+    def states(self) -> np.ndarray:
+        """(n,) 1 free, 2 occupied; of an inner node the strongest inside."""
+        return self.places >> 53
 
 
 def octree(occupied: VoxelSet, carved: VoxelSet) -> Octree:
@@ -50,9 +61,7 @@ def octree(occupied: VoxelSet, carved: VoxelSet) -> Octree:
         if count <= room:
             break
         room = count
-    places, codes = places[:count], codes[:count]
-    keys = np.stack([(places >> shift) & 0xFFFF for shift in (0, 16, 32)], axis=1)
-    return Octree(keys, np.int64(1) << ((places >> 48) & 31), places >> 53, codes)
+    return Octree(places[:count], codes[:count])
 
 
 def encode(tree: Octree, resolution: float, ending: str) -> bytes:

@@ -129,13 +129,12 @@ class VoxelMap:
     def occupied(self, point: Vector) -> bool:
         """Whether something was touched in the voxel of a point (3,) [m]."""
         try:
-            x, y, z = point.tolist()
-            status = self._holds(self._occupied.words, x, y, z)
+            status = self._holds(self._occupied.words, *point.tolist())
         except (AttributeError, TypeError, ValueError):
             return self.occupied(_triple(point, "point"))
-        if status < 0:
-            raise self._refused("point", point)
-        return status == 1
+        if status >= 0:
+            return status == 1
+        raise self._refused("point", point)
 
     def state(self, point: Vector) -> VoxelState:
         """What is known about the voxel of a point (3,) [m]."""
