@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 import lwrprobe
-from lwrprobe.cli import bench, doctor, emulate, explore, listing, map_file
+from lwrprobe.cli import bench, doctor, emulate, evaluate, explore, listing, map_file, reconstruct
 from lwrprobe.contracts.errors import LwrprobeError
 
 app = typer.Typer(
@@ -23,6 +23,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("explore")(explore.explore)
+app.command("reconstruct")(reconstruct.reconstruct)
+app.command("fit")(reconstruct.fit)
+app.command("evaluate")(evaluate.evaluate)
 app.command("list")(listing.list_names)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)

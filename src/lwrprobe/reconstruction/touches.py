@@ -137,11 +137,13 @@ def line_pitch(centres: np.ndarray, resolution: float = 0.0) -> float:
 
 
 def _heap_distance(values: np.ndarray, resolution: float) -> float | None:
-    """Median distance between heaps of values, None where they do not stand apart."""
+    """Usual distance between heaps of values, None where they do not stand apart."""
+    from scipy.ndimage import median_filter
+
     extent = np.ptp(values)
     if extent <= 2.0 * resolution or len(values) < 20:
         return None
-    bins = int(np.clip(len(values) // 4, 8, 2000))
+    bins = int(np.clip(len(values) // 4, 8, 400))
     if resolution > 0.0:
         bins = max(8, min(bins, int(2.0 * extent / resolution)))
     counts, edges = np.histogram(values, bins=bins)
@@ -149,15 +151,22 @@ def _heap_distance(values: np.ndarray, resolution: float) -> float | None:
     half = max(1, round(1.5 * resolution / width))
     window = 1.0 + half - np.abs(np.arange(-half, half + 1))
     counts = np.convolve(counts, window / window.sum(), mode="same")
-    busy = counts > 0.2 * np.median(counts[counts > 0.3 * counts.max()])
+    # Lines that cross these lie under the heaps as an even ground.
+    excess = counts - 3.0 * median_filter(counts, size=bins // 8 | 1, mode="nearest")
+    if not excess.max() > 0.0:
+        return None
+    busy = excess > 0.2 * np.median(excess[excess > 0.3 * excess.max()])
     change = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
     heaps = list(zip(change[::2], change[1::2]))
     if len(heaps) < 3 or busy.mean() > 0.55:
         return None
     middle = edges[:-1] + 0.5 * width
     apart = np.diff([np.average(middle[a:b], weights=counts[a:b]) for a, b in heaps])
-    usual = float(np.median(apart))
-    return usual if np.median(np.abs(apart - usual)) < 0.15 * usual else None
+    # By length, so that lines which close in on an end do not count for the pitch.
+    apart = np.sort(apart)
+    usual = float(apart[np.searchsorted(np.cumsum(apart), 0.5 * apart.sum())])
+    alike = apart[np.abs(apart - usual) < 0.15 * usual]
+    return usual if len(alike) > 1 and alike.sum() > 0.6 * apart.sum() else None
 
 
 def _beside_distance(points: np.ndarray, resolution: float) -> float:

@@ -1,0 +1,136 @@
+"""`lwrprobe evaluate`: a run, a mesh or a cloud against the truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def evaluate(
+    subject: Annotated[
+        Path, typer.Argument(help="A run folder, a mesh (.stl, .ply, .obj, .glb) or a cloud (.pcd, .ply, .csv, .bt).")
+    ],
+    truth: Annotated[
+        str | None, typer.Option(help="A scene, a scene file or a closed mesh; a run's own scene when left out.")
+    ] = None,
+    align: Annotated[bool, typer.Option("--align", help="First lay the subject over the truth.")] = False,
+    above: Annotated[float | None, typer.Option(help="m, compare only what lies higher; the scene's area.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for deviation.ply and deviation.png.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+) -> None:
+    """How far from the truth: both ways, volume, normals, coverage, face by face."""
+    from lwrprobe.contracts import InputError
+    from lwrprobe.evaluation.align import align as lay_over
+    from lwrprobe.evaluation.truth import read_truth
+
+    if truth is None and not subject.is_dir():
+        raise InputError("--truth", "nothing", "a scene or a closed mesh, unless a run folder is evaluated")
+    solid, lowest = read_truth(truth if truth is not None else str(subject / "scene.toml"))
+    above = lowest if above is None else above
+    mesh, cloud = _read(subject)
+    figures: dict[str, Any] = {"above_m": above}
+    if align:
+        motion = lay_over(mesh.vertices if mesh is not None else cloud.points, solid)
+        figures["alignment"] = {
+            "rotation": motion.rotation.tolist(),
+            "translation_m": motion.translation.tolist(),
+            "angle_rad": motion.angle,
+            "rms_before_mm": 1e3 * motion.before,
+            "rms_after_mm": 1e3 * motion.after,
+        }
+        if mesh is not None:
+            mesh.vertices = motion.move(mesh.vertices)
+        if cloud is not None:
+            cloud.points = motion.move(cloud.points)
+            cloud.normals = None if cloud.normals is None else cloud.normals @ motion.rotation.T
+    if cloud is not None:
+        figures["contacts"] = _cloud_figures(cloud, solid, above)
+    if mesh is not None:
+        figures["mesh"] = _mesh_figures(mesh, solid, above)
+        if out is not None:
+            _write(out, mesh, solid, above)
+    typer.echo(json.dumps(figures)) if as_json else _show(figures)
+
+
+def _read(subject: Path) -> tuple[Any, Any]:
+    """Mesh and cloud, one of which may be missing. A .ply without triangles is a cloud."""
+    from lwrprobe.contracts import FormatError
+    from lwrprobe.evaluation.touch_source import MAPS, read_touches
+    from lwrprobe.mapping.clouds import ENDINGS as CLOUDS
+    from lwrprobe.reconstruction.meshes import read_mesh
+
+    if subject.is_dir():
+        cloud = read_touches(subject)
+        mesh = read_mesh(subject / "mesh.stl") if (subject / "mesh.stl").is_file() else None
+        return (mesh if mesh is not None and len(mesh.faces) else None), cloud
+    ending = subject.suffix.lower()
+    if ending == ".ply":
+        try:
+            return read_mesh(subject), None
+        except FormatError as error:
+            if "no triangles" not in str(error):
+                raise
+    return (None, read_touches(subject)) if ending in (*CLOUDS, *MAPS) else (read_mesh(subject), None)
+
+
+def _cloud_figures(record: Any, solid: Any, above: float) -> dict[str, Any]:
+    from lwrprobe.evaluation import coverage, normal_error, surface_error
+
+    figures: dict[str, Any] = {"count": len(record.points)}
+    if not len(record.points):
+        return figures
+    figures["surface_error_mm"] = surface_error(record.points, solid).as_dict()
+    radius = record.probe_radius or 0.005
+    if record.normals is not None:
+        # From the sphere's centre: on the surface itself the normal jumps at every edge.
+        true = solid.nearest(record.points + radius * record.normals).normals
+        figures["normal_error_deg"] = normal_error(record.normals, true).as_dict()
+    figures |= coverage(record.points, solid, radius, max(above, radius), 0.010).as_dict()
+    return figures
+
+
+def _mesh_figures(mesh: Any, solid: Any, above: float) -> dict[str, Any]:
+    from lwrprobe.evaluation import mesh_error
+    from lwrprobe.evaluation.facings import facing_errors
+
+    facings = [error.as_dict() for error in facing_errors(mesh, solid, above)]
+    return {**mesh_error(mesh, solid, above).as_dict(), "facings_mm": facings}
+
+
+def _write(folder: Path, mesh: Any, solid: Any, above: float) -> None:
+    from lwrprobe.contracts import InputError
+    from lwrprobe.evaluation.deviation_map import draw_deviation, write_deviation
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("--out", str(folder), f"a folder that can be written to ({error.strerror})") from None
+    for path in (
+        write_deviation(folder / "deviation.ply", mesh, solid),
+        draw_deviation(folder / "deviation.png", mesh, solid, above),
+    ):
+        typer.echo(f"wrote {path}", err=True)
+
+
+def _show(figures: dict[str, Any]) -> None:
+    for name, content in figures.items():
+        if not isinstance(content, dict):
+            typer.echo(f"{name:<20} {content:g}")
+            continue
+        typer.echo(f"{name}")
+        for key, value in content.items():
+            if key == "facings_mm":
+                for facing in value:
+                    typer.echo(
+                        f"  facing {facing['facing']:<10} bias {facing['bias']:+.3f}  rms {facing['rms']:.3f}  "
+                        f"largest {facing['largest']:+.3f} mm  ({facing['share']:.0%} of the area)"
+                    )
+            elif isinstance(value, dict):
+                typer.echo(f"  {key:<18} " + ", ".join(f"{k} {v:.4g}" for k, v in value.items()))
+            elif isinstance(value, float):
+                typer.echo(f"  {key:<18} {value:.5g}")
+            else:
+                typer.echo(f"  {key:<18} {value}")

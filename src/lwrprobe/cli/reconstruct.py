@@ -1,0 +1,96 @@
+"""`lwrprobe reconstruct` and `lwrprobe fit`: a mesh, or simple shapes, from touches."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+Source = Annotated[
+    Path, typer.Argument(help="A run folder, a cloud (.pcd, .ply, .csv) or a map (.bt, .ot).", show_default=False)
+]
+Radius = Annotated[float | None, typer.Option("--probe-radius", help="m; a run folder knows it.")]
+Table = Annotated[float | None, typer.Option("--table", help="Height of the table, m; a run folder knows it.")]
+Json = Annotated[bool, typer.Option("--json", help="Print everything as JSON.")]
+
+
+def reconstruct(
+    source: Source,
+    method: Annotated[str, typer.Option(help="See `lwrprobe list reconstructors`.")] = "contact_surface",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="key=value of the method, e.g. step=0.001; repeatable.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help=".stl, .ply (with the expected error of each vertex), .obj or .glb; SOURCE_METHOD.stl."),
+    ] = None,
+    probe_radius: Radius = None,
+    table: Table = None,
+    as_json: Json = False,
+    quiet: Annotated[bool, typer.Option(help="No progress.")] = False,
+) -> None:
+    """Make a mesh of what was touched."""
+    from lwrprobe.cli.bar import StageBar
+    from lwrprobe.evaluation.touch_source import read_touches
+    from lwrprobe.reconstruction.meshes import write_mesh
+    from lwrprobe.reconstruction.reconstruct import reconstruct as run
+
+    options = _options(settings or [])
+    with StageBar(quiet) as bar:
+        bar("reading", 0.0)
+        record = read_touches(source, probe_radius, table)
+        found = run(record, method, bar, **options)
+    path = write_mesh(out or source.with_name(f"{source.stem or source.name}_{method}.stl"), found.mesh)
+    report = _plain(found.report) | {"vertices": len(found.mesh.vertices), "faces": len(found.mesh.faces)}
+    if as_json:
+        typer.echo(json.dumps(report | {"mesh": str(path)}))
+        return
+    typer.echo(f"{path}: {report['faces']} triangles, {'closed' if report['watertight'] else 'open'}")
+    typer.echo(f"{len(record.points)} points, {report['seconds']:.2f} s")
+    if report.get("unreachable_share"):
+        typer.echo(f"{report['unreachable_share']:.1%} of the vertices lie where no sphere of this size can touch")
+    if report["without"]:
+        typer.echo(f"had to do without: {', '.join(report['without'])}")
+
+
+def fit(source: Source, probe_radius: Radius = None, table: Table = None, as_json: Json = False) -> None:
+    """Hold plane, box, cylinder and sphere against what was touched."""
+    from dataclasses import asdict
+
+    from lwrprobe.evaluation.touch_source import read_touches
+    from lwrprobe.reconstruction.fits import fit as run
+
+    fits = run(read_touches(source, probe_radius, table))
+    if as_json:
+        typer.echo(json.dumps([_plain(asdict(found)) for found in fits]))
+        return
+    for found in fits:
+        typer.echo(str(found))
+
+
+def _options(settings: list[str]) -> dict[str, Any]:
+    import tomllib
+
+    from lwrprobe.contracts import InputError
+
+    options = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not key.strip():
+            raise InputError("--set", setting, "key=value")
+        try:
+            options[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            options[key.strip()] = text
+    return options
+
+
+def _plain(value: Any) -> Any:
+    """As JSON knows it."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if hasattr(value, "tolist") else value

@@ -1,0 +1,81 @@
+"""Pictures of a mesh or a cloud with a colour for each vertex, on a transparent ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.contracts import TriangleMesh
+from lwrprobe.evaluation.render_kernels import draw_faces, draw_points
+
+_FINER = 2  # pixels of the buffer for one of the picture, each way
+_LIGHT = np.array([-0.35, 0.55, 0.75])  # from the left, above and the viewer
+_MARGIN = 0.04
+
+
+@dataclass(slots=True, frozen=True)
+class View:
+    """Orthographic: from `azimuth` and `elevation` [rad], showing the box from `lower` to `upper` m.
+
+    Azimuth 0 looks from +x, pi/2 from +y.
+    """
+
+    azimuth: float
+    elevation: float
+    lower: np.ndarray
+    upper: np.ndarray
+    width: int = 560
+    height: int = 420
+
+    def axes(self) -> np.ndarray:
+        """Rows: to the right, up, towards the viewer."""
+        ca, sa, ce, se = np.cos(self.azimuth), np.sin(self.azimuth), np.cos(self.elevation), np.sin(self.elevation)
+        return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+
+    def place(self, points: np.ndarray, finer: int = 1) -> tuple[np.ndarray, float]:
+        """Pixels across, down and depth (n, 3) of points (n, 3) m; and pixels per metre."""
+        axes = self.axes()
+        corners = np.stack(np.meshgrid(*np.column_stack([self.lower, self.upper]), indexing="ij"), axis=-1)
+        seen = corners.reshape(-1, 3) @ axes.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        span = np.maximum(high - low, 1e-9)
+        scale = (1.0 - 2.0 * _MARGIN) * finer * min(self.width / span[0], self.height / span[1])
+        middle = 0.5 * (low + high)
+        turned = (points @ axes.T - middle) * scale
+        across, down = turned[:, 0] + 0.5 * finer * self.width, 0.5 * finer * self.height - turned[:, 1]
+        return np.column_stack([across, down, turned[:, 2]]), scale
+
+
+def render_mesh(mesh: TriangleMesh, colours: np.ndarray, view: View) -> np.ndarray:
+    """(height, width, 4) uint8 of a mesh with colours (n, 3), 0..1, of its vertices."""
+    places, _ = view.place(mesh.vertices, _FINER)
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    facing = normals @ view.axes().T @ (_LIGHT / np.linalg.norm(_LIGHT))
+    light = 0.45 + 0.6 * np.clip(facing, 0.0, 1.0)
+    image, depth = _buffers(view)
+    draw_faces(places, mesh.faces, np.ascontiguousarray(colours, dtype=np.float64), light, image, depth)
+    return _smooth(image, view)
+
+
+def render_points(points: np.ndarray, colours: np.ndarray, view: View, radius: float) -> np.ndarray:
+    """(height, width, 4) uint8 of points (n, 3) m as balls of `radius` m with colours (n, 3)."""
+    places, scale = view.place(points, _FINER)
+    image, depth = _buffers(view)
+    draw_points(places, np.ascontiguousarray(colours, dtype=np.float64), max(radius * scale, 1.5), image, depth)
+    return _smooth(image, view)
+
+
+def _buffers(view: View) -> tuple[np.ndarray, np.ndarray]:
+    shape = (_FINER * view.height, _FINER * view.width)
+    return np.zeros((*shape, 4)), np.full(shape, -np.inf)
+
+
+def _smooth(image: np.ndarray, view: View) -> np.ndarray:
+    """Mean over the finer pixels, colours weighted by their cover."""
+    parts = image.reshape(view.height, _FINER, view.width, _FINER, 4)
+    cover = parts[..., 3].mean(axis=(1, 3))
+    mixed = (parts[..., :3] * parts[..., 3:]).mean(axis=(1, 3)) / np.maximum(cover, 1e-9)[..., None]
+    return np.round(255.0 * np.dstack([mixed, cover])).astype(np.uint8)

@@ -1,0 +1,92 @@
+"""A run folder read back: what was touched, where the sphere passed, what was found out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import FormatError, TouchRecord
+from lwrprobe.scene import Scene, load_scene
+
+_CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "trust")
+_TRACE = ("time", "x", "y", "z", "force", "touching", "clearance")
+
+
+@dataclass(slots=True)
+class RunFolder:
+    """What a run left behind, complete or cut short.
+
+    Attributes
+    ----------
+    folder : where it lies
+    scene : as it was run
+    summary : content of summary.json, empty when the run did not get that far
+    record : contacts and free path, for the reconstructors
+    force : (n,) N, of each contact
+    trace : (k, 7) time s, x y z m, force N, touching 0 or 1, clearance m
+    """
+
+    folder: Path
+    scene: Scene
+    summary: dict[str, Any]
+    record: TouchRecord
+    force: np.ndarray
+    trace: np.ndarray
+
+
+def read_run(folder: str | Path) -> RunFolder:
+    """Read a run folder; a last line that a killed run left unfinished is left out.
+
+    Raises FormatError, naming the file, for a folder that is no run's, and SceneError for a broken scene file.
+    """
+    folder = Path(folder)
+    scene_file = folder / "scene.toml"
+    if not scene_file.is_file():
+        raise FormatError(f"{folder}: not a run folder: it has no scene.toml")
+    scene = load_scene(str(scene_file))
+    contacts = _table(folder / "contacts.csv", _CONTACTS)
+    trace = _table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
+    record = TouchRecord(
+        points=contacts[:, 1:4],
+        normals=contacts[:, 4:7],
+        trust=contacts[:, 8],
+        times=contacts[:, 0],
+        free_path=trace[trace[:, 5] == 0.0, 1:4],
+        probe_radius=scene.probe.radius,
+        table=scene.table.height if scene.table.present else None,
+        lowest=scene.area.lower[2],
+    )
+    return RunFolder(folder, scene, _summary(folder / "summary.json"), record, contacts[:, 7], trace)
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        return dict(json.loads(path.read_text()))
+    except (ValueError, TypeError, OSError) as error:
+        raise FormatError(f"{path}: not a summary: {error}") from None
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
+    """(n, columns) numbers of a file that was written line by line; columns after these may hold text."""
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: cannot be read: {error}") from None
+    header, _, body = text.partition("\n")
+    if tuple(header.split(",")[: len(columns)]) != columns:
+        raise FormatError(f"{path}: line 1: columns {header!r}; allowed: {','.join(columns)}")
+    lines = body.split("\n")[:-1]  # what follows the last line's end was cut off
+    rows = np.empty((len(lines), len(columns)))
+    for i, line in enumerate(lines):
+        cells = line.split(",")
+        try:
+            rows[i] = [float(cell) for cell in cells[: len(columns)]]
+        except ValueError:
+            raise FormatError(f"{path}: line {i + 2}: {line!r}; allowed: {len(columns)} numbers") from None
+    return rows

@@ -1,0 +1,26 @@
+"""The true shape to hold something against: a scene, or a mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lwrprobe.contracts import FormatError
+from lwrprobe.reconstruction.meshes import WRITERS
+from lwrprobe.scene import load_scene
+from lwrprobe.scene.shape import Mesh
+from lwrprobe.scene.solid import Solid
+
+
+def read_truth(name: str) -> tuple[Solid, float]:
+    """Solid, and the height [m] above which it is compared: what the sphere's centre can get down to.
+
+    `name` is a built-in scene, a scene file, or a closed mesh (.stl, .ply, .obj, .glb; compared from its lowest point
+    up). Raises FormatError, SceneError or UnknownNameError for what is neither.
+    """
+    if Path(name).suffix.lower() not in WRITERS:
+        scene = load_scene(name)
+        return scene.solid(), scene.area.lower[2]
+    if not Path(name).is_file():
+        raise FormatError(f"{name}: no such file")
+    solid = Solid.from_shapes([Mesh(shape="mesh", file=name)])
+    return solid, float(solid.bounds()[0][2]) - 1e-6

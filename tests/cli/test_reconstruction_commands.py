@@ -1,0 +1,184 @@
+"""`lwrprobe reconstruct`, `fit` and `evaluate`: from a run folder, a cloud or a map to figures and files."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from lwrprobe.bench.sampled_lines import sample_lines, voxelised
+from lwrprobe.contracts import FormatError
+from lwrprobe.evaluation.run_folder import read_run
+from lwrprobe.mapping import VoxelMap
+from lwrprobe.mapping.clouds import Cloud, write_cloud
+from lwrprobe.reconstruction.meshes import read_mesh, write_mesh
+from lwrprobe.scene import load_scene, write_scene
+
+COMMAND = [sys.executable, "-c", "from lwrprobe.cli.app import main; main()"]
+
+
+def lwrprobe(*arguments, timeout=300):
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=timeout)
+
+
+def as_json(*arguments):
+    done = lwrprobe(*arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    """A run folder as a run killed in the middle of a line leaves it."""
+    folder = tmp_path_factory.mktemp("runs") / "block"
+    folder.mkdir()
+    scene = load_scene("block")
+    write_scene(scene, folder / "scene.toml")
+    record = sample_lines(scene.solid(), 0.01, 0.25)
+    lines = [
+        f"{0.01 * i:.4f}," + ",".join(f"{v:.7f}" for v in (*p, *n)) + ",0.8,0.9"
+        for i, (p, n) in enumerate(zip(record.points, record.normals))
+    ]
+    text = "time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(lines) + "\n3.0,0.01,0.0"
+    (folder / "contacts.csv").write_text(text)
+    way = "\n".join(f"{i},{p[0]},{p[1]},{p[2]},0.0,0,inf,line" for i, p in enumerate(record.free_path))
+    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + way + "\n")
+    return folder, record
+
+
+def test_a_run_that_was_killed_is_read_to_its_last_whole_line(run_folder):
+    folder, record = run_folder
+    run = read_run(folder)
+    assert len(run.record.points) == len(record.points)
+    assert np.allclose(run.record.points, record.points, atol=1e-7)
+    assert np.allclose(run.record.free_path, record.free_path)
+    assert run.summary == {}
+
+
+def test_reconstruct_then_evaluate(run_folder, tmp_path):
+    folder, _ = run_folder
+    mesh = tmp_path / "block.ply"
+    report = as_json("reconstruct", folder, "--out", mesh, "--set", "step=0.0025")
+    assert report["watertight"]
+    assert report["without"] == []
+    assert report["step"] == pytest.approx(0.0025)
+    assert read_mesh(mesh).vertex_error is not None
+    figures = as_json("evaluate", mesh, "--truth", "block", "--out", tmp_path / "deviation")
+    assert figures["mesh"]["mean"] < 0.3
+    assert {facing["facing"] for facing in figures["mesh"]["facings_mm"]} >= {"+x", "-x", "+y", "-y", "+z"}
+    assert sum(facing["share"] for facing in figures["mesh"]["facings_mm"]) == pytest.approx(1.0, abs=0.01)
+    picture = (tmp_path / "deviation" / "deviation.png").read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    content = (tmp_path / "deviation" / "deviation.ply").read_bytes()
+    assert content.count(b"property float deviation") == 2
+
+
+def test_evaluate_a_run_tells_contacts_and_normals(run_folder):
+    figures = as_json("evaluate", run_folder[0])
+    assert figures["contacts"]["surface_error_mm"]["median"] == pytest.approx(0.07, abs=0.03)
+    assert figures["contacts"]["normal_error_deg"]["mean"] == pytest.approx(2.0 * np.sqrt(2.0 / np.pi), abs=0.3)
+    assert figures["contacts"]["coverage_5mm"] > 0.8
+    assert "mesh" not in figures
+
+
+def test_a_mesh_from_another_frame_is_laid_over_the_truth(tmp_path):
+    truth = load_scene("bridge").solid().mesh()
+    turn = np.radians(80.0)
+    matrix = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    write_mesh(tmp_path / "true.stl", truth)
+    truth.vertices = truth.vertices @ matrix.T + [0.3, -0.2, 0.05]
+    write_mesh(tmp_path / "moved.stl", truth)
+    plain = as_json("evaluate", tmp_path / "moved.stl", "--truth", tmp_path / "true.stl")
+    laid = as_json("evaluate", tmp_path / "moved.stl", "--truth", tmp_path / "true.stl", "--align")
+    assert plain["mesh"]["mean"] > 100.0
+    assert laid["mesh"]["mean"] < 0.05
+    assert laid["alignment"]["rms_after_mm"] < 0.05
+
+
+@pytest.mark.parametrize("ending", [".pcd", ".ply", ".csv", ".bt"])
+def test_clouds_and_maps_are_taken_too(run_folder, tmp_path, ending):
+    """Without what they cannot know, and saying so."""
+    _, record = run_folder
+    path = tmp_path / f"cloud{ending}"
+    if ending == ".bt":
+        voxels = VoxelMap(0.002)
+        voxels.insert(voxelised(record).points)
+        voxels.write(path)
+    else:
+        write_cloud(path, Cloud(record.points, record.normals))
+    report = as_json("reconstruct", path, "--probe-radius", 0.005, "--table", 0.0, "--out", tmp_path / "mesh.stl")
+    assert "free path" in report["without"]
+    assert ("normals" in report["without"]) == (ending == ".bt")
+    assert as_json("evaluate", tmp_path / "mesh.stl", "--truth", "block")["mesh"]["mean"] < 2.5
+
+
+def test_fit_tells_the_block(run_folder):
+    fits = as_json("fit", run_folder[0])
+    assert fits[0]["kind"] == "box"
+    assert fits[0]["warranted"]
+    assert fits[0]["dimensions"]["width"] == pytest.approx(0.05, abs=2e-4)
+    assert not any(found["warranted"] for found in fits[1:])
+    text = lwrprobe("fit", run_folder[0]).stdout
+    assert "no cylinder" in text
+    assert "±" in text
+
+
+def test_four_points_make_the_smallest_solid(tmp_path):
+    write_cloud(tmp_path / "four.csv", Cloud(np.vstack([np.zeros(3), 0.02 * np.eye(3)])))
+    report = as_json("reconstruct", tmp_path / "four.csv", "--method", "convex_hull", "--out", tmp_path / "four.stl")
+    assert report["faces"] == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["reconstruct", "nowhere"], ["nowhere", "no such"]),
+        (["reconstruct", "cloud.xyz"], [".xyz", ".pcd"]),
+        (["reconstruct", "broken.pcd"], ["broken.pcd"]),
+        (["reconstruct", "three.csv"], ["points", "at least 4"]),
+        (["reconstruct", "flat.csv", "--method", "convex_hull"], ["one plane"]),
+        (["reconstruct", "."], ["scene.toml"]),
+        (["reconstruct", "three.csv", "--method", "concave"], ["concave", "concave_hull"]),
+        (["reconstruct", "three.csv", "--set", "step"], ["--set", "key=value"]),
+        (["reconstruct", "three.csv", "--set", "stepp=1.0"], ["stepp", "step"]),
+        (["evaluate", "three.csv"], ["--truth"]),
+        (["evaluate", "three.csv", "--truth", "blok"], ["blok", "block"]),
+        (["evaluate", "broken.stl", "--truth", "block"], ["broken.stl"]),
+        (["fit", "three.csv"], ["points", "at least 4"]),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_sentence(tmp_path, arguments, words):
+    for name in ("cloud.xyz", "broken.pcd", "broken.stl"):
+        (tmp_path / name).write_bytes(b"VERSION nonsense\n\x00\x01")
+    write_cloud(tmp_path / "three.csv", Cloud(np.eye(3)))
+    write_cloud(tmp_path / "flat.csv", Cloud(np.pad(np.random.default_rng(0).random((20, 2)), ((0, 0), (0, 1)))))
+    done = subprocess.run([*COMMAND, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    sentence = done.stderr.strip().splitlines()
+    assert len(sentence) == 1, done.stderr
+    for word in words:
+        assert word in sentence[0]
+
+
+def test_a_line_that_is_no_contact_is_named(run_folder, tmp_path):
+    (tmp_path / "scene.toml").write_text((run_folder[0] / "scene.toml").read_text())
+    (tmp_path / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,trust\n1,2,3\n")
+    with pytest.raises(FormatError, match="line 2"):
+        read_run(tmp_path)
+
+
+def test_interrupted_it_leaves_no_mesh(run_folder, tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from lwrprobe.cli.app import app
+    from lwrprobe.cli.bar import StageBar
+
+    def press(bar, stage, share):
+        if stage == "field":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(StageBar, "__call__", press)
+    done = CliRunner().invoke(app, ["reconstruct", str(run_folder[0]), "--out", str(tmp_path / "mesh.stl")])
+    assert done.exit_code == 130
+    assert list(tmp_path.iterdir()) == []
