@@ -27,7 +27,9 @@ class SimConfig:
     lag : s, time constant with which the motors follow the set point
     delay : s, whole cycles by which set points reach the motors late
     brake : rad/s^2, deceleration of `stop`
-    joint_compliance : rad/(N m), of all joints or of each; the encoders are on the motors' side and do not see it
+    joint_compliance : rad/(N m), of all joints or of each; the encoders are on the motors' side and do not see it. The
+        default, 1e4 N m/rad a joint, leaves the tip some 2e4 N/m: an estimate for a light arm with harmonic drives and
+        torque sensors, no data sheet's figure
     encoder_noise : rad, standard deviation
     stick_relaxation : s, time constant of the stick's inner damping
     tip_mass : kg, that swings on the stick; zero = the stick follows its forces at once
@@ -58,7 +60,7 @@ class SimConfig:
     lag: float = 0.002
     delay: float = 0.0
     brake: float = 20.0
-    joint_compliance: float | tuple[float, ...] = 0.0
+    joint_compliance: float | tuple[float, ...] = 1e-4
     encoder_noise: float = 0.0
     stick_relaxation: float = 0.0
     tip_mass: float = 0.0

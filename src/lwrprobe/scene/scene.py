@@ -214,7 +214,7 @@ class ContactTable(Table):
     """N, never to be exceeded; above it the tip yields whatever the strategy asks for."""
     delay: NonNegative | None = None
     """s, total reaction delay of the loop; left out, it is put together from sensor, cycle and jerk."""
-    stiffness: Length = 100_000.0
+    stiffness: Length = 20_000.0
     """N/m, of object and arm as far as known beforehand, else an upper bound; the stick's is the probe's own."""
 
     @model_validator(mode="after")
@@ -239,8 +239,9 @@ class ClearanceTable(Table):
     """`auto` leaves it out where no link can come near anything."""
     threshold: Length = 0.003
     """m, below it a collision threatens: for everything behind the stick."""
-    stick_threshold: Length = 0.0005
-    """m, the same for the stick, which is this near by design and whose touch is felt."""
+    stick_threshold: Length = 0.0001
+    """m, the same for the stick, which is near by design and whose touch is felt: on an oblique wall a voxel's corner
+    comes as near as 0.2 mm while the sphere touches."""
     links: Literal["probe", "arm"] = "probe"
     """Watch the probe's shapes, or the wrist's and forearm's too."""
 
