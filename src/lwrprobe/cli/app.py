@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 import lwrprobe
-from lwrprobe.cli import bench, doctor, emulate, evaluate, explore, listing, map_file, reconstruct
+from lwrprobe.cli import bench, doctor, emulate, evaluate, explore, listing, map_file, merge, reconstruct, report
 from lwrprobe.contracts.errors import LwrprobeError
 
 app = typer.Typer(
@@ -26,6 +26,8 @@ app.command("explore")(explore.explore)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("fit")(reconstruct.fit)
 app.command("evaluate")(evaluate.evaluate)
+app.command("report")(report.report)
+app.command("merge")(merge.merge)
 app.command("list")(listing.list_names)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)

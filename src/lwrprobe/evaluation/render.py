@@ -70,7 +70,7 @@ def render_points(points: np.ndarray, colours: np.ndarray, view: View, radius: f
 
 def _buffers(view: View) -> tuple[np.ndarray, np.ndarray]:
     shape = (_FINER * view.height, _FINER * view.width)
-    return np.zeros((*shape, 4)), np.full(shape, -np.inf)
+    return np.zeros((*shape, 4), dtype=np.float32), np.full(shape, -np.inf)
 
 
 def _smooth(image: np.ndarray, view: View) -> np.ndarray:

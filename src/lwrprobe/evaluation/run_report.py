@@ -1,0 +1,337 @@
+"""`report.html` of a run: one file that shows what was explored, how well it is known, and how to do it again."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from lwrprobe.contracts import LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.evaluation.charts import Line, bars, histogram, line_chart
+from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours, error_colours
+from lwrprobe.evaluation.facings import facing_errors
+from lwrprobe.evaluation.mesh_error import MeshError, deviation, mean_error, mesh_error, sample_mesh
+from lwrprobe.evaluation.reach import reach
+from lwrprobe.evaluation.render import View, render_mesh, render_points
+from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.reconstruction.fits import fit
+from lwrprobe.reconstruction.reconstruct import reconstruct
+from lwrprobe.scene.solid import Solid
+
+_PLAIN = np.array([0.80, 0.74, 0.62])
+_BEYOND = np.array([0.62, 0.36, 0.70])
+_STAGES_OF_TIME = (1 / 3, 2 / 3)  # of the run, at which the mesh is made as well
+_MOST_VERTICES = 60_000  # of a mesh that the page can turn about
+_SAMPLES = 4000
+
+
+def write_report(folder: str | Path, surface: Reconstruction | None = None) -> Path:
+    """Write `report.html` into a run folder and return its path.
+
+    `surface` is the run's mesh where it is at hand; otherwise it is made again with the scene's method. Raises
+    FormatError for a folder that is no run's.
+    """
+    run = read_run(folder)
+    page = _Page(run, surface or _surface(run, run.record))
+    path = run.folder / "report.html"
+    part = path.with_name(path.name + ".part")
+    part.write_text(page.html(), encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
+    method = run.scene.reconstruction
+    try:
+        return reconstruct(record, method.method, **method.options) if len(record.points) else None
+    except LwrprobeError:
+        return None
+
+
+class _Page:
+    """The sections of one report, each a piece of HTML, empty where the run has nothing for it."""
+
+    def __init__(self, run: RunFolder, surface: Reconstruction | None) -> None:
+        self.run, self.surface = run, surface
+        self.summary = run.summary
+        self.mesh = surface.mesh if surface is not None and len(surface.mesh.faces) else None
+        self.lowest = run.scene.area.lower[2]
+        # On real devices the scene's objects are a guess; only a simulator's are the truth.
+        simulated = run.summary.get("link_collisions", 0) is not None and run.scene.arm.driver == "sim"
+        self.solid: Solid | None = run.scene.solid() if simulated and run.scene.objects else None
+        self.signed = deviation(self.mesh, self.solid) if self.mesh is not None and self.solid is not None else None
+
+        self.error: MeshError | None = None
+        if self.signed is not None:
+            self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES)
+
+    def html(self) -> str:
+        title = escape(self.run.scene.title or self.run.scene.name)
+        style = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
+        script = Path(__file__).with_name("report.js").read_text(encoding="utf-8")
+        body = "\n".join(
+            section() for section in (
+                self._head, self._viewer, self._pictures, self._errors, self._over_time, self._shapes, self._stages,
+                self._again,
+            )
+        )  # fmt: skip
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{title} · lwrprobe</title><style>\n{style}</style></head>\n<body><main>\n{body}\n</main>\n"
+            f"<script>\n{script}</script></body></html>\n"
+        )
+
+    def _head(self) -> str:
+        scene, s = self.run.scene, self.summary
+        tiles = [("contacts", f"{len(self.run.record.points)}", "")]
+        if s:
+            tiles.append(("robot time", f"{s['sim_time_s']:.0f}", "s"))
+        if s.get("coverage") is not None:
+            tiles.append(("touched of what can be", f"{100 * s['coverage']:.1f}", "%"))
+        if self.signed is not None:
+            error = self.error
+            tiles.append(("mesh error, mean", f"{1e3 * error.mean:.2f}", "mm"))
+            tiles.append(("mesh error, largest", f"{1e3 * error.hausdorff:.1f}", "mm"))
+            if error.volume_error is not None:
+                tiles.append(("volume error", f"{100 * error.volume_error:+.1f}", "%"))
+        if s:
+            tiles.append(("peak force", f"{s['peak_force_n']:.2f}", "N"))
+        cells = "".join(
+            f"<div><dt>{name}</dt><dd>{value} <small>{unit}</small></dd></div>" for name, value, unit in tiles
+        )
+        title = escape(scene.title or scene.name)
+        lead = (
+            f"Explored by touch with {escape(scene.strategy.name)}, a sphere of {1e3 * scene.probe.radius:g} mm radius"
+        )
+        ended = f"{s['status']}: {s['reason']}" if s else "the run did not get to its end; this is what it left behind"
+        mark = "" if s.get("status") == "done" else ' class="warn"'
+        return f'<h1>{title}</h1><p class="lead">{lead}.</p><p{mark}>{escape(ended)}.</p><dl class="tiles">{cells}</dl>'
+
+    def _viewer(self) -> str:
+        if self.mesh is None or len(self.mesh.vertices) > _MOST_VERTICES:
+            return ""
+        lower, upper = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        places = 2.0 * (self.mesh.vertices - 0.5 * (lower + upper)) / np.linalg.norm(upper - lower)
+        paints = self._paints()
+        shape = {
+            "places": _base64(places.astype("<f4").tobytes()),
+            "faces": _base64(self.mesh.faces.astype("<u4").tobytes()),
+            "paints": {name: _base64(np.round(255 * c).astype(np.uint8).tobytes()) for name, (c, _) in paints.items()},
+        }
+        buttons = "".join(
+            f'<button data-paint="{name}" aria-pressed="false">{name}</button>' for name in reversed(list(paints))
+        )
+        method = escape(self.surface.report["method"])
+        return (
+            f'<h2>The shape found</h2><figure><div class="modes">{buttons}</div>'
+            '<div id="viewer"><canvas tabindex="0" aria-label="The mesh; drag to turn"></canvas></div>'
+            f"<figcaption>{method}: {len(self.mesh.faces)} triangles. Drag to turn, wheel to come closer.</figcaption>"
+            f'<script type="application/json" id="shape">{json.dumps(shape)}</script></figure>'
+        )
+
+    def _paints(self) -> dict[str, tuple[np.ndarray, str]]:
+        """Colours (n, 3) of the mesh's vertices and what they say, by name."""
+        n = len(self.mesh.vertices)
+        paints = {"shape": (np.tile(_PLAIN, (n, 1)), "What was made of the contacts.")}
+        beyond = self.surface.unreachable
+        if beyond is not None:
+            text = (
+                f"Violet: {beyond.mean():.0%} of the vertices close the mesh where no sphere of this size can touch "
+                "(inner edges, slots, under its lowest height); no surface is claimed there."
+            )
+            paints["beyond reach"] = (np.where(beyond[:, None], _BEYOND, _PLAIN), text)
+        if self.mesh.vertex_error is not None:
+            ramp = _ramp("#440154,#31688e,#35b779,#fde725", "0", "1.5 mm or more")
+            paints["expected error"] = (error_colours(self.mesh.vertex_error, 0.0015), f"Error to expect: {ramp}")
+        if self.signed is not None:
+            ramp = _ramp("#313695,#74add1,#ffffbf,#f46d43,#a50026", "−2 mm, too deep", "+2 mm, too far out")
+            paints["deviation"] = (deviation_colours(self.signed, 0.002), f"Against the truth: {ramp}")
+        return paints
+
+    def _pictures(self) -> str:
+        points = self.run.record.points
+        if not len(points):
+            return "<h2>Nothing was touched</h2><p>There is no shape to show.</p>"
+        both = points if self.mesh is None else np.vstack([points, self.mesh.vertices])
+        views = [View(a, e, both.min(axis=0), both.max(axis=0)) for a, e in VIEWS]
+        from matplotlib import colormaps
+
+        shown = points[:: len(points) // 20_000 + 1]
+        height = shown[:, 2] / max(float(points[:, 2].max()), 1e-9)
+        paint = colormaps["cividis"](0.15 + 0.85 * np.clip(height, 0.0, 1.0))[:, :3]
+        images = [render_points(shown, paint, view, 6e-4) for view in views]
+        figures = [_figure("touched", images, f"{len(points)} contacts, brighter the higher.")]
+        if self.mesh is not None:
+            for name, (paint, text) in self._paints().items():
+                figures.append(_figure(name, [render_mesh(self.mesh, paint, view) for view in views], text))
+        return f'<h2>From two sides</h2><div class="grid">{"".join(figures)}</div>'
+
+    def _errors(self) -> str:
+        if self.signed is None:
+            return ""
+        points, _ = sample_mesh(self.mesh, self.lowest, _SAMPLES)
+        rows = "".join(
+            f"<tr><td>{e.facing}</td><td>{e.share:.0%}</td><td>{1e3 * e.bias:+.3f}</td><td>{1e3 * e.rms:.3f}</td>"
+            f"<td>{1e3 * e.largest:+.2f}</td></tr>"
+            for e in facing_errors(self.mesh, self.solid, self.lowest, _SAMPLES)
+        )
+        chart = histogram(1e3 * self.solid.signed_distance(points), "deviation, mm", 2.0)
+        return (
+            '<h2>Against the truth</h2><div class="grid">'
+            f"<figure>{chart}<figcaption><b>Deviations of the mesh</b>, positive "
+            "outside the true shape.</figcaption></figure>"
+            '<figure class="scroll"><table><tr><th>facing</th><th>of the area</th><th>bias mm</th><th>RMS mm</th>'
+            f"<th>largest mm</th></tr>{rows}</table></figure></div>"
+        )
+
+    def _over_time(self) -> str:
+        run, charts = self.run, []
+        if self.solid is not None and len(run.record.points) > 1:
+            charts += self._learning()
+        if len(run.trace) > 1:
+            limits = run.scene.contact
+            time, force = _peaks(run.trace[:, 0], run.trace[:, 4])
+            levels = [(limits.limit, f"limit {limits.limit:g} N"), (limits.target, f"aim {limits.target:g} N")]
+            chart = line_chart([Line(time, force, "force", "b")], "robot time, s", "force, N", levels)
+            charts.append(f"<figure>{chart}<figcaption><b>Force</b> on the sphere.</figcaption></figure>")
+        return f'<h2>While it ran</h2><div class="grid">{"".join(charts)}</div>' if charts else ""
+
+    def _learning(self) -> list[str]:
+        """Coverage and errors against the robot's time."""
+        from scipy.spatial import cKDTree
+
+        record, scene = self.run.record, self.run.scene
+        goal = reach(self.solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES)
+        if not len(goal.points):
+            return []
+        pitch = float(scene.strategy.options.get("step", 0.010))
+        times = np.linspace(0.0, float(record.times.max()), 41)[1:]
+        gap, covered, away = np.full(len(goal.points), np.inf), [], []
+        begin = 0
+        for until in times:
+            end = int(np.searchsorted(record.times, until, side="right"))
+            if end > begin:
+                gap = np.minimum(gap, cKDTree(record.points[begin:end]).query(goal.points)[0])
+            begin = end
+            covered.append(100.0 * float(np.mean(gap < 0.5 * pitch + 0.001)))
+            away.append(1e3 * float(gap.mean()) if np.isfinite(gap).all() else np.nan)
+        at, error = self._meshes_on_the_way()
+        charts = [
+            line_chart([Line(times, np.array(covered), "touched", "c")], "robot time, s", "touched, %", top=105.0),
+            line_chart(
+                [
+                    Line(times, np.array(away), "from the true surface to the nearest contact", "a"),
+                    Line(at, error, "mesh made of the contacts so far", "b", dots=True),
+                ],
+                "robot time, s", "mean distance, mm",
+                decades=True,
+            ),
+        ]  # fmt: skip
+        texts = ["<b>Coverage</b> of what the sphere can touch.", "<b>Error</b> against run time."]
+        return [f"<figure>{chart}<figcaption>{text}</figcaption></figure>" for chart, text in zip(charts, texts)]
+
+    def _meshes_on_the_way(self) -> tuple[np.ndarray, np.ndarray]:
+        record, at, error = self.run.record, [], []
+        last = float(record.times.max())
+        for share in _STAGES_OF_TIME:
+            n = int(np.searchsorted(record.times, share * last, side="right"))
+            free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
+            so_far = TouchRecord(
+                record.points[:n], normals=record.normals[:n], trust=record.trust[:n], free_path=free,
+                probe_radius=record.probe_radius, table=record.table, lowest=record.lowest,
+            )  # fmt: skip
+            made = _surface(self.run, so_far)
+            if made is not None:
+                at.append(share * last)
+                error.append(self._mean_error(made.mesh))
+        if self.mesh is not None:
+            at.append(last)
+            error.append(1e3 * self.error.mean)
+        return np.array(at), np.array(error)
+
+    def _mean_error(self, mesh: TriangleMesh) -> float:
+        try:
+            return 1e3 * mean_error(mesh, self.solid, self.lowest, _SAMPLES // 4)
+        except LwrprobeError:
+            return np.nan
+
+    def _shapes(self) -> str:
+        try:
+            fits = fit(self.run.record)
+        except LwrprobeError as error:
+            return (
+                f"<h2>Simple shapes</h2><p>None fitted: {escape(str(error))}.</p>"
+                if len(self.run.record.points)
+                else ""
+            )
+        rows = "".join(
+            f"<tr><td>{'<b>' if f.warranted else ''}{escape(str(f))}{'</b>' if f.warranted else ''}</td>"
+            f"<td>{f.share:.0%}</td><td>{1e3 * f.rms:.3f}</td></tr>"
+            for f in fits
+        )
+        return (
+            '<h2>Simple shapes held against the contacts</h2><figure class="scroll"><table><tr><th>shape</th>'
+            f"<th>contacts explained</th><th>RMS mm</th></tr>{rows}</table></figure>"
+        )
+
+    def _stages(self) -> str:
+        s = self.summary
+        if not s:
+            return ""
+        rows = [
+            (stage["name"], 100.0 * stage["share"], f"{100 * stage['share']:.0f} %, {stage['us_median']:.1f} µs each")
+            for stage in sorted(s.get("stages", []), key=lambda stage: -stage["share"])
+        ]
+        omitted = "".join(
+            f"<tr><td>{escape(item['stage'])}</td><td>{escape(item['why'])}</td></tr>" for item in s.get("left_out", [])
+        )
+        return (
+            f'<h2>Where the time went</h2><div class="grid"><figure>{bars(rows)}<figcaption>'
+            "Share of the computing time, and the median of one call.</figcaption></figure>"
+            f'<figure class="scroll"><table><tr><th>left out</th><th>because</th></tr>{omitted}</table></figure></div>'
+        )
+
+    def _again(self) -> str:
+        s = self.summary
+        facts = {**s.get("versions", {}), **s.get("machine", {}), "seed": self.run.scene.run.seed}
+        rows = "".join(f"<tr><td>{escape(str(k))}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
+        scene = escape((self.run.folder / "scene.toml").read_text(encoding="utf-8"))
+        return (
+            "<h2>Do it again</h2><p>From this folder, bit for bit on one machine:</p>"
+            "<pre>lwrprobe explore scene.toml --out again</pre>"
+            f'<figure class="scroll"><table>{rows}</table></figure>'
+            f"<details><summary>The scene as it was run</summary><pre>{scene}</pre></details>"
+        )
+
+
+def _peaks(time: np.ndarray, value: np.ndarray, most: int = 700) -> tuple[np.ndarray, np.ndarray]:
+    """The largest value of each of `most` spans of time, so that no peak is lost."""
+    span = max(1, -(-len(time) // most))
+    starts = np.arange(0, len(time), span)
+    return time[starts], np.maximum.reduceat(value, starts)
+
+
+def _figure(name: str, images: list[np.ndarray], text: str) -> str:
+    pictures = "".join(f'<img alt="{name}" width="560" height="420" src="{_png(image)}">' for image in images)
+    return f"<figure>{pictures}<figcaption><b>{name.capitalize()}.</b> {text}</figcaption></figure>"
+
+
+def _png(image: np.ndarray) -> str:
+    from matplotlib.image import imsave
+
+    stream = io.BytesIO()
+    imsave(stream, image, format="png")
+    return "data:image/png;base64," + _base64(stream.getvalue())
+
+
+def _ramp(colours: str, low: str, high: str) -> str:
+    return f'{low}<span class="ramp" style="background:linear-gradient(90deg,{colours})"></span>{high}'
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")
