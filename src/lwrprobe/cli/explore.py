@@ -14,6 +14,9 @@ def explore(
     strategy: Annotated[str | None, typer.Option(help="Strategy plug-in.")] = None,
     arm: Annotated[str | None, typer.Option(help="Driver plug-in of the arm.")] = None,
     sensor: Annotated[str | None, typer.Option(help="Driver plug-in of the sensor.")] = None,
+    profile: Annotated[
+        str | None, typer.Option(help="Settings laid over the scene: a built-in profile (thesis) or a file.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/SCENE when left out.")] = None,
     settings: Annotated[
@@ -37,7 +40,7 @@ def explore(
     overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
     with ProgressLine(quiet) as line:
         line.tell(f"loading scene {scene}")
-        loaded = load_scene(scene, overrides)
+        loaded = load_scene(scene, overrides, profile)
         from lwrprobe.exploration.explore import explore as run
 
         folder = out if out is not None else Path("runs") / loaded.name

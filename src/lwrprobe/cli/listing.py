@@ -12,6 +12,7 @@ class Kind(StrEnum):
     """What can be listed."""
 
     scenes = "scenes"
+    profiles = "profiles"
     strategies = "strategies"
     drivers = "drivers"
     robots = "robots"
@@ -28,7 +29,7 @@ _PLUGIN_KIND = {
 
 
 def list_names(kind: Annotated[Kind, typer.Argument(help="What to list.")]) -> None:
-    """List scenes, strategies, drivers, robots, reconstructors or benches."""
+    """List scenes, profiles, strategies, drivers, robots, reconstructors or benches."""
     for name, note in _rows(kind):
         typer.echo(f"{name:<24} {note}".rstrip())
 
@@ -38,6 +39,10 @@ def _rows(kind: Kind) -> list[tuple[str, str]]:
         from lwrprobe.scene import load_scene, scene_names
 
         return [(name, load_scene(name).title) for name in scene_names()]
+    if kind is Kind.profiles:
+        from lwrprobe.scene import profile_names
+
+        return [(name, "") for name in profile_names()]
     if kind is Kind.benches:
         from lwrprobe.bench import BENCHES
 

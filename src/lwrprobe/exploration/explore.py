@@ -17,6 +17,7 @@ from lwrprobe.exploration.rehearsal import rehearse, settled_memory
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.summary import summarise
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
+from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene, write_scene
 
 Tell = Callable[[str], None]
@@ -76,7 +77,7 @@ def explore(
 
     tell("reconstructing and comparing")
     begin = perf_counter()
-    record = touch_record(recorder, scene)
+    record = touch_record(recorder, scene, pipeline.voxels)
     surface, lack = _reconstruct(record, pipeline)
     pipeline.left_out += lack
     summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])
@@ -136,10 +137,19 @@ def unreachable_part(scene: Scene, robot: Robot, pose: np.ndarray, q: np.ndarray
     return f"out of reach: {len(lost)} of {len(places)} places of the area, within {bounds} ({found.reason})"
 
 
-def touch_record(recorder: Recorder, scene: Scene) -> TouchRecord:
-    """What a reconstructor is given: contacts, and the way on which nothing was touched."""
+def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap) -> TouchRecord:
+    """What a reconstructor is given: contacts, or the map's voxels, and the way on which nothing was touched."""
     trace = recorder.trace()
     free = trace[trace[:, 5] == 0.0, 1:4] if len(trace) else np.empty((0, 3))
+    if scene.reconstruction.points == "voxels":
+        return TouchRecord(
+            points=voxels.centres(),
+            free_path=free,
+            probe_radius=scene.probe.radius,
+            table=scene.table.height if scene.table.present else None,
+            lowest=scene.area.lower[2],
+            resolution=voxels.resolution,
+        )
     return TouchRecord(
         points=recorder.points(),
         normals=recorder.normals(),

@@ -64,6 +64,11 @@ class JointSpaceTip:
         """The last goal is reached and the joints rest."""
         return self._to_goal and self._joints.arrived
 
+    @property
+    def resting(self) -> bool:
+        """Nothing moves."""
+        return self._joints.resting
+
     def reset(self, q: np.ndarray) -> None:
         """Rest at joint values q (n,), now."""
         self._joints.reset(q)

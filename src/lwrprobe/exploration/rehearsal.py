@@ -46,4 +46,5 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
     pipe.trajectory.step()
     pipe.trajectory.set_feed(np.array([0.01, 0.0, 0.0]), 0.05, None)
     pipe.trajectory.step()
-    pipe.governor.watch(q)
+    if pipe.governor is not None:
+        pipe.governor.watch(q)

@@ -59,9 +59,10 @@ def summarise(
         "min_clearance_m": round(float(clearance), 5) if np.isfinite(clearance) else None,
         "force_guard_interventions": outcome.guard_interventions,
         "slowed_cycles": outcome.slowed_cycles,
-        **_against_truth(scene, judge, recorder, points, normals, pitch, surface),
+        **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
         "lower_bound_time_s": None,
         "cycle_us": outcome.cycle_us,
+        "force_control": pipeline.force.report(),
         "stages": outcome.stages,
         "left_out": pipeline.left_out,
         "wrench_counters": asdict(outcome.counters),
@@ -77,6 +78,7 @@ def _against_truth(
     scene: Scene,
     judge: Judge | None,
     recorder: Recorder,
+    pipeline: Pipeline,
     points: np.ndarray,
     normals: np.ndarray,
     pitch: float,
@@ -84,6 +86,7 @@ def _against_truth(
 ) -> dict[str, Any]:
     keys = (
         "coverage", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm", "surface_error_mm",
+        "voxel_error_mm",
         "normal_error_deg", "mesh_error_mm",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
@@ -108,6 +111,7 @@ def _against_truth(
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
+    found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
     if surface is not None:
         error = mesh_error(surface.mesh, solid, lowest).as_dict()
         found["mesh_error_mm"] = {"method": surface.report["method"], **error}

@@ -276,6 +276,8 @@ class ReconstructionTable(ChoiceTable):
     """How the contacts become a mesh; all further keys of the table are the method's own options."""
 
     method: str = "convex_hull"
+    points: Literal["contacts", "voxels"] = "contacts"
+    """What the mesh is made from: contacts with their normals, or the map's voxel centres alone."""
 
 
 class RunTable(Table):

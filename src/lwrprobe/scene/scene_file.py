@@ -21,8 +21,8 @@ Overrides = Mapping[str, str] | Iterable[str]
 _SHAPE_MODELS = {model.model_fields["shape"].annotation.__args__[0]: model for model in get_args(get_args(Shape)[0])}
 
 
-def load_scene(name_or_path: str | Path, overrides: Overrides = ()) -> Scene:
-    """A scene by built-in name or file, with `key=value` overrides on top.
+def load_scene(name_or_path: str | Path, overrides: Overrides = (), profile: str | None = None) -> Scene:
+    """A scene by built-in name or file, with a profile's tables over its own and `key=value` overrides on top.
 
     A key is dotted (`probe.radius`, `object.0.friction`), a value is written as in TOML; a bare word counts as
     text. Relative mesh files are resolved against the scene file's folder. Raises SceneError for whatever is wrong
@@ -30,6 +30,8 @@ def load_scene(name_or_path: str | Path, overrides: Overrides = ()) -> Scene:
     """
     path = _locate(name_or_path)
     content = _parse(path)
+    if profile is not None:
+        _lay_over(content, _parse(_locate_profile(profile)))
     for key, value in _pairs(overrides):
         _override(content, key, value)
     content.setdefault("name", path.stem)
@@ -66,6 +68,24 @@ def _locate(name_or_path: str | Path) -> Path:
     if path.suffix or len(path.parts) > 1:
         raise SceneError("scene", given, "an existing scene file (.toml) or a built-in name")
     raise UnknownNameError("scene", given, library.scene_names())
+
+
+def _locate_profile(name_or_path: str) -> Path:
+    if name_or_path in library.profile_names():
+        return library.profile_path(name_or_path)
+    path = Path(name_or_path)
+    if path.suffix == ".toml" and path.is_file():
+        return path
+    raise UnknownNameError("profile", name_or_path, library.profile_names())
+
+
+def _lay_over(content: dict[str, Any], upper: Mapping[str, Any]) -> None:
+    """Put a profile's values into a scene's tables, table by table."""
+    for key, value in upper.items():
+        if isinstance(value, Mapping) and isinstance(content.get(key), dict):
+            _lay_over(content[key], value)
+        else:
+            content[key] = value
 
 
 def _parse(path: Path) -> dict[str, Any]:

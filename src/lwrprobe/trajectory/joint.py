@@ -114,6 +114,11 @@ class JointTrajectory:
         k.advance_joints(self._plan, self._time, self._state)
         return self.status if self._time < self._event else self._act()
 
+    @property
+    def resting(self) -> bool:
+        """Nothing moves."""
+        return self._resting
+
     def _begin(self) -> int:
         self._tries = 0
         self.arrived = self._resting = False
