@@ -14,6 +14,8 @@ ROUGH = 0.002
 """m, by which the way from touch to touch between two lines may exceed the lines' distance."""
 NEAR = 0.0015
 """m, within which a touch of a line along y counts for a line across."""
+FACING = 0.5
+"""Share of the normal along x, from which on a touch is one of an end in x."""
 BENT = 0.06
 """Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
@@ -59,7 +61,8 @@ def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
         last = touches[np.argmax(sign * touches[:, 3])]
         free = places[sign * places > sign * last[0] + 1e-3]
         across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
-        if abs(across) < BENT or not len(free) or last[2] < height - 1e-3:
+        faces = sign * last[6] > FACING
+        if not faces or abs(across) < BENT or not len(free) or last[2] < height - 1e-3:
             continue
         begin = float(free[np.argmin(sign * free)])
         lines.append(Line(0, float(last[1]), begin, float(last[0]), float(last[2]), rim=-1 if across > 0.0 else 1))

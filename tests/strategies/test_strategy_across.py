@@ -1,0 +1,123 @@
+"""Lines across what the grid leaves out, and the search for the object's ends."""
+
+import numpy as np
+import pytest
+from naive_across import steep_between
+
+from lwrprobe_strategies.across import lines_across, rims
+from lwrprobe_strategies.touched import Touched
+
+FLOOR, RADIUS = 0.006, 0.005
+
+
+def felt(height, xs, ys):
+    """Touches of a height field z(x, y) of the sphere's centre along grid lines; NaN where there is nothing."""
+    touched = Touched()
+    for x in xs:
+        for y in ys:
+            z = height(x, y)
+            if np.isfinite(z):
+                normal = np.array([0.0, 0.0, 1.0])
+                centre = np.array([x, y, z])
+                touched.add(centre, centre - RADIUS * normal, normal, x)
+    return touched.table()
+
+
+def block(x, y):
+    return 0.055 if abs(x) <= 0.05 and abs(y) <= 0.025 else np.nan
+
+
+XS = np.arange(-0.08, 0.081, 0.01).round(9)
+YS = np.arange(-0.03, 0.0301, 0.0005)
+
+
+def test_both_ends_of_a_block_are_crossed_and_nothing_else():
+    lines = lines_across(felt(block, XS, YS), XS, 0.01, FLOOR, 0.007)
+    assert len(lines) == 10
+    assert {(min(line.begin, line.end), max(line.begin, line.end)) for line in lines} == {(-0.06, -0.05), (0.05, 0.06)}
+    places = sorted({round(line.place, 6) for line in lines})
+    assert places == pytest.approx([-0.02, -0.01, 0.0, 0.01, 0.02], abs=5e-4)
+    for before, after in zip(lines, lines[1:]):
+        if abs(before.begin - after.begin) < 0.02:
+            assert before.on_surface != after.on_surface, "a line down is followed by one up"
+    for line in lines:
+        assert line.on_surface == (abs(line.begin) == 0.05)
+        assert line.height == (0.055 if line.on_surface else 0.007)
+
+
+def test_a_groove_is_crossed_at_once():
+    def bridge(x, y):
+        if not np.isfinite(block(x, y)):
+            return np.nan
+        return 0.05 - np.sqrt(0.019**2 - x * x) if abs(x) < 0.019 else 0.055
+
+    lines = lines_across(felt(bridge, XS, YS), XS, 0.01, FLOOR, 0.007)
+    groove = [line for line in lines if max(abs(line.begin), abs(line.end)) < 0.04]
+    assert len(groove) == 5
+    assert all(line.on_surface and {round(line.begin, 3), round(line.end, 3)} == {-0.02, 0.02} for line in groove)
+
+
+def test_two_things_apart_are_crossed_apart():
+    def two(x, y):
+        return 0.055 if 0.02 <= abs(x) <= 0.05 and abs(y) <= 0.025 else np.nan
+
+    lines = lines_across(felt(two, XS, YS), XS, 0.01, FLOOR, 0.007)
+    assert all(abs(line.begin - line.end) == pytest.approx(0.01) for line in lines)
+    assert len(lines) == 20
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
+    random = np.random.default_rng(seed)
+    knots = random.uniform(FLOOR, 0.05, len(XS))
+    knots[random.random(len(XS)) < 0.3] = np.nan
+    table = felt(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
+    if not len(table):
+        return
+    lines = lines_across(table, XS, 0.01, FLOOR, 0.007)
+    for y in sorted({line.place for line in lines}):
+        own = [line for line in lines if line.place == y]
+        for x_a, x_b in zip(XS, XS[1:]):
+            inside = [min(o.begin, o.end) <= x_a + 1e-9 and x_b <= max(o.begin, o.end) + 1e-9 for o in own]
+            if steep_between(table, x_a, x_b, y, 0.01, FLOOR):
+                assert sum(inside) == 1
+        for line in own:
+            low, high = min(line.begin, line.end), max(line.begin, line.end)
+            pairs = [(a, b) for a, b in zip(XS, XS[1:]) if low - 1e-9 <= a and b <= high + 1e-9]
+            assert any(steep_between(table, a, b, y, 0.01, FLOOR) for a, b in pairs)
+
+
+def test_nothing_touched_needs_no_line():
+    assert lines_across(np.empty((0, 10)), XS, 0.01, FLOOR, 0.007) == []
+    assert rims(np.empty((0, 10)), XS, 0.007) == []
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_end_beside_the_outermost_touch_is_sought_on_the_side_it_lies(sign):
+    angle = 0.3  # the outermost touch lies beside the end of an upright cylinder, in +y
+    normal = np.array([sign * np.cos(angle), np.sin(angle), 0.0])
+    point = 0.024 * normal + [0.0, 0.0, 0.01]
+    touched = Touched()
+    touched.add(point + RADIUS * normal, point, normal, np.nan)
+    (line,) = rims(touched.table(), XS, 0.007)
+    assert line.axis == 0
+    assert line.rim == -1, "towards lower y, where the normal turns along x"
+    assert line.sign == -sign
+    assert sign * line.begin > sign * line.end
+    assert line.place == pytest.approx(point[1] + RADIUS * normal[1])
+    assert line.height == pytest.approx(point[2])
+
+
+def test_a_flat_end_is_found_already():
+    normal = np.array([1.0, 0.01, 0.0]) / np.hypot(1.0, 0.01)
+    touched = Touched()
+    touched.add(np.array([0.055, 0.0, 0.02]), np.array([0.05, 0.0, 0.02]), normal, np.nan)
+    assert rims(touched.table(), XS, 0.007) == []
+
+
+def test_near_touches_are_remembered_once():
+    touched = Touched()
+    up = np.array([0.0, 0.0, 1.0])
+    for k in range(11):
+        touched.add(np.array([0.0, 1e-4 * k, 0.05]), np.array([0.0, 1e-4 * k, 0.045]), up, 0.0)
+    assert len(touched) == 3
