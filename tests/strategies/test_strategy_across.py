@@ -1,5 +1,7 @@
 """Lines across what the grid leaves out, and the search for the object's ends."""
 
+import itertools
+
 import numpy as np
 import pytest
 from naive_across import steep_between
@@ -37,7 +39,7 @@ def test_both_ends_of_a_block_are_crossed_and_nothing_else():
     assert {(min(line.begin, line.end), max(line.begin, line.end)) for line in lines} == {(-0.06, -0.05), (0.05, 0.06)}
     places = sorted({round(line.place, 6) for line in lines})
     assert places == pytest.approx([-0.02, -0.01, 0.0, 0.01, 0.02], abs=5e-4)
-    for before, after in zip(lines, lines[1:]):
+    for before, after in itertools.pairwise(lines):
         if abs(before.begin - after.begin) < 0.02:
             assert before.on_surface != after.on_surface, "a line down is followed by one up"
     for line in lines:
@@ -77,13 +79,13 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
     lines = lines_across(table, XS, 0.01, FLOOR, 0.007)
     for y in sorted({line.place for line in lines}):
         own = [line for line in lines if line.place == y]
-        for x_a, x_b in zip(XS, XS[1:]):
+        for x_a, x_b in itertools.pairwise(XS):
             inside = [min(o.begin, o.end) <= x_a + 1e-9 and x_b <= max(o.begin, o.end) + 1e-9 for o in own]
             if steep_between(table, x_a, x_b, y, 0.01, FLOOR):
                 assert sum(inside) == 1
         for line in own:
             low, high = min(line.begin, line.end), max(line.begin, line.end)
-            pairs = [(a, b) for a, b in zip(XS, XS[1:]) if low - 1e-9 <= a and b <= high + 1e-9]
+            pairs = [(a, b) for a, b in itertools.pairwise(XS) if low - 1e-9 <= a and b <= high + 1e-9]
             assert any(steep_between(table, a, b, y, 0.01, FLOOR) for a, b in pairs)
 
 

@@ -39,7 +39,7 @@ def test_one_side_after_the_other():
 
 @pytest.mark.parametrize("step", [0.0, -0.01, np.nan, np.inf])
 def test_a_bad_step_is_named(step):
-    with pytest.raises(InputError, match="strategy.step"):
+    with pytest.raises(InputError, match=r"strategy\.step"):
         Grid.over(AREA, step)
 
 
