@@ -19,6 +19,7 @@ from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
 from lwrprobe.contact.time_skew import TimeSkew, time_skew
 from lwrprobe.contact.touch import TouchFit, zero_force_point
+from lwrprobe.contact.touch_identification import TouchIdentification
 from lwrprobe.contact.wrench import UNCONFIRMED, Wrench, WrenchNoise
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "Settings",
     "TimeSkew",
     "TouchFit",
+    "TouchIdentification",
     "Wrench",
     "WrenchConditioner",
     "WrenchNoise",

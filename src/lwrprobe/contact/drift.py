@@ -96,7 +96,7 @@ class DriftWatch:
         minutes = max(now - self._last_time, self._window) / 60.0
         rate = float(np.linalg.norm(change[:3])) / minutes
         noise = 3.0 * self._conditioner.probe.force_resolution / np.sqrt(self._count) / minutes
-        self.suspicious = rate > self._max_rate + noise
+        self.suspicious = bool(rate > self._max_rate + noise)
         self._forget()
         if self.suspicious:
             return None

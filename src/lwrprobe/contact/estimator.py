@@ -103,6 +103,9 @@ class Estimator(Protocol):
     def reset(self) -> None:
         """Forget what earlier samples have taught about the surface (a jump to another place)."""
 
+    def set_indentation(self, compliance: float) -> None:
+        """m/N of the object under the sphere from now on (`Settings.indentation`); raises InputError."""
+
 
 class SampleEstimator:
     """An estimator that looks at one sample alone.
@@ -127,6 +130,10 @@ class SampleEstimator:
     def reset(self) -> None:
         """Nothing is remembered."""
 
+    def set_indentation(self, compliance: float) -> None:
+        """See `Estimator.set_indentation`."""
+        self._params[kernels.P_INDENTATION] = as_indentation(compliance)
+
 
 def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
     """The estimator of that name; raises UnknownNameError listing the known ones."""
@@ -134,6 +141,13 @@ def make_estimator(name: str, probe: Probe, settings: Settings | None = None) ->
     if name not in ESTIMATORS:
         raise UnknownNameError("contact.estimator", name, ESTIMATORS)
     return ESTIMATORS[name](probe, settings)
+
+
+def as_indentation(compliance: float) -> float:
+    """A compliance [m/N] that may be taken off."""
+    if not (np.isfinite(compliance) and compliance >= 0.0):
+        raise InputError("contact.indentation", compliance, "a finite number, zero or more")
+    return float(compliance)
 
 
 def shared_params(probe: Probe, settings: Settings, size: int = kernels.P_OWN) -> np.ndarray:
@@ -220,6 +234,10 @@ class FusedEstimator:
     def reset(self) -> None:
         """Forget the surface; what was learnt of friction stays."""
         self._state[fused_kernels.S_BEGUN] = 0.0
+
+    def set_indentation(self, compliance: float) -> None:
+        """See `Estimator.set_indentation`."""
+        self._params[kernels.P_INDENTATION] = as_indentation(compliance)
 
     @property
     def friction(self) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED
+from lwrprobe.contact import TRUSTED, agreed_bias
 from lwrprobe.contracts import (
     Contact,
     Done,
@@ -43,6 +43,9 @@ FORGET = 0.5
 
 SETTLED = 3
 """Samples of one touch before it is believed: until then the slip that friction opposes is that of the approach."""
+
+STEP_BACK = 0.002
+"""m along the stick between two places at which the bias is taken."""
 
 WatchFunction = Callable[["Glimpse"], None]
 
@@ -141,23 +144,44 @@ class Explorer:
         self.pipe.place_tip(pose, q)
 
     def take_bias(self, seconds: float) -> None:
-        """Rest in free space and take the sensor's bias; raises SafetyStop when the probe is touching already."""
-        rotation = self.pipe.trajectory.pose[:3, :3]
+        """Take the sensor's bias where two places agree on it; raises SafetyStop when the probe stays in contact."""
+        rotation = self.pipe.trajectory.pose[:3, :3].copy()
+        found = agreed_bias(self.pipe.conditioner, lambda: self._listen(seconds), self._step_back, rotation)
+        if not found.outcome.taken:
+            raise SafetyStop(f"the bias cannot be taken at the start: {found.outcome.reason}")
+
+    def _listen(self, seconds: float) -> list[WrenchSample]:
+        """What the sensor says while the arm rests."""
         samples: list[WrenchSample] = []
-        end = None
-        while end is None or self._time < end:
+        begin = None
+        while begin is None or self._time < begin + seconds:
             self._command(self._q)
             self._remember(self.rig.arm.read())
-            end = self._time + seconds if end is None else end
+            begin = self._time if begin is None else begin
             samples += self.rig.sensor.read()
-        outcome = self.pipe.conditioner.take_bias(samples, rotation)
-        if not outcome.taken:
-            raise SafetyStop(f"the bias cannot be taken at the start: {outcome.reason}")
+        return [sample for sample in samples if sample.time > begin]
+
+    def _step_back(self) -> None:
+        """A little way back along the stick, to rest; raises SafetyStop where the arm cannot go."""
+        trajectory = self.pipe.trajectory
+        start = trajectory.pose[:3, 3].copy()
+        goal = trajectory.pose.copy()
+        goal[:3, 3] -= STEP_BACK * goal[:3, 2]
+        trajectory.set_goal(goal, self.scene.motion.approach_speed)
+        end = self._time + 2.0
+        while not trajectory.arrived and self._time < end:
+            self._remember(self.rig.arm.read())
+            self.rig.sensor.read()
+            self._move()
+        if np.linalg.norm(trajectory.pose[:3, 3] - start) < 0.5 * STEP_BACK:
+            raise SafetyStop("the bias cannot be taken at the start: the arm cannot step back")
 
     def start(self) -> None:
         """Hand the task to the strategy; the run's time begins."""
         scene, pipe = self.scene, self.pipe
         self.motion_guard.confine(pipe.area.lower - scene.safety.margin, pipe.area.upper + scene.safety.margin)
+        delay = reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate)
+        pipe.force.begin(delay)
         self._zero_time = self._time
         pose = pipe.trajectory.pose
         task = Task(
@@ -175,7 +199,7 @@ class Explorer:
             force_limit=scene.contact.limit,
             clearance_threshold=scene.clearance.threshold,
             stiffness=scene.contact.stiffness,
-            delay=reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate),
+            delay=delay,
             map=pipe.voxels,
             options=pipe.options,
             reachable=self._can_follow,
@@ -283,7 +307,7 @@ class Explorer:
         clock, pipe = self.clock, self.pipe
         self._silence.heard(sample)
         pose = self._pose_at(sample.time)
-        velocity = pipe.trajectory.velocity
+        velocity = pipe.force.velocity_at(sample.time)
         wrench = pipe.conditioner.condition(sample, pose[:3, :3])
         if pipe.conditioner.failing:
             raise SensorLost(f"the sensor cannot be relied on: {pipe.conditioner.failing}")
@@ -306,13 +330,14 @@ class Explorer:
             self._touch_age += 1
             # A light touch says little: the error of its normal goes with one over the force.
             settled = self._touch_age > SETTLED and size >= 0.5 * self.scene.contact.target
-            if contact.trust >= TRUSTED and settled:
+            if contact.trust >= TRUSTED and settled and pipe.force.settled:
                 pipe.voxels.insert_point(contact.point)
                 clock.lap("map")
                 self.recorder.contact(contact, sample.sequence)
                 clock.lap("record")
         else:
             self._touch_age = 0
+        pipe.force.heed(wrench, pose, contact)
         near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(
@@ -325,7 +350,7 @@ class Explorer:
             goal_reached=pipe.trajectory.arrived,
             blocked=self._blocked,
         )
-        motion = self._of_plugin(pipe.strategy.step, seen)
+        motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
         override = self._guard.check(self._time, wrench.world_force, wrench.torque)
         clock.lap("strategy")
         self._adopt(override or motion)
@@ -404,6 +429,7 @@ class Explorer:
 
     def _remember(self, state: Any) -> None:
         self._time = state.time
+        self.pipe.force.moved(state.time, self.pipe.trajectory.velocity)
         self._states.append((state.time, state.q))
         self.motion_guard.watch(state)
 

@@ -19,6 +19,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.clearance_stage import ClearanceStage
+from lwrprobe.exploration.force_stage import ForceStage
 from lwrprobe.exploration.joint_space import JointSpaceTip
 from lwrprobe.kinematics import IKSolver, IKStatus, Robot, robot_by_name
 from lwrprobe.mapping import VoxelMap
@@ -37,6 +38,7 @@ class Pipeline:
     conditioner: WrenchConditioner
     estimator: Any
     deflection: Deflection | None
+    force: ForceStage
     voxels: VoxelMap
     clearance: ClearanceStage | None
     strategy: Strategy
@@ -120,14 +122,16 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
     )
     solver = IKSolver(robot)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
+    conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)
     return Pipeline(
         robot=robot,
         solver=solver,
         trajectory=trajectory,
         governor=governor,
-        conditioner=WrenchConditioner(probe, rate),
-        estimator=make_estimator(scene.contact.estimator, probe),
+        conditioner=conditioner,
+        estimator=estimator,
         deflection=deflection,
+        force=ForceStage(scene, probe, conditioner, estimator, rate),
         voxels=voxels,
         clearance=clearance,
         strategy=choices.strategy(),

@@ -7,6 +7,7 @@ import numpy as np
 from lwrprobe.bench.simulation import build_world
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.gantry_loop import TOP, UPRIGHT, press
+from lwrprobe.bench.stability.runs import strip
 from lwrprobe.contact import (
     Refusal,
     WrenchConditioner,
@@ -111,7 +112,15 @@ def _soft_object(quick: bool) -> list[Finding]:
         fit = zero_force_point(ways, forces + random.normal(0.0, 0.003, len(forces)))
         dent = 1e3 * course.peak_approach / stiffness
         told = f"K found {fit.stiffness:.4g} N/m, surface off by {1e3 * fit.zero:+.3f} mm; the dent was {dent:.2f} mm"
-        found.append(within(f"K {stiffness:.0e} N/m", told, 1e3 * abs(fit.zero), 0.2, "mm"))
+        found.append(within(f"one touch, K {stiffness:.0e} N/m", told, 1e3 * abs(fit.zero), 0.2, "mm"))
+    for stiffness in (1e3,) if quick else (3e2, 1e3):
+        settings = [f"object.0.stiffness={stiffness}", f"contact.stiffness={2.0 * stiffness}"]
+        run = strip("block", 0.006, settings)
+        off = run.summary["surface_error_mm"]["median"]
+        control = run.summary["force_control"]
+        told = f"{run.told()}; K found {control['object_stiffness']} N/m, surface off by {off:.3f} mm"
+        setting = f"a run, K {stiffness:.0e} N/m where twice that was stated"
+        found.append(within(setting, told, off, 0.2, "mm", also=run.summary["status"] == "done"))
     return found
 
 

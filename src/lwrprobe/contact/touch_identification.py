@@ -1,0 +1,120 @@
+"""The object's stiffness, from the first touches of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contact.deflection import Deflection
+from lwrprobe.contact.wrench import Wrench
+from lwrprobe.contracts import Contact
+from lwrprobe.contracts.samples import Vector
+
+MOST_SECONDS = 0.5
+PATIENCE = 6
+"""Samples without a new largest force, by 2 % and more, after which the rise is over."""
+TOUCHES = 8
+"""Touches that are looked at before the question is closed, and what is known by then stays."""
+WORTH = 2e-5
+"""m/N: a softer object is corrected for; a stiffer one is dented by less than 0.02 mm at 1 N."""
+FEWEST = 6
+APART = 0.15
+"""Share of the speed's spread that must not follow from the force, for the two to be told apart."""
+CERTAIN = 0.3
+"""Largest standard deviation of a compliance over its value."""
+DISCERNIBLE = 0.5
+"""Of the probe's own give along the normal: less than that on top of it may as well be an error of the probe's."""
+
+
+class TouchIdentification:
+    """Collects how far the tip goes and how much force that takes, touch by touch.
+
+    During a touch the nominal centre moves along the normal by what the probe, the arm and the object give way; the
+    probe's share is known (`Deflection.along`), what is left over force is the object's. The fits of several touches
+    are weighted by their variances. A stiff object is pressed to the full force within one or two samples: then there
+    is nothing to fit, and the dent is too small to matter.
+
+    Parameters
+    ----------
+    bend : the probe's own give
+    threshold : N, above it a touch is declared
+    """
+
+    def __init__(self, bend: Deflection, threshold: float) -> None:
+        self._bend, self._threshold = bend, threshold
+        self._rows: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self._rotation, self._normal = np.eye(3), np.zeros(3)
+        self._weight = self._weighted = 0.0
+        self._looked_at = self._calm = 0
+        self._top = 0.0
+        self.fitted = 0
+        self.compliance = 0.0
+        """m/N of the object, 0 while nothing worth a correction was found."""
+
+    @property
+    def settled(self) -> bool:
+        """The first touch has been judged."""
+        return self._looked_at > 0
+
+    def heed(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
+        """One sample and the tip's nominal pose (4, 4) at its instant; True when a touch has changed `compliance`."""
+        if self._looked_at >= TOUCHES or not wrench.usable:
+            return False
+        if wrench.magnitude < 0.25 * self._threshold:
+            return self._judge() if self._rows else False
+        self._rows.append((wrench.time, pose[:3, 3].copy(), wrench.world_force.copy()))
+        if contact is not None and contact.trust > 0.0:
+            self._normal, self._rotation = contact.normal, pose[:3, :3]
+        risen = wrench.magnitude > 1.02 * self._top
+        self._top = wrench.magnitude if risen else self._top
+        self._calm = 0 if risen else self._calm + 1
+        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MOST_SECONDS
+        return self._judge() if over and self._normal.any() else False
+
+    def _judge(self) -> bool:
+        rows, self._rows = self._rows, []
+        normal, self._normal = self._normal, np.zeros(3)
+        self._top, self._calm = 0.0, 0
+        if not normal.any():
+            return False
+        self._looked_at += 1
+        places, forces = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+        ways, normal_forces = -(places - places[0]) @ normal, forces @ normal
+        rising = slice(0, int(np.argmax(normal_forces)) + 1)
+        times = np.array([row[0] for row in rows])
+        fit = series_compliance(times[rising], ways[rising], normal_forces[rising])
+        if fit is None:
+            return False
+        series, sigma = fit
+        own = self._bend.along(self._rotation, normal)
+        compliance = series - own
+        if not (compliance > max(WORTH, DISCERNIBLE * own) and sigma < CERTAIN * compliance):
+            return False
+        weight = 1.0 / max(sigma, 1e-3 * compliance) ** 2
+        self._weight += weight
+        self._weighted += weight * compliance
+        self.compliance = self._weighted / self._weight
+        self.fitted += 1
+        return True
+
+
+def series_compliance(times: Vector, ways: Vector, forces: Vector) -> tuple[float, float] | None:
+    """m/N of everything in series and its standard deviation, from a press; None where it cannot be told.
+
+    Least squares on `x = x0 + c F - d v`: the speed's share is the surface's damping and whatever time the force is
+    off the way. Where force and speed go in step, as under a first-order force law, only the first two terms are
+    told apart. Times, ways (pressing positive) and forces are (n,) in s, m, N.
+    """
+    if len(times) < FEWEST or np.ptp(forces) <= 0.0 or (np.diff(times) <= 0.0).any():
+        return None
+    speeds = np.gradient(ways, times)
+    plain = np.column_stack([np.ones_like(forces), forces])
+    apart = speeds - plain @ np.linalg.lstsq(plain, speeds, rcond=None)[0]
+    changing = np.std(speeds) > 1e-6 * np.abs(speeds).max()
+    design = np.column_stack([plain, speeds]) if changing and np.std(apart) > APART * np.std(speeds) else plain
+    found, _, rank, _ = np.linalg.lstsq(design / np.abs(design).max(axis=0), ways, rcond=1e-6)
+    if rank < design.shape[1]:
+        return None
+    scale = np.abs(design).max(axis=0)
+    left = ways - design @ (found / scale)
+    spread = np.linalg.pinv(design.T @ design) * float(left @ left) / max(len(ways) - design.shape[1], 1)
+    return float(found[1] / scale[1]), float(np.sqrt(spread[1, 1]))

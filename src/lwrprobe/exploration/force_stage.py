@@ -1,0 +1,167 @@
+"""What a run learns of its touch as it goes: how stiff the surface is, whether the loop is calm, where zero is."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contact import (
+    Deflection,
+    DriftWatch,
+    LimitCycle,
+    Refusal,
+    TouchIdentification,
+    Wrench,
+    WrenchConditioner,
+    choose_force_law,
+)
+from lwrprobe.contracts import Contact, Feed, Goal, Motion, Probe, SafetyStop
+from lwrprobe.contracts.samples import Vector
+
+HISTORY = 64
+"""Cycles for which the tip's velocity is remembered: longer than any sample is late."""
+
+FREE_WINDOW = 0.5
+"""s of even travel without a touch after which the zero may be moved."""
+GUARD = 0.25
+"""s before a touch that are not trusted to have been free."""
+
+STEADY = 0.2
+"""m/s^2, below it the weight of the tip is not felt as a force (3 g: 0.6 mN)."""
+
+
+class TouchRefused(SafetyStop):
+    """There is no safe way to touch this; the message has the numbers."""
+
+
+class ForceStage:
+    """Watches every sample of a run, and says what to change.
+
+    Parameters
+    ----------
+    scene : contact and motion settings
+    conditioner : whose zero is moved in free space
+    estimator : told of the dent a soft surface takes
+    rate : Hz, of the sensor
+    """
+
+    def __init__(self, scene: Any, probe: Probe, conditioner: WrenchConditioner, estimator: Any, rate: float) -> None:
+        self._contact = scene.contact
+        self._braking = scene.motion.acceleration
+        self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
+        self._bend = Deflection(probe)
+        self._axial = float(probe.compliance[2])
+        self._drift = DriftWatch(
+            conditioner, touch_force=0.5 * scene.contact.threshold, window=FREE_WINDOW, guard=GUARD
+        )
+        self._touch = TouchIdentification(self._bend, scene.contact.threshold)
+        self._cycle: LimitCycle | None = None
+        self._times: deque[float] = deque(maxlen=HISTORY)
+        self._velocities: deque[Vector] = deque(maxlen=HISTORY)
+        self._report: dict[str, Any] = {}
+        # Of an upper bound of the stiffness follows a lower bound of the dent.
+        estimator.set_indentation(1.0 / scene.contact.stiffness)
+
+    def begin(self, delay: float) -> None:
+        """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe."""
+        c = self._contact
+        series = 1.0 / (1.0 / c.stiffness + self._axial)
+        law = choose_force_law(
+            series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, most_speed=1.0
+        )
+        self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
+        self._delay = delay
+        self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
+        if isinstance(law, Refusal):
+            self._report["refused"] = law.reason
+            raise TouchRefused(f"touch refused: {law.reason}")
+        self._report |= {
+            "stability_number": round(law.stability_number, 4),
+            "damping": round(law.damping, 3),
+            "safe_approach_mm_s": round(1e3 * law.approach_speed, 4),
+            "warnings": list(law.warnings),
+        }
+
+    def moved(self, time: float, velocity: Vector) -> None:
+        """The tip's velocity at an arm state, once a cycle."""
+        self._times.append(time)
+        self._velocities.append(velocity.copy())
+
+    def velocity_at(self, time: float) -> Vector:
+        """(3,) m/s of the tip at a sample's own instant: friction opposes the motion of then, not of now."""
+        for known, velocity in zip(reversed(self._times), reversed(self._velocities)):
+            if known <= time:
+                return velocity
+        return self._velocities[0] if self._velocities else np.zeros(3)
+
+    @property
+    def settled(self) -> bool:
+        """Contacts may be stored: the first touch has told whether the surface is soft."""
+        return self._touch.settled
+
+    def heed(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
+        """One sample.
+
+        Raises SafetyStop when the sensor's stream cannot be relied on, TouchRefused when the surface turns out too
+        stiff for the damping that was chosen.
+        """
+        failing = self._conditioner.failing
+        if failing:
+            raise SafetyStop(f"the sensor cannot be relied on: {failing}")
+        if contact is not None and self._cycle is not None:
+            self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
+        elif self._cycle is not None:
+            self._cycle.reset()
+        if self._touch.heed(wrench, pose, contact):
+            self._adopt()
+
+    def calm(self, motion: Motion, wrench: Wrench) -> Motion:
+        """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
+
+        A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
+        is found by the force.
+        """
+        self._drift.observe(wrench, isinstance(motion, Goal) and self._steady())
+        if self._drift.ready:
+            self._drift.rezero()
+        if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, Feed):
+            return motion
+        return Feed(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
+
+    def _steady(self) -> bool:
+        """No acceleration over the last cycle that the tip's weight would be felt in."""
+        if len(self._times) < 2 or self._times[-1] <= self._times[-2]:
+            return False
+        change = self._velocities[-1] - self._velocities[-2]
+        return float(np.sqrt(change @ change)) < STEADY * (self._times[-1] - self._times[-2])
+
+    def _adopt(self) -> None:
+        """A touch has been fitted: the dent is taken off from now on, and the damping is held against the stiffness."""
+        found = self._touch.compliance
+        self._estimator.set_indentation(found)
+        if found <= 0.0:
+            return
+        stated = 1.0 / self._contact.stiffness + self._axial
+        number = stated / (found + self._axial) / math.e
+        self._report["stability_number_found"] = round(number, 4)
+        if number > 1.0:
+            raise TouchRefused(
+                f"touch refused: the surface has {1.0 / found:.3g} N/m where contact.stiffness says "
+                f"{self._contact.stiffness:.3g} at most; stability number {number:.3g}, above 1 the force would swing"
+            )
+
+    def report(self) -> dict[str, Any]:
+        """For the summary."""
+        changes = self._drift.changes
+        found = self._touch.compliance
+        return self._report | {
+            "object_stiffness": round(1.0 / found, 1) if found > 0.0 else None,
+            "touches_fitted": self._touch.fitted,
+            "limit_cycles": self._cycle.detections if self._cycle is not None else 0,
+            "zero_moved": len(changes),
+            "zero_moved_by_n": np.round(sum((c.change[:3] for c in changes), np.zeros(3)), 4).tolist(),
+            "drift_suspicious": bool(self._drift.suspicious),
+        }

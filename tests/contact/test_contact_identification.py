@@ -1,0 +1,105 @@
+"""The zero at the start of a run, and the stiffness that its first touches tell."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contact import Deflection, TouchIdentification, Wrench, WrenchConditioner, agreed_bias
+from lwrprobe.contact.touch_identification import series_compliance
+from lwrprobe.contracts import Contact, Probe, WrenchSample
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+OFFSET = np.array([0.12, -0.08, 0.25, 1e-3, -2e-3, 5e-4])
+STICK = np.array([1 / 2.5e3, 1 / 2.5e3, 1 / 1.3e6])
+
+
+class Place:
+    """A probe that touches something until it has been moved away `leaves_after` times."""
+
+    def __init__(self, force, leaves_after):
+        self.force, self.leaves_after, self.retreats = np.array(force), leaves_after, 0
+        self.random = np.random.default_rng(1)
+
+    def listen(self):
+        touch = np.zeros(6)
+        if self.retreats < self.leaves_after:
+            touch[:3] = self.force / (1 + self.retreats)
+            touch[3:] = np.cross([0.0, 0.0, 0.05], touch[:3])
+        noise = np.repeat([3e-3, 1.6e-5], 3)
+        rows = OFFSET + touch + noise * self.random.normal(size=(100, 6))
+        return [WrenchSample(k / 125.0, row[:3], row[3:], k) for k, row in enumerate(rows)]
+
+    def retreat(self):
+        self.retreats += 1
+
+
+@pytest.mark.parametrize(("force", "leaves_after"), [((0, 0, 0), 0), ((0, 0, -0.1), 1), ((1.0, 0, -2.0), 3)])
+def test_the_bias_is_that_of_free_space_whatever_was_touched_at_first(force, leaves_after):
+    place, conditioner = Place(force, leaves_after), WrenchConditioner(Probe(), 125.0)
+    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN)
+    assert found.outcome.taken
+    assert found.touched == (leaves_after > 0)
+    assert found.retreats == place.retreats == leaves_after + 1
+    np.testing.assert_allclose(conditioner.bias, OFFSET, atol=2e-3)
+
+
+def test_a_touch_that_does_not_end_gives_no_bias():
+    place, conditioner = Place((0, 0, -3.0), 99), WrenchConditioner(Probe(), 125.0)
+    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN, most_retreats=3)
+    assert not found.outcome.taken
+    assert found.touched
+    assert found.outcome.reason == "touching"
+
+
+def press(stiffness, normal, damping=0.0, delay=0.0, top=0.8, noise=3e-3, seed=1):
+    """Samples of a press that slows down, at 125 Hz: (wrench, pose, contact) each."""
+    random = np.random.default_rng(seed)
+    normal = np.array(normal, dtype=float)
+    series = 1.0 / stiffness + float(np.dot(normal, Deflection(Probe(compliance=STICK)).shift(DOWN, normal)))
+    depth = 1.1 * top * series
+    times = np.arange(0.0, 0.4, 0.008)
+
+    def way(t):
+        return depth * (1.0 - np.exp(-np.maximum(t, 0.0) / 0.06))
+
+    for k, t in enumerate(times):
+        speed = (way(t + 1e-5) - way(t - 1e-5)) / 2e-5
+        force = max(way(t) / series + damping * speed, 0.0) + noise * random.normal()
+        pose = np.eye(4)
+        pose[:3, :3] = DOWN
+        pose[:3, 3] = 0.1 - way(t - delay) * normal
+        world = force * normal
+        wrench = Wrench(t, DOWN.T @ world, np.zeros(3), world, k)
+        contact = Contact(t, pose[:3, 3], normal, world, pose[:3, 3], 0.9, "") if force > 0.2 else None
+        yield wrench, pose, contact
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0)])
+@pytest.mark.parametrize(("damping", "delay"), [(0.0, 0.0), (3.0, 0.0), (0.0, 0.004)])
+def test_a_soft_object_is_told_from_the_stick(normal, damping, delay):
+    touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)
+    assert not touch.settled
+    changed = [touch.heed(*sample) for sample in press(800.0, normal, damping, delay)]
+    assert sum(changed) == 1
+    assert touch.settled
+    # force and speed go in step here, so damping and delay cannot be told from stiffness: 50 N/m, and 7 % of the way
+    assert touch.compliance == pytest.approx(1 / 800.0, rel=0.1)
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0)])
+def test_a_stiff_object_is_left_alone(normal):
+    touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)
+    for sample in press(1e5, normal):
+        touch.heed(*sample)
+    assert touch.settled
+    assert touch.compliance == 0.0
+
+
+def test_a_press_that_tells_nothing_is_none():
+    t = np.arange(10) * 0.008
+    assert series_compliance(t[:3], t[:3], t[:3]) is None
+    assert series_compliance(t, np.zeros(10), np.ones(10)) is None
+    assert series_compliance(np.zeros(10), t, t) is None
+    assert series_compliance(t, t, np.full(10, 2.0)) is None
+    assert series_compliance(t, t / 500.0, t)[0] == pytest.approx(1 / 500.0)  # even: speed and offset are one
+    ways = 1e-3 * t**2
+    assert series_compliance(t, ways, 500.0 * ways)[0] == pytest.approx(1 / 500.0)
