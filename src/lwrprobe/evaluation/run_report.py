@@ -67,7 +67,10 @@ class _Page:
 
         self.error: MeshError | None = None
         if self.signed is not None:
-            self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES)
+            try:
+                self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES)
+            except LwrprobeError:  # a scrap of a mesh, too low or too small to be compared
+                self.signed = None
 
     def html(self) -> str:
         title = escape(self.run.scene.title or self.run.scene.name)

@@ -90,6 +90,11 @@ def explore(
     summary["wall_time_s"] = round(sum(seconds.values()), 3)
     summary["wall_time_parts_s"] = {name: round(value, 3) for name, value in seconds.items()}
     recorder.write_json("summary.json", summary)
+    if out is not None:
+        from lwrprobe.evaluation.run_report import write_report
+
+        tell("writing the report")
+        write_report(out, surface)
     return summary
 
 
