@@ -163,9 +163,12 @@ def test_coverage_over_time_ends_at_the_coverage_and_never_falls(block):
 
 def test_ends_that_were_missed_are_measured(block):
     points = np.array([[-0.045, 0.0, 0.05], [0.05, 0.0, 0.03]])
-    assert end_errors(points, block, RADIUS, LOWEST) == pytest.approx((0.005, 0.0), abs=1e-9)
-    assert end_errors(points, block, RADIUS, LOWEST, axis=1) == pytest.approx((0.025, 0.025), abs=1e-9)
-    assert end_errors(np.empty((0, 3)), block, RADIUS, LOWEST) == (np.inf, np.inf)
+    outward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    assert end_errors(points, outward, block, RADIUS, LOWEST) == pytest.approx((0.005, 0.0), abs=1e-9)
+    sideways = outward[:, [1, 0, 2]]
+    assert end_errors(points, sideways, block, RADIUS, LOWEST, axis=1) == pytest.approx((0.025, 0.025), abs=1e-9)
+    assert end_errors(points, sideways, block, RADIUS, LOWEST) == (np.inf, np.inf), "felt from the side alone"
+    assert end_errors(np.empty((0, 3)), np.empty((0, 3)), block, RADIUS, LOWEST) == (np.inf, np.inf)
 
 
 def test_the_lower_bound_is_path_over_speed_and_grows_with_what_it_counts(block):

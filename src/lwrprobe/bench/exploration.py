@@ -115,7 +115,7 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         "contact_median": error.get("median"),
         "contact_p95": error.get("p95"),
         "coverage": summary["coverage"],
-        "ends": max(map(abs, ends)) if ends else None,
+        "ends": max(map(abs, ends)) if ends and None not in ends else None,
         "mesh": mesh.get("mean"),
         "clearance": None if summary["min_clearance_m"] is None else 1e3 * summary["min_clearance_m"],
         "time": summary["sim_time_s"],

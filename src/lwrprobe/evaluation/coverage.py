@@ -12,6 +12,7 @@ from lwrprobe.evaluation.reach import SAMPLES, Reach, reach
 from lwrprobe.scene.solid import Solid
 
 _CLOSE = 0.005  # m
+_FACING = 0.7071  # share of the normal along the axis
 
 
 @dataclass(slots=True, frozen=True)
@@ -90,18 +91,29 @@ def coverage_over_time(
 
 
 def end_errors(
-    contacts: np.ndarray, solid: Solid, radius: float, lowest: float, axis: int = 0, samples: int = SAMPLES
+    contacts: np.ndarray,
+    normals: np.ndarray,
+    solid: Solid,
+    radius: float,
+    lowest: float,
+    axis: int = 0,
+    samples: int = SAMPLES,
 ) -> tuple[float, float]:
     """m by which the contacts fall short of (positive) or pass (negative) the reachable surface's two ends on an axis.
 
-    Infinite without contacts.
+    A contact (n, 3) counts for the end that its normal (n, 3) faces within 45 degrees: what has been felt from its side
+    alone has not been found. Infinite without such a contact.
     """
-    contacts = rows("contacts", contacts)
+    contacts, normals = rows("contacts", contacts), rows("normals", normals)
     found = reach(solid, radius, lowest, samples=samples)
     if not len(contacts) or not len(found.points):
         return np.inf, np.inf
-    seen, true = contacts[:, axis], found.points[:, axis]
-    return float(seen.min() - true.min()), float(true.max() - seen.max())
+    true = found.points[:, axis]
+    low, high = (contacts[sign * normals[:, axis] > _FACING, axis] for sign in (-1.0, 1.0))
+    return (
+        float(low.min() - true.min()) if len(low) else np.inf,
+        float(true.max() - high.max()) if len(high) else np.inf,
+    )
 
 
 def _gaps(found: Reach, contacts: np.ndarray) -> np.ndarray:

@@ -101,8 +101,8 @@ def _against_truth(
     at = np.linspace(0.0, times.max(), 41)[1:]
     shares = coverage_over_time(points, times, at, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
     found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
-    ends = end_errors(points, solid, scene.probe.radius, lowest)
-    found["end_errors_mm"] = [round(1e3 * end, 4) for end in ends]
+    ends = end_errors(points, normals, solid, scene.probe.radius, lowest)
+    found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]
     truth = [judge.contact_at(sequence) for sequence in recorder.sequences]
     known = np.array([true is not None for true in truth])
     if known.any():
