@@ -9,6 +9,7 @@ import typer
 
 from lwrprobe.contracts.plugins import load
 from lwrprobe_rig.console import joint_angles, run_command, serve
+from lwrprobe_rig.witness import Witness
 from lwrprobe_rig.world import SimulatedWorld
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -40,8 +41,8 @@ def rig(
 ) -> None:
     """Let `lwrprobe explore SCENE --arm fri --sensor ati` touch a simulated object over real sockets, in real time.
 
-    A control line begins with `fri` or `ati`: `ati fault down=1`, `fri drives off`, `fri status`. At the end one line
-    of JSON tells the truth: peak force and collisions.
+    A control line begins with `fri`, `ati` or `world`: `ati fault down=1`, `fri drives off`, `world status`. At the end
+    one line of JSON tells the truth: peak force and collisions.
     """
     from lwrprobe.scene import load_scene
 
@@ -57,7 +58,6 @@ def rig(
         f"{loaded.name}: FRI at {bind} every {cycle_ms:g} ms, answers expected from {remote}; "
         f"ATI console at {telnet}, data at {udp}, transducer {transducer}"
     )
-    code = serve({"fri": arm, "ati": sensor}, greeting, control, seconds)
-    truth = {"peak_force_n": world.judge.peak_force, "link_collisions": world.judge.link_collisions}
-    typer.echo(json.dumps(truth | {"overruns": arm.overruns, "refused": world.refused}))
+    code = serve({"fri": arm, "ati": sensor, "world": Witness(world)}, greeting, control, seconds)
+    typer.echo(json.dumps(world.truth() | {"overruns": arm.overruns}))
     raise typer.Exit(code)

@@ -3,20 +3,16 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import SafetyStop, SampleStatus, WrenchSample
+from lwrprobe.contracts import SafetyStop, SampleStatus
 from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
 from lwrprobe.exploration.way_back import WayBack
-
-
-def sample(status=0):
-    return WrenchSample(0.0, np.zeros(3), np.zeros(3), 1, int(status))
 
 
 def run_silent(guard, cycle, status=None):
     """Cycles until it stops, with a sample of that status each cycle, or none."""
     for n in range(1, 1000):
         if status is not None:
-            guard.heard(sample(status))
+            guard.heard(int(status))
         try:
             guard.check(n * cycle)
         except SensorLost:
@@ -50,13 +46,13 @@ def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
 def test_saturation_in_a_row():
     guard = SilenceGuard(0.1, 0.01)
     for _ in range(5):
-        guard.heard(sample(SampleStatus.SATURATED))
-        guard.heard(sample(SampleStatus.SATURATED))
-        guard.heard(sample())
-    guard.heard(sample(SampleStatus.SATURATED))
-    guard.heard(sample(SampleStatus.SATURATED))
+        guard.heard(SampleStatus.SATURATED)
+        guard.heard(SampleStatus.SATURATED)
+        guard.heard(0)
+    guard.heard(SampleStatus.SATURATED)
+    guard.heard(SampleStatus.SATURATED)
     with pytest.raises(SensorLost, match="end of its range"):
-        guard.heard(sample(SampleStatus.SATURATED))
+        guard.heard(SampleStatus.SATURATED)
 
 
 def test_torque_yields_as_force_does():

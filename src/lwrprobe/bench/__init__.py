@@ -12,6 +12,7 @@ BENCHES: dict[str, str] = {
     "contact": "lwrprobe.bench.contact",
     "exploration": "lwrprobe.bench.exploration",
     "loop": "lwrprobe.bench.loop",
+    "faults": "lwrprobe.bench.faults",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
     "reconstruction": "lwrprobe.bench.reconstruction",

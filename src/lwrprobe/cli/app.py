@@ -11,7 +11,19 @@ from typing import Annotated
 import typer
 
 import lwrprobe
-from lwrprobe.cli import bench, doctor, emulate, evaluate, explore, listing, map_file, merge, reconstruct, report
+from lwrprobe.cli import (
+    bench,
+    doctor,
+    emulate,
+    evaluate,
+    explore,
+    listing,
+    map_file,
+    merge,
+    reconstruct,
+    repeat,
+    report,
+)
 from lwrprobe.contracts.errors import LwrprobeError
 
 app = typer.Typer(
@@ -30,6 +42,7 @@ app.command("report")(report.report)
 app.command("merge")(merge.merge)
 app.command("list")(listing.list_names)
 app.command("doctor")(doctor.doctor)
+app.command("repeat")(repeat.repeat)
 app.command("bench")(bench.bench)
 app.command(
     "emulate",

@@ -52,13 +52,21 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
     from lwrprobe.scene import load_scene
 
     loaded = load_scene(scene, settings)
+    faces = {}
     for name in dict.fromkeys(names):
         plugin = load("driver", name, DRIVER_CONTRACT)
         if not hasattr(plugin, "readings"):
             raise InputError("driver", name, "a driver of a device, with readings to show")
         config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
-        for reading in plugin(DriverContext(config, loaded)).readings(seconds):
+        driver = plugin(DriverContext(config, loaded))
+        faces |= {role: getattr(driver, role)() for role in plugin.roles}
+        for reading in driver.readings(seconds):
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
+    if {"arm", "sensor"} <= faces.keys():
+        from lwrprobe.exploration.dry_run import stability
+
+        reading = stability(loaded, faces["arm"].cycle, faces["sensor"].latency)
+        yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
 
 
 def _libraries() -> list[tuple[str, bool]]:

@@ -24,6 +24,11 @@ def explore(
         typer.Option("--set", help="key=value of the scene file, e.g. strategy.step=0.005; repeatable."),
     ] = None,
     realtime: Annotated[bool, typer.Option(help="A simulator keeps pace with the wall clock.")] = False,
+    dry: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Drive it in the simulator only: reach, limits, time. No device is opened."),
+    ] = False,
+    confirm: Annotated[int, typer.Option(help="Ask for each of the first so many motions; Enter stops each.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as the last line of output.")] = False,
     quiet: Annotated[bool, typer.Option(help="No progress, no table.")] = False,
 ) -> None:
@@ -41,10 +46,14 @@ def explore(
     with ProgressLine(quiet) as line:
         line.tell(f"loading scene {scene}")
         loaded = load_scene(scene, overrides, profile)
+        if dry:
+            return _rehearse(loaded, line, as_json)
+        from lwrprobe.exploration.confirm import Confirm
         from lwrprobe.exploration.explore import explore as run
 
         folder = out if out is not None else Path("runs") / loaded.name
-        summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell)
+        asking = Confirm(confirm, line.tell) if confirm > 0 else None
+        summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
     if not quiet:
         _show(summary, folder)
     if as_json:
@@ -52,6 +61,18 @@ def explore(
     if summary["status"] != "done":
         if quiet:
             typer.echo(f"lwrprobe: {summary['reason']}", err=True)
+        raise typer.Exit(1)
+
+
+def _rehearse(scene: Any, line: Any, as_json: bool) -> None:
+    from lwrprobe.exploration.dry_run import dry_run
+
+    found = dry_run(scene, line.tell)
+    for reading in found.readings:
+        typer.echo(f"{'  ' if reading.good else '! '}{reading.name:<28} {reading.value}")
+    if as_json:
+        typer.echo(json.dumps(found.summary))
+    if not found.good:
         raise typer.Exit(1)
 
 

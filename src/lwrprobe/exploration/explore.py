@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord
+from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.explorer import Explorer, Outcome, WatchFunction
-from lwrprobe.exploration.pipeline import Pipeline, choose, compose, robot_of
+from lwrprobe.exploration.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rehearsal import rehearse, settled_memory
 from lwrprobe.exploration.rig import Rig
@@ -32,6 +33,8 @@ def explore(
     realtime: bool = False,
     watch: WatchFunction | None = None,
     tell: Tell = lambda text: None,
+    choices: Choices | None = None,
+    confirm: Confirm | None = None,
 ) -> dict[str, Any]:
     """Explore a scene and return its summary; with `out`, leave a run folder.
 
@@ -42,12 +45,14 @@ def explore(
     realtime : a simulator keeps pace with the wall clock
     watch : called some ten times a second with a `Glimpse`
     tell : called with a sentence at each new phase
+    choices : strategy and reconstructor, None = those that the scene names
+    confirm : asks for each of the first motions
 
     Raises InputError and its kin for a scene that cannot be run; once the arm moves nothing is raised any more: what
     ends the run early stands in the summary's `status` and `reason`.
     """
     begin = perf_counter()
-    choices = choose(scene)
+    choices = choices or choose(scene)
     robot = robot_of(scene)
     pose, q = start_posture(scene, robot)
     beyond = unreachable_part(scene, robot, pose, q)
@@ -65,7 +70,7 @@ def explore(
     for driver in rig.drivers.values():
         pipeline.left_out += getattr(driver, "left_out", [])
     rehearse(scene, choices, rig.arm.cycle, rig.sensor.rate, pose, q)
-    explorer = Explorer(scene, pipeline, rig, recorder, watch)
+    explorer = Explorer(scene, pipeline, rig, recorder, watch, confirm)
     with settled_memory(), rig:
         refused = _make_ready(explorer, pose, q)
         seconds["compile"] = perf_counter() - begin

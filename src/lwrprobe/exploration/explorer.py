@@ -25,6 +25,7 @@ from lwrprobe.contracts import (
     Task,
     WrenchSample,
 )
+from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
 from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop, table_plane
 from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
@@ -83,13 +84,20 @@ class Explorer:
     """Runs one strategy over one rig until it is done, stopped or interrupted."""
 
     def __init__(
-        self, scene: Any, pipeline: Pipeline, rig: Rig, recorder: Recorder, watch: WatchFunction | None
+        self,
+        scene: Any,
+        pipeline: Pipeline,
+        rig: Rig,
+        recorder: Recorder,
+        watch: WatchFunction | None,
+        confirm: Confirm | None = None,
     ) -> None:
         self.scene = scene
         self.pipe = pipeline
         self.rig = rig
         self.recorder = recorder
         self.watch = watch
+        self.confirm = confirm
         self.clock = StageClock(STAGES)
         self.cycle = rig.arm.cycle
         n = pipeline.robot.n
@@ -136,12 +144,24 @@ class Explorer:
             move = JointTrajectory(self.cycle, robot.lower, robot.upper, slow, 2.0 * slow, 10.0 * slow)
             move.reset(state.q)
             move.set_goal(q)
+            self._ask_for_start(np.abs(state.q - q).max())
             while not move.arrived:
+                if self.confirm is not None:
+                    self.confirm.watch()
                 move.step()
                 self._command(move.q)
                 self._remember(self.rig.arm.read())
         self._q[:] = q
         self.pipe.place_tip(pose, q)
+
+    def _ask_for_start(self, farthest: float) -> None:
+        """Hold the joints until the operator allows the move to the start, where somebody is to be asked."""
+        if self.confirm is None or self.confirm.left <= 0:
+            return
+        what = f"all joints to the start at 30 % of their speed, up to {np.degrees(farthest):.1f} deg"
+        while not self.confirm.ask(("start",), what):
+            self._command(self._q)
+            self._remember(self.rig.arm.read())
 
     def take_bias(self, seconds: float) -> None:
         """Take the sensor's bias where two places agree on it; raises SafetyStop when the probe stays in contact."""
@@ -305,10 +325,10 @@ class Explorer:
 
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
-        self._silence.heard(sample)
         pose = self._pose_at(sample.time)
         velocity = pipe.force.velocity_at(sample.time)
         wrench = pipe.conditioner.condition(sample, pose[:3, :3])
+        self._silence.heard(sample.status | wrench.status)
         if pipe.conditioner.failing:
             raise SensorLost(f"the sensor cannot be relied on: {pipe.conditioner.failing}")
         clock.lap("condition")
@@ -353,6 +373,8 @@ class Explorer:
         motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
         override = self._guard.check(self._time, wrench.world_force, wrench.torque)
         clock.lap("strategy")
+        if self.confirm is not None and override is None:
+            motion = self.confirm.filter(motion)
         self._adopt(override or motion)
         clock.lap("trajectory")
         self._account(seen, contact, size, near)

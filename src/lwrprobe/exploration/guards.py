@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contact.wrench import UNUSABLE
-from lwrprobe.contracts import Feed, SafetyStop, SampleStatus, WrenchSample
+from lwrprobe.contracts import Feed, SafetyStop, SampleStatus
 from lwrprobe.contracts.samples import Vector
 
 _SATURATED_RUN = 3  # samples in a row; one alone may be a spike
@@ -79,12 +79,15 @@ class SilenceGuard:
         self._silent = 0.0
         self._saturated = 0
 
-    def heard(self, sample: WrenchSample) -> None:
-        """A sample came; raises SensorLost for one in a row too many that is at the end of the sensor's range."""
-        if sample.status & UNUSABLE:
+    def heard(self, status: int) -> None:
+        """A sample of this status came, the driver's and the conditioner's.
+
+        Raises SensorLost for one in a row too many that is at the end of the sensor's range.
+        """
+        if status & UNUSABLE:
             return
         self._silent = 0.0
-        self._saturated = self._saturated + 1 if sample.status & SampleStatus.SATURATED else 0
+        self._saturated = self._saturated + 1 if status & SampleStatus.SATURATED else 0
         if self._saturated >= _SATURATED_RUN:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
 

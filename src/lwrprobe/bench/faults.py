@@ -1,0 +1,320 @@
+"""Every fault of arm and sensor in turn, during a contour, over real sockets: what the run does about it.
+
+The emulated rig runs in a process of its own, the exploration in this one, exactly as `lwrprobe explore` runs it. As
+soon as the probe follows the surface the fault begins; from then on the simulated world is asked, many times a second,
+where the arm is and how hard it presses.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.contracts import DriverError, UnknownNameError
+from lwrprobe.evaluation.machine import machine
+from lwrprobe.exploration.explore import explore, start_posture
+from lwrprobe.exploration.explorer import Glimpse
+from lwrprobe.exploration.pipeline import robot_of
+from lwrprobe.scene import Scene, load_scene
+
+_SCENE = "cylinder_vertical"
+_SMALL = ("area.lower=[-0.02, -0.045, 0.006]", "area.upper=[0.02, 0.045, 0.06]", "strategy.step=0.01")
+_TOUCHED = 40
+"""Contacts after which the probe is taken to follow the surface."""
+_WATCHED = 4.0
+"""s for which a run that is to go on is watched."""
+_MOTION = 1e-4
+"""m, from which on the direction of the tip's motion is known."""
+_EMULATE = (
+    "import sys; from lwrprobe.contracts.plugins import load; sys.exit(load('emulator', 'rig').run(sys.argv[1:]))"
+)
+
+
+@dataclass(slots=True, frozen=True)
+class Fault:
+    """One thing that goes wrong.
+
+    Attributes
+    ----------
+    name : a few words
+    line : what the rig's operator types
+    words : the sentence has one of these; empty = the run goes on
+    travel : m that the tip may move after the fault began, the way back not counted
+    goes_back : the tip is to leave the surface by itself
+    settings : of the scene, beside the small area
+    """
+
+    name: str
+    line: str
+    words: tuple[str, ...] = ()
+    travel: float = 0.004
+    goes_back: bool = False
+
+
+# At 20 mm/s, 0.1 s of silence and the stop are 2.5 mm; frozen values are found after 0.5 s.
+FAULTS = (
+    Fault("sensor silent", "ati fault down=1", ("no usable wrench sample",), goes_back=True),
+    Fault("sensor repeats its last record", "ati fault freeze", ("no usable wrench sample",), goes_back=True),
+    Fault("sensor's values stand still", "ati stuck 1 on", ("cannot be relied on", "no usable"), 0.015, goes_back=True),
+    Fault("sensor saturated", "ati saturate 1 on", ("end of its range",), goes_back=True),
+    Fault("bridge voltage low", "ati bridge 1 on", ("no usable wrench sample",), goes_back=True),
+    Fault("samples 0.3 s late", "ati fault delay=0.3", ("no usable wrench sample",), goes_back=True),
+    Fault("sensor switched off and on", "ati restart 1", ("no usable", "restarted"), goes_back=True),
+    Fault("30 % of the samples lost", "ati fault loss=0.3"),
+    Fault("sensor's line corrupt, 5 %", "ati fault corrupt=0.05"),
+    Fault("controller silent", "fri fault down=1", ("has been silent",)),
+    Fault("drives off", "fri drives off", ("drives off",)),
+    Fault("joint limit hit", "fri limit", ("drive errors",)),
+    Fault("quality falls", "fri fault quality=bad", ("quality BAD",)),
+    Fault("controller repeats its last word", "fri fault freeze", ("has been silent", "left command mode")),
+    Fault("controller restarted", "fri restart 1", ("has been silent", "left command mode")),
+    Fault("2 % of the controller's datagrams lost", "fri fault loss=0.02"),
+)
+QUICK = ("sensor silent", "sensor saturated", "30 % of the samples lost", "controller silent", "drives off")
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What came of one fault.
+
+    Attributes
+    ----------
+    summary : of the run
+    kept : contacts in the run folder afterwards; before : when the fault began
+    way : (m, 4) s since the fault began, and the tip in m
+    peak : N, largest true force on the sphere since then
+    collisions : of links other than the sphere; touching : the sphere, at the end
+    """
+
+    fault: Fault
+    limit: float
+    summary: dict[str, Any] = field(default_factory=dict)
+    before: int = 0
+    kept: int = 0
+    way: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    peak: float = 0.0
+    collisions: int = 0
+    touching: bool = False
+
+    @property
+    def stopped(self) -> bool:
+        """The run ended by itself, with exit code 1."""
+        return self.summary["status"] != "done" and self.summary["reason"] != "interrupted"
+
+    @property
+    def travel(self) -> float:
+        """m that the tip went on in the direction in which the fault found it: its way back does not count."""
+        ahead = self._ahead()
+        return float(ahead.max()) if len(ahead) else float("nan")
+
+    @property
+    def rest_after(self) -> float:
+        """s from the fault until the tip went on no more, to a twentieth of a millimetre."""
+        ahead = self._ahead()
+        return float(self.way[np.argmax(ahead >= ahead.max() - 5e-5), 0]) if len(ahead) else float("nan")
+
+    def _ahead(self) -> np.ndarray:
+        """(m,) m, along the first motion after the fault that is one."""
+        if len(self.way) == 0:
+            return np.empty(0)
+        moved = self.way[:, 1:] - self.way[0, 1:]
+        away = np.linalg.norm(moved, axis=1)
+        if away.max() < _MOTION:
+            return away
+        first = moved[np.argmax(away >= _MOTION)]
+        return moved @ (first / np.linalg.norm(first))
+
+    def held(self) -> bool:
+        """All that is promised."""
+        fault = self.fault
+        quiet = self.peak <= self.limit and self.collisions == 0 and self.kept >= self.before > 0
+        if not fault.words:
+            return quiet and not self.stopped
+        said = any(word in self.summary["reason"] for word in fault.words)
+        left = not (fault.goes_back and self.touching)
+        return quiet and self.stopped and said and left and self.travel <= fault.travel
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """Each fault in turn; option `only` names one of them."""
+    wanted = [f for f in FAULTS if not quick or f.name in QUICK]
+    if "only" in options:
+        wanted = [f for f in FAULTS if f.name == options["only"]]
+        if not wanted:
+            raise UnknownNameError("fault", options["only"], [f.name for f in FAULTS])
+    outcomes = [suffer(fault) for fault in wanted]
+    report = BenchReport("faults", "Each fault of arm and sensor, during a contour over real sockets")
+    report.machine = machine()
+    columns = ["fault", "ended", "exit code", "moved on mm", "for s", "peak N", "touches", "kept", "sentence"]
+    report.tables = [Table("What the run does about it", columns, [_row(o) for o in outcomes])]
+    report.verdicts = [
+        Verdict(o.fault.name, f"peak {o.peak:.2f} N, moved {1e3 * o.travel:.2f} mm, {o.summary['reason']}", o.held())
+        for o in outcomes
+    ]
+    report.notes = [
+        f"limit {outcomes[0].limit:g} N; moved on: the tip, in the direction in which the fault found it",
+        "touches: the sphere, at the end; kept: all contacts from before the fault are in the run folder",
+        "peak: the true force on the sphere since the fault began, as the simulated world knows it",
+    ]
+    return report
+
+
+def suffer(fault: Fault) -> Outcome:
+    """One exploration with one fault."""
+    ports = _free_addresses(5)
+    bind, remote, udp, local, control = ports
+    (telnet,) = _free_addresses(1, socket.SOCK_STREAM)
+    scene = load_scene(
+        _SCENE,
+        [
+            *_SMALL,
+            'arm.driver="fri"',
+            'sensor.driver="ati"',
+            f'drivers.fri.bind="{bind}"',
+            f'drivers.fri.remote="{remote}"',
+            f'drivers.ati.telnet="{telnet}"',
+            f'drivers.ati.udp="{udp}"',
+            f'drivers.ati.local="{local}"',
+        ],
+    )
+    devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]
+    with tempfile.TemporaryDirectory() as folder, _rig(scene, devices):
+        outcome = Outcome(fault, scene.contact.limit)
+        operator = _Operator(control, scene)
+        watch = _Trigger(operator, outcome)
+        outcome.summary = explore(scene, Path(folder), watch=watch)
+        operator.rest(0.5)
+        outcome.way = operator.way()
+        truth = operator.truth()
+        outcome.peak, outcome.collisions = truth["peak_since_mark_n"], truth["link_collisions"]
+        outcome.touching = truth["force_n"] > 0.0
+        with (Path(folder) / "contacts.csv").open() as rows:
+            outcome.kept = sum(1 for _ in csv.reader(rows)) - 1
+        return outcome
+
+
+class _Trigger:
+    """Shown what the probe does, it lets the fault begin, and ends a run that has gone on for long enough."""
+
+    def __init__(self, operator: _Operator, outcome: Outcome) -> None:
+        self._operator, self._outcome = operator, outcome
+        self._begun: float | None = None
+
+    def __call__(self, glimpse: Glimpse) -> None:
+        if self._begun is None:
+            if glimpse.contacts >= _TOUCHED and glimpse.force > 0.0:
+                self._outcome.before = glimpse.contacts
+                self._operator.begin(self._outcome.fault.line)
+                self._begun = time.monotonic()
+        elif not self._outcome.fault.words and time.monotonic() - self._begun > _WATCHED:
+            raise KeyboardInterrupt
+
+
+class _Operator:
+    """Types lines on the rig's control port, and asks the world where the arm is from a thread of its own."""
+
+    def __init__(self, control: str, scene: Scene) -> None:
+        host, _, port = control.partition(":")
+        self._address = (host, int(port))
+        self._robot = robot_of(scene)
+        self._looks: list[tuple[float, list[float]]] = []
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def begin(self, line: str) -> None:
+        """Let the fault happen and watch from now on."""
+        self.ask("world mark")
+        self._look()
+        self.ask(line)
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def rest(self, seconds: float) -> None:
+        """Watch for a while longer, then no more."""
+        time.sleep(seconds)
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def truth(self) -> dict[str, Any]:
+        return json.loads(self.ask("world status"))
+
+    def way(self) -> np.ndarray:
+        """(m, 4) world's s since the fault began, and the tip."""
+        if not self._looks:
+            return np.empty((0, 4))
+        times = np.array([time for time, _ in self._looks])
+        tips = self._robot.fk_batch(np.array([joints for _, joints in self._looks]))[:, :3, 3]
+        moved = np.concatenate([[True], np.diff(times) > 0.0])
+        return np.column_stack([times - times[0], tips])[moved]
+
+    def ask(self, line: str) -> str:
+        """The answer to a line; raises DriverError when none comes."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+            port.settimeout(10.0)
+            port.sendto(line.encode(), self._address)
+            try:
+                return port.recv(8192).decode()
+            except TimeoutError:
+                raise DriverError(f"the emulated rig did not answer {line!r}") from None
+
+    def _watch(self) -> None:
+        while not self._stop.wait(0.02):
+            self._look()
+
+    def _look(self) -> None:
+        truth = self.truth()
+        self._looks.append((truth["time_s"], truth["joints"]))
+
+
+@contextmanager
+def _rig(scene: Scene, arguments: list[str]) -> Iterator[None]:
+    _, q = start_posture(scene, robot_of(scene))
+    joints = ",".join(f"{angle:.6f}" for angle in np.degrees(q))
+    settings = [word for setting in _SMALL for word in ("--set", setting)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", _EMULATE, _SCENE, *arguments, "--joints", joints, *settings],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        if not process.stdout.readline():  # type: ignore[union-attr]
+            raise DriverError("the emulated rig did not start")
+        yield
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _row(o: Outcome) -> list[Any]:
+    ended = "by itself" if o.stopped else "goes on"
+    code = 1 if o.stopped else None
+    moved = 1e3 * o.travel if o.fault.words else None
+    rest = o.rest_after if o.fault.words else None
+    sentence = o.summary["reason"] if o.stopped else "-"
+    return [o.fault.name, ended, code, moved, rest, o.peak, o.touching, o.kept >= o.before, sentence]
+
+
+def _free_addresses(count: int, kind: int = socket.SOCK_DGRAM) -> list[str]:
+    probes = [socket.socket(socket.AF_INET, kind) for _ in range(count)]
+    for probe in probes:
+        probe.bind(("127.0.0.1", 0))
+    addresses = [f"127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
+    for probe in probes:
+        probe.close()
+    return addresses

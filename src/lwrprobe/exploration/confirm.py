@@ -1,0 +1,96 @@
+"""The first motions one at a time, each only after somebody has said so, and none further once a key is pressed."""
+
+from __future__ import annotations
+
+import select
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from lwrprobe.contracts import Done, Feed, Goal, Motion, SafetyStop
+
+_HOLD = 0.1  # s, until the next look
+
+
+def typed() -> str | None:
+    """A line typed meanwhile, without its end, None when there is none; never waits. The end of input means no."""
+    try:
+        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+    except (OSError, ValueError):
+        return "q"
+    if not ready:
+        return None
+    line = sys.stdin.readline()
+    return line.strip() if line else "q"
+
+
+class Confirm:
+    """Stands between strategy and arm for the first motions.
+
+    Until Enter is pressed the tip holds its place, while the loop and all guards go on. During a motion any line ends
+    the run: whoever watches keeps a finger on Enter.
+
+    Parameters
+    ----------
+    motions : how many are asked for; a goal is one, and so is a feed until its reason changes
+    tell : shows a sentence
+    typed : the line typed since the last call, None for none
+    """
+
+    def __init__(self, motions: int, tell: Callable[[str], None], typed: Callable[[], str | None] = typed) -> None:
+        self.left = motions
+        self._tell, self._typed = tell, typed
+        self._asked: tuple | None = None
+        self._allowed: tuple | None = None
+
+    def filter(self, motion: Motion) -> Motion:
+        """The motion when it is allowed, else one that holds the tip where it is.
+
+        Raises SafetyStop when the operator says no, or presses a key while the arm moves.
+        """
+        if isinstance(motion, Done):
+            return motion
+        kind = _kind(motion)
+        if kind == self._allowed:
+            self.watch()
+            return motion
+        if self.left <= 0:
+            return motion
+        if self.ask(kind, _described(motion)):
+            return motion
+        return Feed(np.zeros(3), _HOLD, "waiting for the operator")
+
+    def ask(self, kind: tuple, what: str) -> bool:
+        """Whether the operator has allowed it; asks once and never waits. Raises SafetyStop on a no."""
+        if kind != self._asked:
+            self._asked = kind
+            self._tell(f"next: {what}. Enter = go, and Enter again = stop; q = end here ({self.left} to confirm)")
+        answer = self._typed()
+        if answer is None:
+            return False
+        if answer:
+            raise SafetyStop(f"the operator said {answer!r} to: {what}")
+        self._allowed = kind
+        self.left -= 1
+        return True
+
+    def watch(self) -> None:
+        """Raises SafetyStop when a key is pressed while one of the first motions is under way."""
+        if self._allowed is not None and self._typed() is not None:
+            raise SafetyStop("the operator stopped the motion")
+
+
+def _kind(motion: Goal | Feed) -> tuple:
+    if isinstance(motion, Goal):
+        return ("goal", *np.round(motion.pose[:3], 5).ravel().tolist())
+    return ("feed", motion.reason)
+
+
+def _described(motion: Goal | Feed) -> str:
+    why = f" ({motion.reason})" if motion.reason else ""
+    if isinstance(motion, Goal):
+        x, y, z = motion.pose[:3, 3]
+        return f"straight to x {x:.3f}, y {y:.3f}, z {z:.3f} m at up to {motion.speed:.3f} m/s{why}"
+    x, y, z = 1e3 * motion.velocity
+    return f"on and on with {x:.1f}, {y:.1f}, {z:.1f} mm/s to begin with{why}"

@@ -1,0 +1,117 @@
+"""What an exploration would drive, without a device: the same loop and guards over the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contact.force_law import Refusal, choose_force_law
+from lwrprobe.contracts.driver import Reading
+from lwrprobe.exploration.explore import explore, start_posture, unreachable_part
+from lwrprobe.exploration.pipeline import reaction_delay, robot_of
+from lwrprobe.exploration.rig import Rig
+from lwrprobe.scene import Scene
+
+_NEAR = np.radians(5.0)  # of a joint limit
+
+
+@dataclass(slots=True)
+class DryRun:
+    """What came of it.
+
+    Attributes
+    ----------
+    readings : one line each, marked where something is wrong
+    summary : of the run in the simulator
+    """
+
+    readings: list[Reading]
+    summary: dict[str, Any]
+
+    @property
+    def good(self) -> bool:
+        return all(reading.good for reading in self.readings)
+
+
+def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> DryRun:
+    """Drive the scene in the simulator, at the real arm's cycle and with the real sensor's rate and delay.
+
+    The objects are those of the scene file; where it has none, as for an object nobody knows, the lines are driven
+    through the air down to the table. No device is opened. Raises InputError for a scene that cannot be run.
+    """
+    rig = Rig.assemble(scene, scene.run.seed, False)
+    cycle, latency = rig.arm.cycle, rig.sensor.latency
+    readings = [*_posture(scene), stability(scene, cycle, latency)]
+    summary = explore(_simulated(scene, cycle, latency), tell=tell)
+    return DryRun(readings + _driven(scene, summary), summary)
+
+
+def stability(scene: Scene, cycle: float, latency: float) -> Reading:
+    """S = K tau / B of the stiffest direction, and how fast it may be touched (see `contact.force_law`)."""
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
+    probe, contact = scene.probe.as_probe(), scene.contact
+    soft = 1.0 / contact.stiffness + probe.compliance.min()
+    law = choose_force_law(
+        1.0 / soft,
+        delay,
+        contact.target,
+        contact.limit,
+        force_threshold=contact.threshold,
+        braking=scene.motion.acceleration,
+    )
+    facts = f"K {1.0 / soft:.3g} N/m, delay {1e3 * delay:.1f} ms"
+    if isinstance(law, Refusal):
+        return Reading("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)
+    text = f"{law.stability_number:.3f} ({facts}); touch at up to {1e3 * law.approach_speed:.2f} mm/s"
+    return Reading("stability number", ", ".join([text, *law.warnings]), True, {"S": law.stability_number})
+
+
+def _posture(scene: Scene) -> list[Reading]:
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    margins = np.minimum(q - robot.lower, robot.upper - q)
+    tight = int(np.argmin(margins))
+    place = ", ".join(f"{v:.3f}" for v in pose[:3, 3])
+    joints = ", ".join(f"{v:.1f}" for v in np.degrees(q))
+    beyond = unreachable_part(scene, robot, pose, q)
+    return [
+        Reading("start", f"tip at {place} m, joints {joints} deg"),
+        Reading(
+            "joint limits at the start",
+            f"joint {tight + 1} is nearest, {np.degrees(margins[tight]):.1f} deg from its limit",
+            bool(margins[tight] > _NEAR),
+        ),
+        Reading("area", beyond or "all of it is within reach", not beyond),
+    ]
+
+
+def _simulated(scene: Scene, cycle: float, latency: float) -> Scene:
+    # What the real devices' drivers know of themselves is what the simulator imitates.
+    options = {"cycle": cycle, "latency": latency} | dict(scene.drivers.get("sim", {}))
+    return scene.model_copy(
+        update={
+            "arm": scene.arm.model_copy(update={"driver": "sim"}),
+            "sensor": scene.sensor.model_copy(update={"driver": "sim"}),
+            "drivers": {**scene.drivers, "sim": options},
+        }
+    )
+
+
+def _driven(scene: Scene, summary: dict[str, Any]) -> list[Reading]:
+    used = summary["limits_used"]
+    share = ", ".join(f"{name.replace('_', ' ')} {value:.0%}" for name, value in used.items())
+    readings = [
+        Reading("run", f"{summary['status']}: {summary['reason']}", summary["status"] == "done"),
+        Reading("time and way", f"{summary['sim_time_s']:.0f} s, {summary['path_length_m']:.2f} m"),
+        Reading("limits used at most", share, max(used.values()) <= 1.0, used),
+        Reading("slowed for the joints' sake", f"{summary['slowed_cycles']} cycles", summary["slowed_cycles"] == 0),
+    ]
+    if scene.objects:
+        touched = f"{summary['contacts']} contacts, peak {summary['peak_force_n']:.2f} N of {scene.contact.limit:g} N"
+        readings.append(Reading("touch", touched, summary["peak_force_n"] <= scene.contact.limit))
+        collisions = summary["link_collisions"]
+        readings.append(Reading("link collisions", str(collisions), collisions == 0))
+    return readings

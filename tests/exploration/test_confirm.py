@@ -1,0 +1,80 @@
+"""Confirmed motions: none before a yes, none after a key, and the loop goes on meanwhile."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import Done, Feed, Goal, SafetyStop
+from lwrprobe.exploration.confirm import Confirm
+from lwrprobe.exploration.explore import explore
+from lwrprobe.scene import load_scene
+
+
+class Operator:
+    """Types what is put into `lines`, one a look; None is silence."""
+
+    def __init__(self, *lines):
+        self.lines = list(lines)
+        self.told = []
+
+    def typed(self):
+        return self.lines.pop(0) if self.lines else None
+
+    def confirm(self, motions):
+        return Confirm(motions, self.told.append, self.typed)
+
+
+def goal(x):
+    pose = np.eye(4)
+    pose[0, 3] = x
+    return Goal(pose, 0.1)
+
+
+def test_each_goal_waits_for_its_yes_and_is_asked_for_once():
+    operator = Operator(None, None, "", None, None, None, "")
+    confirm = operator.confirm(2)
+    first, second = goal(0.1), goal(0.2)
+    assert [confirm.filter(first) is first for _ in range(4)] == [False, False, True, True]
+    assert [confirm.filter(second) is second for _ in range(3)] == [False, False, True]
+    assert len(operator.told) == 2
+    assert "x 0.100" in operator.told[0]
+    third = goal(0.3)
+    assert confirm.filter(third) is third, "only the first two are asked for"
+
+
+def test_what_holds_the_tip_does_not_move_it():
+    held = Operator().confirm(1).filter(goal(0.1))
+    assert isinstance(held, Feed)
+    assert not held.velocity.any()
+
+
+def test_a_feed_is_one_motion_whatever_its_velocity():
+    confirm = Operator("").confirm(1)
+    for k in range(5):
+        feed = Feed(np.array([0.001 * k, 0.0, 0.0]), reason="contour")
+        assert confirm.filter(feed) is feed
+
+
+@pytest.mark.parametrize("lines", [("q",), ("", "")])
+def test_no_and_a_key_in_motion_end_the_run(lines):
+    confirm = Operator(*lines).confirm(3)
+    wanted = goal(0.1)
+    for _ in lines[1:]:
+        assert confirm.filter(wanted) is wanted
+    with pytest.raises(SafetyStop, match="the operator"):
+        confirm.filter(wanted)
+
+
+def test_done_is_never_held():
+    done = Done("all felt")
+    assert Operator().confirm(3).filter(done) is done
+
+
+def test_refused_first_motion_leaves_the_tip_at_its_start(tmp_path):
+    operator = Operator(*[None] * 40, "q")
+    scene = load_scene("block", ["run.time_limit=30.0"])
+    summary = explore(scene, tmp_path, confirm=operator.confirm(5))
+    assert summary["status"] == "ended early"
+    assert "the operator said 'q'" in summary["reason"]
+    assert operator.told
+    assert summary["path_length_m"] < 1e-3
+    assert summary["contacts"] == 0

@@ -1,0 +1,18 @@
+"""Two faults during a contour over real sockets; `lwrprobe bench faults` has all of them."""
+
+import pytest
+
+from lwrprobe.bench.faults import FAULTS, suffer
+
+
+@pytest.mark.parametrize("name", ["sensor silent", "drives off"])
+def test_fault_stops_the_arm_keeps_the_data_and_says_why(name):
+    outcome = suffer(next(fault for fault in FAULTS if fault.name == name))
+    assert outcome.stopped
+    assert any(word in outcome.summary["reason"] for word in outcome.fault.words)
+    assert outcome.kept >= outcome.before > 0
+    assert outcome.peak <= outcome.limit
+    assert outcome.collisions == 0
+    assert outcome.travel <= outcome.fault.travel
+    if outcome.fault.goes_back:
+        assert not outcome.touching
