@@ -213,6 +213,7 @@ class _Trigger:
     def __init__(self, operator: _Operator, outcome: Outcome) -> None:
         self._operator, self._outcome = operator, outcome
         self._begun: float | None = None
+        self._ended = False
 
     def __call__(self, glimpse: Glimpse) -> None:
         if self._begun is None:
@@ -220,7 +221,8 @@ class _Trigger:
                 self._outcome.before = glimpse.contacts
                 self._operator.begin(self._outcome.fault.line)
                 self._begun = time.monotonic()
-        elif not self._outcome.fault.words and time.monotonic() - self._begun > _WATCHED:
+        elif not self._outcome.fault.words and not self._ended and time.monotonic() - self._begun > _WATCHED:
+            self._ended = True
             raise KeyboardInterrupt
 
 

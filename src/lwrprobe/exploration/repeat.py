@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lwrprobe.contact import TRUSTED
 from lwrprobe.contact.force_law import Refusal, choose_force_law
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
+    Contact,
     Done,
     Feed,
     Goal,
@@ -33,6 +35,8 @@ from lwrprobe.scene import Scene
 STANDOFF = 0.005
 """m between two touches of the same place."""
 
+_SAMPLES, _PATIENCE = 8, 40  # trusted samples that make up a touch, and samples after which fewer have to do
+
 
 @dataclass(slots=True, frozen=True)
 class Touch:
@@ -43,7 +47,7 @@ class Touch:
     speed : m/s, of the approach
     place : m along the direction of the touch, of the contact point
     aside : (2,) m, of the contact point across it
-    force : N, when it was noticed
+    force : N, held meanwhile
     """
 
     speed: float
@@ -83,7 +87,10 @@ class Plan:
 
 
 class RepeatedTouch:
-    """Seeks the place once at the slowest speed, then touches it from `STANDOFF` away, `count` times at each speed."""
+    """Seeks the place once at the slowest speed, then touches it from `STANDOFF` away, `count` times at each speed.
+
+    As soon as the touch is noticed the tip holds still, and the mean of the samples that can be trusted counts.
+    """
 
     Config: ClassVar[type] = Plan
     contract: ClassVar[int] = STRATEGY_CONTRACT
@@ -92,6 +99,8 @@ class RepeatedTouch:
         self._plan, self._log = plan, log
         self._left = [min(plan.speeds), *(speed for speed in plan.speeds for _ in range(plan.count))]
         self._way: list[np.ndarray] = []
+        self._felt: list[Contact] = []
+        self._held = 0
         self._seeking = False
         self._first = True
 
@@ -127,8 +136,16 @@ class RepeatedTouch:
 
     def _approach(self, seen: Observation) -> Motion:
         direction, speed = self._plan.direction, self._left[0]
-        if seen.contact is not None:
-            self._note(seen, speed)
+        if seen.contact is not None or self._held:
+            self._held += 1
+            if seen.contact is not None and seen.contact.trust >= TRUSTED:
+                self._felt.append(seen.contact)
+            if len(self._felt) < _SAMPLES and self._held < _PATIENCE:
+                return Feed(np.zeros(3), reason="hold")
+            if not self._felt:
+                return Done("the touch was not firm enough to be measured", complete=False)
+            self._note(speed)
+            self._felt, self._held = [], 0
             self._from = seen.pose[:3, 3] - STANDOFF * direction
             self._reach = 2.0 * STANDOFF
             self._left.pop(0)
@@ -140,13 +157,14 @@ class RepeatedTouch:
             return Done(f"nothing was touched within {1e3 * self._reach:.0f} mm", complete=False)
         return Feed(speed * direction, reason="touch")
 
-    def _note(self, seen: Observation, speed: float) -> None:
+    def _note(self, speed: float) -> None:
         if self._first:
             return  # the seeking touch comes from far; it is not one of the series
-        contact, direction = seen.contact, self._plan.direction
-        across = np.linalg.svd(direction[None])[2][1:] @ contact.point
-        place = float(contact.point @ direction)
-        self._log.append(Touch(speed, place, (float(across[0]), float(across[1])), contact.magnitude))
+        direction = self._plan.direction
+        point = np.mean([contact.point for contact in self._felt], axis=0)
+        across = np.linalg.svd(direction[None])[2][1:] @ point
+        force = float(np.mean([contact.magnitude for contact in self._felt]))
+        self._log.append(Touch(speed, float(point @ direction), (float(across[0]), float(across[1])), force))
 
     def _goal(self, place: Vector, speed: float) -> Goal:
         pose = np.eye(4)
