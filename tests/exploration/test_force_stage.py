@@ -1,0 +1,105 @@
+"""What a run learns of its touch: refusal, the sensor's state, zero, swinging, and when the tip moved how."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
+from lwrprobe.contracts import Contact, Feed, Goal, SafetyStop, WrenchSample
+from lwrprobe.exploration.force_stage import ForceStage, TouchRefused
+from lwrprobe.scene import load_scene
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def stage(*settings):
+    scene = load_scene("block", settings)
+    probe = scene.probe.as_probe()
+    conditioner = WrenchConditioner(probe, 125.0)
+    free = np.random.default_rng(1).normal(size=(100, 6)) * np.repeat([3e-3, 1.6e-5], 3)
+    conditioner.take_bias([WrenchSample(k / 125.0, v[:3], v[3:], k) for k, v in enumerate(free)], DOWN)
+    made = ForceStage(scene, probe, conditioner, make_estimator(scene.contact.estimator, probe), 125.0)
+    return made, conditioner
+
+
+def wrench(time, force, status=0):
+    force = np.array(force, dtype=float)
+    return Wrench(time, DOWN.T @ force, np.zeros(3), force, round(125 * time), status)
+
+
+def touching(force):
+    normal = np.array([0.0, 0.0, 1.0])
+    return Contact(0.0, np.zeros(3), normal, force * normal, np.zeros(3), 0.9, "")
+
+
+def test_a_surface_that_no_speed_is_safe_for_is_refused_with_the_numbers():
+    force, _ = stage("contact.stiffness=1e7")
+    with pytest.raises(TouchRefused, match=r"0\.2 mm/s are needed"):
+        force.begin(0.0135)
+    assert "mm/s" in force.report()["refused"]
+    slower, _ = stage("contact.stiffness=1e5")
+    slower.begin(0.0135)
+    assert slower.report()["stability_number"] == pytest.approx(np.exp(-1.0), abs=1e-3)
+
+
+def test_a_stream_that_fails_stops_the_run():
+    force, conditioner = stage()
+    force.begin(0.0135)
+    force.heed(wrench(1.0, (0, 0, 0)), np.eye(4), None)
+    for k in range(3):
+        conditioner.condition(WrenchSample(2.0 + k / 125.0, np.full(3, np.nan), np.zeros(3), 200 + k), DOWN)
+    with pytest.raises(SafetyStop, match="3 invalid readings"):
+        force.heed(wrench(2.1, (0, 0, 0)), np.eye(4), None)
+
+
+def test_the_velocity_is_that_of_the_samples_instant():
+    force, _ = stage()
+    assert not force.velocity_at(0.0).any()
+    for k in range(100):
+        force.moved(0.001 * k, np.array([float(k), 0.0, 0.0]))
+    assert force.velocity_at(0.0905)[0] == 90.0
+    assert force.velocity_at(1.0)[0] == 99.0
+    assert force.velocity_at(0.0)[0] == 36.0  # the oldest that is known
+
+
+def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
+    force, _ = stage()
+    force.begin(0.0135)
+    feed, pose = Feed(np.array([0.01, 0.0, 0.0])), np.eye(4)
+    time = 0.0
+    for k in range(24):
+        time = 0.024 * k
+        size = 0.8 + (0.6 if k % 2 else -0.6)
+        force.heed(wrench(time, (0, 0, size)), pose, touching(size))
+    slowed = force.calm(feed, wrench(time, (0, 0, 0.8)))
+    assert slowed.velocity[0] < 0.006
+    assert force.report()["limit_cycles"] >= 1
+    for k in range(2000):
+        force.heed(wrench(time + 0.008 * k, (0, 0, 0.8)), pose, touching(0.8))
+    assert force.calm(feed, wrench(time + 16.1, (0, 0, 0.8))).velocity[0] == 0.01
+
+
+@pytest.mark.parametrize(("motion", "moved"), [(Goal(np.eye(4), 0.1), True), (Feed(np.zeros(3)), False)])
+def test_the_zero_is_followed_on_the_way_to_a_goal_only(motion, moved):
+    force, conditioner = stage()
+    force.begin(0.0135)
+    before = conditioner.bias
+    for k in range(200):
+        time = 1.0 + 0.008 * k
+        force.moved(time, np.array([0.1, 0.0, 0.0]))
+        force.moved(time + 0.001, np.array([0.1, 0.0, 0.0]))
+        force.calm(motion, wrench(time, (0.004, 0.0, 0.0)))
+    assert (force.report()["zero_moved"] > 0) == moved
+    assert (conditioner.bias[0] > before[0] + 0.003) == moved
+
+
+def test_a_touch_on_the_way_or_a_changing_speed_leaves_the_zero_alone():
+    for touch, change in ((0.3, 0.0), (0.004, 0.01)):
+        force, conditioner = stage()
+        force.begin(0.0135)
+        before = conditioner.bias
+        for k in range(200):
+            time = 1.0 + 0.008 * k
+            force.moved(time, np.array([0.1, 0.0, 0.0]))
+            force.moved(time + 0.001, np.array([0.1 + change, 0.0, 0.0]))
+            force.calm(Goal(np.eye(4), 0.1), wrench(time, (touch, 0.0, 0.0)))
+        np.testing.assert_array_equal(conditioner.bias, before)
