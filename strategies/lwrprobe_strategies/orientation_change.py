@@ -17,6 +17,8 @@ UP = np.array([0.0, 0.0, 1.0])
 ABOVE = 0.003
 """m above the lowest height at which an upright probe is safe, where a leaning one is set upright again."""
 
+SPARE = 0.02
+"""m further out, where a leaning probe has to be in reach as well: no contour ends at a stretched elbow."""
 MOST_TURNS = 4
 """On one line; what still comes near after as many is given up."""
 
@@ -59,9 +61,10 @@ class OrientationChange(Contouring):
         back = np.zeros(3)
         back[line.axis] = -line.sign
         # On the border it turns where it stands; elsewhere it comes over the top, where nothing is.
-        turn = [here] if line.axis == Y and abs(here[Y] - line.begin) < 1e-3 else []
-        middle = low.at(0.5 * (low.begin + low.end))
-        rotation = self._leaning(back, turn, [low.start, middle])
+        beside = line.axis == Y and abs(here[Y] - line.begin) < 1e-3
+        over = np.array([low.start[0], low.start[1], self.task.area.upper[Z]])
+        way = [low.start, low.at(0.5 * (low.begin + low.end))]
+        rotation = self._leaning(back, [here] if beside else [], way if beside else [over, *way])
         return (line, self.upright) if rotation is None else (low, rotation)
 
     def turn_wanted(self, seen: Observation) -> np.ndarray | None:
@@ -104,7 +107,8 @@ class OrientationChange(Contouring):
         for share in (1.0, 0.75, 0.5, 0.35):
             rotation = turned(UP, towards, share * np.radians(self.options.tilt_deg)) @ self.upright
             way = [self._at(place, rotation) for place in turn]
-            if self.task.clear(way) and self.task.reachable([*way, *(self._at(place, rotation) for place in reach)]):
+            further = [self._at(place + SPARE * towards, rotation) for place in reach]
+            if self.task.clear(way) and self.task.reachable([*way, *further]):
                 return rotation
         return None
 

@@ -36,7 +36,7 @@ from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
-    "arm", "sensor", "condition", "estimate", "map", "clearance", "strategy", "trajectory", "ik", "governor", "record",
+    "arm", "sensor", "condition", "estimate", "map", "carve", "clearance", "strategy", "trajectory", "ik", "governor", "record",
 )  # fmt: skip
 
 FORGET = 0.5
@@ -129,6 +129,7 @@ class Explorer:
         self._force = 0.0
         self._touched_last = -np.inf
         self._touch_age = 0
+        self._swept: np.ndarray | None = None
 
     # Before the strategy
 
@@ -166,11 +167,11 @@ class Explorer:
     def take_bias(self, seconds: float) -> None:
         """Take the sensor's bias where two places agree on it; raises SafetyStop when the probe stays in contact."""
         rotation = self.pipe.trajectory.pose[:3, :3].copy()
-        found = agreed_bias(self.pipe.conditioner, lambda: self._listen(seconds), self._step_back, rotation)
+        found = agreed_bias(self.pipe.conditioner, lambda: self.listen(seconds), self._step_back, rotation)
         if not found.outcome.taken:
             raise SafetyStop(f"the bias cannot be taken at the start: {found.outcome.reason}")
 
-    def _listen(self, seconds: float) -> list[WrenchSample]:
+    def listen(self, seconds: float) -> list[WrenchSample]:
         """What the sensor says while the arm rests."""
         samples: list[WrenchSample] = []
         begin = None
@@ -357,6 +358,13 @@ class Explorer:
                 clock.lap("record")
         else:
             self._touch_age = 0
+            if self.scene.map.free_space:
+                if self._swept is not None:
+                    pipe.voxels.carve(self._swept, pose[:3, 3], pipe.probe.radius)
+                self._swept = pose[:3, 3]
+                clock.lap("carve")
+        if contact is not None:
+            self._swept = None
         pipe.force.heed(wrench, pose, contact)
         near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
         clock.lap("clearance")
@@ -436,6 +444,10 @@ class Explorer:
         clock.lap("arm")
         if pipe.governor is not None:
             pipe.governor.watch(self._q)
+            if pipe.governor.blocked_in < np.inf and not self._blocked:
+                # It looks as far ahead as a stop takes: now the tip still stops within its limits.
+                self._blocked = "out of reach: ahead on the way"
+                pipe.trajectory.stop()
             clock.lap("governor")
 
     def _command(self, q: np.ndarray) -> None:

@@ -145,6 +145,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
                 ("clearance", no_clearance),
                 ("deflection", no_deflection),
                 ("governor", no_governor),
+                ("free space", "" if scene.map.free_space else "switched off in the scene"),
             )
             if why
         ],

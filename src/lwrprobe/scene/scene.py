@@ -230,6 +230,8 @@ class MapTable(Table):
 
     resolution: float = Field(default=0.002, ge=1e-5, le=0.1)
     """m, edge of the smallest voxel."""
+    free_space: bool = True
+    """Record what the sphere has swept without a touch as well: that nothing is there is knowledge."""
 
 
 class ClearanceTable(Table):
