@@ -1,0 +1,306 @@
+"""Several runs over one object become one: contacts, map, cloud and mesh.
+
+The first run's place is kept; the others are laid over what is there already, since the object may have been moved by
+a few millimetres in between. Runs that do not belong together are refused, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.exploration.recorder import TRACE_COLUMNS
+from lwrprobe.mapping import VoxelMap
+from lwrprobe.mapping.clouds import Cloud, write_cloud
+from lwrprobe.reconstruction.registration import Registration, intruding, register
+from lwrprobe.scene import Scene, write_scene
+
+FARTHEST, FARTHEST_TURN = 0.010, np.radians(6.0)
+"""m and rad, by which an object may have been moved between two runs."""
+LEAST_PAIRS, LEAST_OVERLAP = 40, 0.15
+MOST_MISFIT, MOST_APART = 0.15, 0.4e-3
+"""Share of the pairs that may stay far apart; m, median distance of the pairs."""
+MOST_INTRUDING = 0.01
+"""Share of one run's touches that may lie where the other run's sphere was."""
+TABLE_SLACK = 1e-3
+"""m, by which the tables of two runs may differ in height."""
+
+Tell = Callable[[str], None]
+
+
+def merge(
+    folders: Sequence[str | Path],
+    out: Path,
+    *,
+    method: str | None = None,
+    as_is: bool = False,
+    tell: Tell = lambda text: None,
+) -> dict[str, Any]:
+    """Join the contacts of run folders into a run folder `out` and return its summary.
+
+    Parameters
+    ----------
+    folders : two or more; the first one's frame and scene are kept
+    method : reconstructor, None = the one that the first run's scene names
+    as_is : leave every run where it is; whether they belong together is judged all the same
+    tell : called with a sentence at each step
+
+    Raises InputError naming the run (`runs[i]`) and why it does not belong to those before it, FormatError for a
+    folder that is no run's. Nothing is written then.
+    """
+    if len(folders) < 2:
+        raise InputError("runs", [str(folder) for folder in folders], "two run folders or more")
+    runs = [read_run(folder) for folder in folders]
+    for i, run in enumerate(runs):
+        if len(run.record.points) == 0:
+            raise InputError(f"runs[{i}]", str(run.folder), "a run that touched something")
+    joined, trace, told = runs[0].record, runs[0].trace, [_first(runs[0])]
+    which = [np.zeros(len(joined.points), dtype=np.int64)]
+    force = [runs[0].force]
+    for i, run in enumerate(runs[1:], start=1):
+        tell(f"laying {run.folder} over what is there")
+        _same_setting(runs[0], run, i)
+        found = register(run.record, joined, on_table=joined.table is not None)
+        if as_is:
+            moved, path = run.record, run.trace
+        else:
+            _not_too_far(found, run, i)
+            moved, path = _moved(run.record, found), _moved_trace(run.trace, found)
+        _belongs(found, moved, joined, run, i, as_is)
+        told.append(_fact(run, found, as_is))
+        joined, trace = _join(joined, moved), np.concatenate([trace, path])
+        which.append(np.full(len(moved.points), i, dtype=np.int64))
+        force.append(run.force)
+    tell("reconstructing")
+    scene = _scene(runs)
+    surface, lack = _reconstruct(joined, scene, method)
+    voxels = VoxelMap(scene.map.resolution)
+    voxels.insert(joined.points)
+    known = all(run.summary.get("link_collisions") is not None for run in runs)
+    summary = {
+        "scene": scene.name,
+        "merged": told,
+        "contacts": len(joined.points),
+        "voxels": len(voxels),
+        **_against_truth(scene, joined, surface if known else None, known),
+        "reconstruction": _plain(surface.report) if surface is not None else None,
+        "left_out": lack,
+        "versions": versions("lwrprobe", "numpy", "scipy"),
+        "machine": machine(),
+    }
+    _write(out, scene, joined, trace, np.concatenate(which), np.concatenate(force), voxels, surface, summary, known)
+    return summary
+
+
+def _same_setting(first: RunFolder, run: RunFolder, i: int) -> None:
+    """Raises InputError where table or probe are not those of the first run."""
+    a, b = first.record, run.record
+    if (a.table is None) != (b.table is None):
+        has, lacks = (first, run) if b.table is None else (run, first)
+        raise InputError(
+            f"runs[{i}]", str(run.folder), f"runs over the same table ({has.folder} has one, {lacks.folder} has none)"
+        )
+    if a.table is not None and b.table is not None and abs(a.table - b.table) > TABLE_SLACK:
+        heights = f"{1e3 * a.table:g} and {1e3 * b.table:g} mm"
+        raise InputError(f"runs[{i}]", str(run.folder), f"runs over the same table (their heights are {heights})")
+    if a.probe_radius != b.probe_radius:
+        radii = f"{1e3 * (a.probe_radius or 0.0):g} and {1e3 * (b.probe_radius or 0.0):g} mm"
+        raise InputError(f"runs[{i}]", str(run.folder), f"runs with the same sphere (their radii are {radii})")
+
+
+def _not_too_far(found: Registration, run: RunFolder, i: int) -> None:
+    if found.shift > FARTHEST or found.angle > FARTHEST_TURN:
+        moved = f"{1e3 * found.shift:.1f} mm and {np.degrees(found.angle):.1f} deg"
+        most = f"{1e3 * FARTHEST:g} mm and {np.degrees(FARTHEST_TURN):g} deg"
+        raise InputError(
+            f"runs[{i}]", str(run.folder), f"an object moved by {most} at most (it fits best when moved by {moved})"
+        )
+
+
+def _belongs(found: Registration, moved: TouchRecord, joined: TouchRecord, run: RunFolder, i: int, as_is: bool) -> None:
+    """Raises InputError with the reason why a run's touches cannot be of the same object."""
+
+    def refuse(why: str) -> InputError:
+        return InputError(f"runs[{i}]", str(run.folder), f"touches of the same object ({why})")
+
+    if found.pairs < LEAST_PAIRS or found.overlap < LEAST_OVERLAP:
+        raise refuse(f"only {found.pairs} of its touches, {found.overlap:.0%}, have one of the others near them")
+    if not as_is and found.after > MOST_APART:
+        raise refuse(f"the surfaces are {1e3 * found.after:.2f} mm apart when they fit best")
+    if not as_is and found.misfit > MOST_MISFIT:
+        raise refuse(f"{found.misfit:.0%} of its touches are 1.5 mm off the others' surface when they fit best")
+    if as_is and found.before > MOST_APART:
+        raise refuse(f"the surfaces are {1e3 * found.before:.2f} mm apart and are not to be moved")
+    for points, others, whose in ((moved.points, joined, "its"), (joined.points, moved, "the others'")):
+        inside = intruding(points, others)
+        if inside.mean() > MOST_INTRUDING:
+            place = ", ".join(f"{1e3 * value:.0f}" for value in points[inside].mean(axis=0))
+            raise refuse(f"{inside.mean():.0%} of {whose} touches, about ({place}) mm, lie where a sphere went freely")
+
+
+def _moved(record: TouchRecord, found: Registration) -> TouchRecord:
+    assert record.normals is not None
+    free = record.free_path if record.free_path is not None else np.empty((0, 3))
+    return TouchRecord(
+        points=found.points(record.points),
+        normals=found.directions(record.normals),
+        trust=record.trust,
+        times=record.times,
+        free_path=found.points(free),
+        free_gap=record.free_gap,
+        probe_radius=record.probe_radius,
+        table=record.table,
+        lowest=record.lowest,
+    )
+
+
+def _moved_trace(trace: np.ndarray, found: Registration) -> np.ndarray:
+    moved = trace.copy()
+    moved[:, 1:4] = found.points(trace[:, 1:4])
+    return moved
+
+
+def _join(a: TouchRecord, b: TouchRecord) -> TouchRecord:
+    """Both records as one; times go on, so that they still tell what came after what."""
+
+    def both(name: str) -> np.ndarray:
+        return np.concatenate([getattr(a, name), getattr(b, name)])
+
+    assert a.times is not None
+    assert b.times is not None
+    return TouchRecord(
+        points=both("points"),
+        normals=both("normals"),
+        trust=both("trust"),
+        times=np.concatenate([a.times, a.times.max() + b.times]),
+        free_path=both("free_path"),
+        free_gap=min(a.free_gap, b.free_gap),
+        probe_radius=a.probe_radius,
+        table=a.table,
+        lowest=min(low for low in (a.lowest, b.lowest) if low is not None),
+    )
+
+
+def _scene(runs: list[RunFolder]) -> Scene:
+    """The first run's scene over the area of all."""
+    areas = [run.scene.area for run in runs]
+    lower = tuple(float(v) for v in np.min([area.lower for area in areas], axis=0))
+    upper = tuple(float(v) for v in np.max([area.upper for area in areas], axis=0))
+    scene = runs[0].scene
+    return scene.model_copy(update={"area": scene.area.model_copy(update={"lower": lower, "upper": upper})})
+
+
+def _reconstruct(
+    record: TouchRecord, scene: Scene, method: str | None
+) -> tuple[Reconstruction | None, list[dict[str, str]]]:
+    from lwrprobe.reconstruction.reconstruct import reconstruct
+
+    own = method is None or method == scene.reconstruction.method
+    options = scene.reconstruction.options if own else {}
+    try:
+        return reconstruct(record, method or scene.reconstruction.method, **options), []
+    except InputError as error:
+        if error.field in ("reconstructor", "option"):
+            raise
+        return None, [{"stage": "reconstruction", "why": str(error)}]
+    except LwrprobeError as error:
+        return None, [{"stage": "reconstruction", "why": str(error)}]
+
+
+def _against_truth(
+    scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool
+) -> dict[str, dict[str, Any] | None]:
+    """Errors against the first run's true shape, where a simulator knew it."""
+    from lwrprobe.evaluation import mesh_error, surface_error
+
+    if not (known and scene.objects):
+        return {"surface_error_mm": None, "mesh_error_mm": None}
+    solid = scene.solid()
+    mesh = None
+    if surface is not None:
+        mesh = {"method": surface.report["method"], **mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()}
+    return {"surface_error_mm": surface_error(record.points, solid).as_dict(), "mesh_error_mm": mesh}
+
+
+def _first(run: RunFolder) -> dict[str, Any]:
+    return {"folder": str(run.folder), "contacts": len(run.record.points), "strategy": run.scene.strategy.name}
+
+
+def _fact(run: RunFolder, found: Registration, as_is: bool) -> dict[str, Any]:
+    """How a run was laid over those before it."""
+    x, y, z = (round(1e3 * float(value), 4) for value in found.translation)
+    registration = {
+        "moved": not as_is,
+        "shift_mm": round(1e3 * found.shift, 4),
+        "turn_deg": round(float(np.degrees(found.angle)), 4),
+        "rotation": [[round(float(value), 9) for value in row] for row in found.rotation],
+        "translation_mm": [x, y, z],
+        "apart_before_mm": round(1e3 * found.before, 4),
+        "apart_after_mm": round(1e3 * found.after, 4),
+        "overlap": round(found.overlap, 4),
+        "left_open": list(found.open),
+    }
+    return _first(run) | {"registration": registration}
+
+
+def _plain(report: dict[str, Any]) -> dict[str, Any]:
+    """The report's numbers and texts, as JSON takes them."""
+    plain = {}
+    for key, value in report.items():
+        value = value.item() if isinstance(value, np.generic) else value
+        if isinstance(value, str | int | float | bool | list):
+            plain[key] = value
+    return plain
+
+
+def _write(
+    out: Path,
+    scene: Scene,
+    record: TouchRecord,
+    trace: np.ndarray,
+    which: np.ndarray,
+    force: np.ndarray,
+    voxels: VoxelMap,
+    surface: Reconstruction | None,
+    summary: dict[str, Any],
+    known: bool,
+) -> None:
+    from lwrprobe.evaluation.preview import draw_preview
+    from lwrprobe.exploration.recorder import CONTACT_COLUMNS, Recorder
+    from lwrprobe.reconstruction.meshes import write_mesh
+
+    recorder = Recorder(out)
+    recorder.close()
+    write_scene(scene, out / "scene.toml")
+    assert record.times is not None
+    assert record.normals is not None
+    assert record.trust is not None
+    rows = np.column_stack([record.times, record.points, record.normals, force, record.trust])
+    form = ["%.6f", *["%.7f"] * 3, *["%.6f"] * 3, "%.5f", "%.3f"]
+    np.savetxt(
+        out / "contacts.csv", np.column_stack([rows, which]), [*form, "%d"], ",", header=f"{CONTACT_COLUMNS},run",
+        comments="",
+    )  # fmt: skip
+    np.savetxt(
+        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f"], ",",
+        header=TRACE_COLUMNS.removesuffix(",state"), comments="",
+    )  # fmt: skip
+    write_cloud(
+        out / "contacts.ply",
+        Cloud(record.points, record.normals, {"force": force, "trust": record.trust, "run": which.astype(np.float64)}),
+    )
+    write_cloud(out / "cloud.pcd", Cloud(voxels.centres()))
+    voxels.write(out / "map.bt")
+    mesh = surface.mesh if surface is not None else TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    write_mesh(out / "mesh.stl", mesh)
+    truth = scene.solid().mesh() if scene.objects and known else None
+    facts = [f"{len(summary['merged'])} runs", f"{len(record.points)} contacts"]
+    title = f"{scene.title or scene.name}, merged"
+    draw_preview(out / "preview.png", title, record.points, surface.mesh if surface else None, truth, facts)
+    recorder.write_json("summary.json", summary)
