@@ -23,6 +23,7 @@ from lwrprobe.cli import (
     reconstruct,
     repeat,
     report,
+    weigh,
 )
 from lwrprobe.contracts.errors import LwrprobeError
 
@@ -42,6 +43,7 @@ app.command("report")(report.report)
 app.command("merge")(merge.merge)
 app.command("list")(listing.list_names)
 app.command("doctor")(doctor.doctor)
+app.command("weigh")(weigh.weigh)
 app.command("repeat")(repeat.repeat)
 app.command("bench")(bench.bench)
 app.command(
