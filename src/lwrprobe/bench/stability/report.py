@@ -26,6 +26,10 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report = BenchReport("stability", "Stiff and extreme cases", machine=machine() | versions("numpy", "numba"))
     report.tables = [_summary(results), _details(results)]
     report.verdicts = [_verdict(result) for result in results]
+    held = sum(result.held for result in results)
+    report.notes.append(f"{held} of {len(results)} cases pass.")
+    if quick:
+        report.notes.append("The short run (`--quick`): fewer settings of each case.")
     missing = [n for n in range(1, COUNT + 1) if n not in cases]
     if missing:
         report.notes.append("No case yet for " + ", ".join(str(n) for n in missing) + ".")

@@ -82,7 +82,17 @@ def _start_in_contact(quick: bool) -> list[Finding]:
             f"{'touch seen' if taken.touched else 'no touch seen'}, {taken.retreats} retreats, bias off by {off:.2g} mN"
         )
         found.append(within(f"pressed with {1e4 * depth:.2g} N at t = 0", told, off, 5.0, "mN", also=right))
-    return found
+    return [*found, _run_from_contact()]
+
+
+def _run_from_contact() -> Finding:
+    """A whole run that starts pressed by 0.1 mm onto a post, which the start pose of the strip stands on."""
+    block = "{ shape = 'box', size = [0.1, 0.05, 0.05], at = { xyz = [0.0, 0.0, 0.025] } }"
+    post = "{ shape = 'box', size = [0.004, 0.004, 0.0531], at = { xyz = [0.0, -0.06, 0.02655] } }"
+    run = strip("block", 0.006, [f"object=[{block}, {post}]"])
+    error = run.summary["contact_error_mm"]["median"] if run.summary["contact_error_mm"] else float("nan")
+    told = f"{run.told()}; contacts off by {error:.3f} mm, which a wrong zero of 2 N would not leave so"
+    return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 1000)
 
 
 def _readings(world, height: float, count: int) -> list[WrenchSample]:
