@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from lwrprobe.contracts import InputError
 
 
 class Kind(StrEnum):
@@ -28,10 +31,43 @@ _PLUGIN_KIND = {
 }
 
 
-def list_names(kind: Annotated[Kind, typer.Argument(help="What to list.")]) -> None:
+def list_names(
+    kind: Annotated[Kind, typer.Argument(help="What to list.")],
+    pictures: Annotated[
+        Path | None, typer.Option(help="Of scenes: write a page with a picture of each into this folder.")
+    ] = None,
+) -> None:
     """List scenes, profiles, strategies, drivers, robots, reconstructors or benches."""
-    for name, note in _rows(kind):
+    rows = _rows(kind)
+    for name, note in rows:
         typer.echo(f"{name:<24} {note}".rstrip())
+    if pictures is not None:
+        if kind is not Kind.scenes:
+            raise InputError("--pictures", str(kind), "scenes, which can be drawn")
+        typer.echo(f"wrote {_draw(rows, pictures)}", err=True)
+
+
+def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
+    """`scenes.md` and the pictures in it, under `folder`; the page."""
+    from lwrprobe.evaluation.scene_picture import draw_scene
+    from lwrprobe.scene import load_scene
+
+    lines = [
+        "# Built-in scenes",
+        "",
+        "`lwrprobe list scenes --pictures docs` makes this page. x runs to the lower right, y,",
+    ]
+    lines += ["along which the lines go, to the upper right; the frame is where the sphere's centre may move.", ""]
+    lines += ["| | |", "|---|---|"]
+    cells = []
+    for name, title in rows:
+        draw_scene(folder / "scenes" / f"{name}.png", load_scene(name))
+        cells.append(f"![{name}](scenes/{name}.png)<br>`{name}`: {title}")
+    cells += [""] * (len(cells) % 2)
+    lines += [f"| {left} | {right} |" for left, right in zip(cells[::2], cells[1::2])]
+    page = folder / "scenes.md"
+    page.write_text("\n".join(lines) + "\n")
+    return page
 
 
 def _rows(kind: Kind) -> list[tuple[str, str]]:
