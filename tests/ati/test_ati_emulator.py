@@ -56,6 +56,32 @@ def line(device):
         yield line
 
 
+def wait_for(condition, seconds=10.0):
+    """The device gets to it as soon as the machine lets it."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.01)
+
+
+def greeted(device):
+    """Whether a new terminal is let in."""
+    new = PlainTerminal(device.telnet_address)
+    try:
+        return "opened by client" in new.read(1.0)
+    finally:
+        new.close()
+
+
+def record_like(line, good, count=500):
+    """The first record that is as wanted; those before it were on their way already."""
+    for _ in range(count):
+        record = naive_records(line.recv(2048))[0]
+        if good(record):
+            return record
+    raise AssertionError(f"none of {count} records was as wanted, the last one: {record}")
+
+
 def test_greeting(terminal):
     assert "WLAN:" in terminal.greeting
     assert "Telnet connection opened by client\r\n" in terminal.greeting
@@ -99,10 +125,7 @@ def test_one_connection_at_a_time_until_it_is_freed_by_udp(device, terminal, lin
     assert second.read(1.0) == ""
     second.close()
     line.send(RESET_TELNET)
-    time.sleep(0.1)
-    third = PlainTerminal(device.telnet_address)
-    assert "opened by client" in third.read()
-    third.close()
+    wait_for(lambda: greeted(device))
 
 
 def test_streaming_with_a_sparse_mask(device, line):
@@ -114,7 +137,10 @@ def test_streaming_with_a_sparse_mask(device, line):
     heads = [r[0] for r in records]
     assert {head[5] for head in heads} == {0x12}
     assert np.diff([head[1] for head in heads]).tolist() == [1] * 9
-    assert set(np.diff([head[0] for head in heads])) <= {32, 33}
+    # A device that was kept from running for a quarter of a second pauses; its stamps tell.
+    steps = np.diff([head[0] for head in heads])
+    assert all(step in (32, 33) or step > 1024 for step in steps)
+    assert (steps < 1024).any()
     two, five = heads[-1][-1][2], heads[-1][-1][5]
     assert np.array(two) / 1e6 == pytest.approx([1, -2, 3.5, 10, -20, 30], abs=0.02)
     assert np.array(five) / 1e6 == pytest.approx([0, 0, -4, 0, 0, 0], abs=0.02)
@@ -134,6 +160,7 @@ def test_number_of_packets_and_stop(device, line):
 @pytest.mark.parametrize("bad", ["000a0001000000007347", "000a00010000000073", "000600017d48", "00", "000600027d4800"])
 def test_wrong_length_or_crc_is_ignored(device, line, bad):
     line.send(bytes.fromhex(bad))
+    wait_for(lambda: device.refused == 1)
     line.settimeout(0.1)
     with pytest.raises(TimeoutError):
         line.recv(2048)
@@ -166,13 +193,10 @@ def test_bias_voltage_and_gages(device, terminal, line):
     assert device.transducers[2].matrix @ gages / 1e6 == pytest.approx([1, -2, 3.5, 10, -20, 30], abs=0.02)
     terminal.ask("cal mult on")
     terminal.ask("bias 2 on")
-    for _ in range(3):
-        values = naive_records(line.recv(2048))[0][-1][2]
-    assert values == (0,) * 6
+    record_like(line, lambda record: record[-1][2] == (0,) * 6)
     terminal.ask("calib 3")
     terminal.ask("bias 2 off")
-    for _ in range(3):
-        volts = np.array(naive_records(line.recv(2048))[0][-1][2])
+    volts = np.array(record_like(line, lambda record: any(record[-1][2]) and record[-1][2][0] < 1e6)[-1][2])
     assert volts == pytest.approx(90.25 * np.round(volts / 90.25), abs=0.51)
 
 
@@ -195,9 +219,7 @@ def test_status_words_follow_the_operator(device, line):
     assert head[3] >> 28 & 1
     assert head[2] >> 25 & 1
     device.control("fault none")
-    for _ in range(3):
-        head = naive_records(line.recv(2048))[0]
-    assert (head[2], head[3]) == (0x00040A88, 0x00040008)
+    record_like(line, lambda record: (record[2], record[3]) == (0x00040A88, 0x00040008))
 
 
 def test_sticky_destination_serves_the_first_port_alone():
@@ -209,10 +231,14 @@ def test_sticky_destination_serves_the_first_port_alone():
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
         ):
             for line in (first, second):
-                line.settimeout(0.3)
+                line.settimeout(5.0)
                 line.sendto(START, (host, int(port)))
-                time.sleep(0.05)
-            assert first.recv(2048)
+                if line is first:
+                    assert first.recv(2048)
+            # Records go on coming to the first port, and none to the second.
+            for _ in range(30):
+                assert first.recv(2048)
+            second.settimeout(0.05)
             with pytest.raises(TimeoutError):
                 second.recv(2048)
 

@@ -23,6 +23,21 @@ def test_scene_of_the_page(tmp_path):
         assert config != load("driver", name).Config()
 
 
+def test_program_of_the_page_finds_what_it_imports():
+    program = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
+    compile(program, "real-devices.md", "exec")
+    names = {}
+    exec("\n".join(line for line in program.splitlines() if line.startswith("from ")), names)
+    assert {"identify_payload", "robot_of", "configure", "load_scene", "DriverContext", "load"} <= names.keys()
+
+
+def test_settings_of_the_page_are_those_of_the_scene():
+    known = load_scene("empty").safety.model_dump()
+    named = re.findall(r"`safety\.(\w+)`", PAGE)
+    assert set(named) >= {"margin", "torque_share", "following", "silence"}
+    assert set(named) <= known.keys()
+
+
 @pytest.mark.parametrize("line", re.findall(r"lwrprobe emulate ((?:fri|ati) --.*)", PAGE))
 def test_emulator_lines_of_the_page(line, capsys):
     name, *argv = shlex.split(line)
@@ -32,9 +47,15 @@ def test_emulator_lines_of_the_page(line, capsys):
     assert load("emulator", name).run([*argv, "--seconds", "0"]) == 0
 
 
-def test_sentences_of_the_page_are_those_of_the_drivers():
-    source = "".join(file.read_text() for file in (ROOT / "drivers").rglob("*.py"))
+def test_sentences_of_the_page_are_those_of_the_code():
+    files = [*(ROOT / "drivers").rglob("*.py"), *(ROOT / "src" / "lwrprobe" / "exploration").glob("*.py")]
+    source = "".join(file.read_text() for file in files)
     for words in (
+        "no usable wrench sample for",
+        "the sensor cannot be relied on:",
+        "end of its range,",
+        "the set point was not sent:",
+        "rad away from its set point",
         "no measurement came",
         "datagrams came from others",
         "did not become",

@@ -176,7 +176,8 @@ def both_devices():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         telnet = f"127.0.0.1:{probe.getsockname()[1]}"
-    arm = running(EMULATE, "fri", "--bind", bind, "--remote", remote, "--control", fri_port)
+    patient = ("--bridged", "50")  # the machine may be busy
+    arm = running(EMULATE, "fri", "--bind", bind, "--remote", remote, "--control", fri_port, *patient)
     sensor = running(EMULATE, "ati", "--telnet", telnet, "--udp", udp, "--control", ati_port, "--sticky")
     with arm as arm, sensor as sensor:
         line_of(arm, "FRI controller at")
