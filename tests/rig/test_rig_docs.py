@@ -23,14 +23,6 @@ def test_scene_of_the_page(tmp_path):
         assert config != load("driver", name).Config()
 
 
-def test_program_of_the_page_finds_what_it_imports():
-    program = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
-    compile(program, "real-devices.md", "exec")
-    names = {}
-    exec("\n".join(line for line in program.splitlines() if line.startswith("from ")), names)
-    assert {"identify_payload", "robot_of", "configure", "load_scene", "DriverContext", "load"} <= names.keys()
-
-
 def test_settings_of_the_page_are_those_of_the_scene():
     known = load_scene("empty").safety.model_dump()
     named = re.findall(r"`safety\.(\w+)`", PAGE)
