@@ -222,3 +222,20 @@ def test_a_million_contacts():
     assert naive.closed(result.mesh.faces)
     radius = np.linalg.norm(result.mesh.vertices[result.mesh.vertices[:, 2] > 0.006], axis=1)
     assert np.abs(radius - 0.04).mean() < 2e-4
+
+
+def test_it_ends_a_pitch_beyond_the_contacts_where_nobody_has_been(scenes):
+    """The free path of one side alone: the other sides must not run away."""
+    _, record = scenes("block")
+    one_side = record.free_path[record.free_path[:, 0] < -0.05]
+    assert 0 < len(one_side) < len(record.free_path)
+    mesh = surface(replace(record, free_path=one_side)).mesh
+    assert (mesh.vertices.max(axis=0) < record.points.max(axis=0) + 0.0101).all()
+    assert (mesh.vertices.min(axis=0)[:2] > record.points.min(axis=0)[:2] - 0.0101).all()
+
+
+def test_a_known_pitch_is_taken(scenes):
+    _, record = scenes("block")
+    assert surface(replace(record, pitch=0.012)).report["pitch"] == 0.012
+    with pytest.raises(InputError, match="pitch"):
+        replace(record, pitch=0.0)

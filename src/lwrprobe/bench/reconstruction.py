@@ -130,7 +130,7 @@ def _measure_runs(
         if len(done.record.points) == 0:
             missing.append(scene)
             continue
-        pitch = 1e3 * float(done.scene.strategy.options.get("step", 0.010))
+        pitch = round(1e3 * (done.record.pitch or 0.010), 6)
         solid = done.scene.solid()
         for data, record in (("raw", done.record), ("voxels", voxelised(done.record))):
             outcomes += _measure(methods, record, solid, (scene, pitch, EXPLORED[data]), failures)

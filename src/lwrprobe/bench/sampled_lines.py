@@ -64,6 +64,7 @@ def voxelised(record: TouchRecord) -> TouchRecord:
         table=record.table,
         lowest=record.lowest,
         resolution=VOXEL,
+        pitch=record.pitch,
     )
 
 

@@ -41,6 +41,7 @@ class TouchRecord:
     table : m, height of the table, or None
     lowest : m, lowest height the sphere's centre was allowed to, or None
     resolution : m, voxel edge when the points are voxel centres, 0 for raw contacts
+    pitch : m, distance between the scan's lines, or None where unknown
     """
 
     points: np.ndarray
@@ -53,11 +54,14 @@ class TouchRecord:
     table: float | None = None
     lowest: float | None = None
     resolution: float = 0.0
+    pitch: float | None = None
 
     def __post_init__(self) -> None:
         self.points = np.ascontiguousarray(self.points, dtype=np.float64)
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError("points", self.points.shape, "an (n, 3) array")
+        if self.pitch is not None and not (np.isfinite(self.pitch) and self.pitch > 0.0):
+            raise InputError("pitch", self.pitch, "a positive length in metres, or None")
         for name, width in (("normals", 3), ("trust", 0), ("times", 0)):
             value = getattr(self, name)
             if value is None:

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import FormatError, TouchRecord
+from lwrprobe.contracts import STRATEGY_CONTRACT, FormatError, LwrprobeError, TouchRecord
+from lwrprobe.contracts.plugins import load
+from lwrprobe.options import configure
 from lwrprobe.scene import Scene, load_scene
 
 _CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "trust")
@@ -59,8 +61,20 @@ def read_run(folder: str | Path) -> RunFolder:
         probe_radius=scene.probe.radius,
         table=scene.table.height if scene.table.present else None,
         lowest=scene.area.lower[2],
+        pitch=_pitch(scene),
     )
     return RunFolder(folder, scene, _summary(folder / "summary.json"), record, contacts[:, 7], trace)
+
+
+def _pitch(scene: Scene) -> float | None:
+    """The step between the strategy's lines, defaults included; None where it has no such thing, or is not here."""
+    try:
+        strategy = load("strategy", scene.strategy.name, STRATEGY_CONTRACT)
+        options = configure(strategy.Config, scene.strategy.options, "strategy")
+    except LwrprobeError:
+        return None
+    step = getattr(options, "step", None)
+    return float(step) if isinstance(step, int | float) and step > 0.0 else None
 
 
 def _summary(path: Path) -> dict[str, Any]:

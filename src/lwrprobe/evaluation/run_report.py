@@ -212,7 +212,7 @@ class _Page:
         goal = reach(self.solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES)
         if not len(goal.points):
             return []
-        pitch = float(scene.strategy.options.get("step", 0.010))
+        pitch = record.pitch or 0.010
         times = np.linspace(0.0, float(record.times.max()), 41)[1:]
         gap, covered, away = np.full(len(goal.points), np.inf), [], []
         begin = 0
@@ -246,7 +246,7 @@ class _Page:
             free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
             so_far = TouchRecord(
                 record.points[:n], normals=record.normals[:n], trust=record.trust[:n], free_path=free,
-                probe_radius=record.probe_radius, table=record.table, lowest=record.lowest,
+                probe_radius=record.probe_radius, table=record.table, lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
             made = _surface(self.run, so_far)
             if made is not None:

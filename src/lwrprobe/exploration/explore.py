@@ -83,6 +83,7 @@ def explore(
     tell("reconstructing and comparing")
     begin = perf_counter()
     record = touch_record(recorder, scene, pipeline.voxels)
+    record.pitch = getattr(pipeline.options, "step", None)
     surface, lack = _reconstruct(record, pipeline)
     pipeline.left_out += lack
     summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])

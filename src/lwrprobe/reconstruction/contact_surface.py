@@ -57,7 +57,7 @@ class ContactSurface:
 
         Attributes
         ----------
-        pitch : m, distance between the scan's lines; None estimates it from the contacts
+        pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
         step : m, edge of the grid's cells; None takes 0.4 radii, or more where the object is so large that the
             grid would have more than 3 000 000 nodes
         """
@@ -81,7 +81,7 @@ class ContactSurface:
         """Raises InputError for contacts that span no solid or have no normals."""
         work = _Work(self.config, self.progress or (lambda stage, share: None))
         touches = work.run("prepare", lambda: prepare(record, 0.5 * (self.config.step or 0.004)))
-        pitch = self.config.pitch or line_pitch(touches.centres, record.resolution)
+        pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
         pitch = max(pitch, touches.radius)
         clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
         grid = work.grid(touches, clusters, pitch)
@@ -150,14 +150,12 @@ class _Work:
 
 
 def _evidence(grid: Grid, touches: Touches, pitch: float) -> Evidence:
-    visited = [touches.centres, touches.visited]
-    if len(touches.visited) == 0:
-        visited.append(_ring(touches, pitch, grid.step))
-    return gather(grid, touches.points, touches.normals, np.vstack(visited), touches.radius)
+    visited = np.vstack([touches.centres, touches.visited, _ring(touches, pitch, grid.step)])
+    return gather(grid, touches.points, touches.normals, visited, touches.radius)
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
-    """Without a free path: the centre is taken to pass freely one pitch around and above the outermost contacts."""
+    """Where nobody has been: the centre is taken to pass freely one pitch around and above the outermost contacts."""
     lower, upper = touches.centres.min(axis=0) - pitch, touches.centres.max(axis=0) + pitch
     x, y = (np.arange(lower[m], upper[m] + step, step) for m in (0, 1))
     roof = np.stack(np.meshgrid(x, y, [upper[2]], indexing="ij"), axis=-1).reshape(-1, 3)

@@ -77,7 +77,7 @@ def fit(record: TouchRecord) -> list[Fit]:
     Deterministic. Raises InputError for contacts that span no solid.
     """
     touches = prepare(record, 0.002)
-    pitch = line_pitch(touches.centres, record.resolution)
+    pitch = record.pitch or line_pitch(touches.centres, record.resolution)
     chosen = np.unique(np.linspace(0, len(touches.points) - 1, _MOST).astype(int))
     centres, normals = touches.centres[chosen], touches.normals[chosen]
     fits = [_solve(c, centres, normals, touches) for c in _candidates(centres, normals, touches, pitch)]

@@ -30,7 +30,7 @@ class HermiteRbf:
 
         Attributes
         ----------
-        pitch : m, distance between the scan's lines; None estimates it from the contacts
+        pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
         step : m, edge of the grid's cells; None takes a fifth of the pitch
         """
 
@@ -52,7 +52,7 @@ class HermiteRbf:
         """Raises InputError for contacts that span no solid or whose normals enclose none."""
         begin = time.perf_counter()
         touches = prepare(record, 0.002)
-        pitch = self.config.pitch or line_pitch(touches.centres, record.resolution)
+        pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
         data = _data(touches, pitch)
         mesh = _surface(data, touches, pitch, self.config.step or 0.2 * pitch)
         report = {
