@@ -51,7 +51,8 @@ def run_folder(folder, name, record, settings=(), known=True):
     zero = np.zeros(len(free))
     way = np.column_stack([zero, free, zero, zero, zero + 0.05])
     np.savetxt(folder / "trace.csv", way, "%.6f", ",", header="time,x,y,z,force,touching,clearance", comments="")
-    (folder / "summary.json").write_text(json.dumps({"link_collisions": 0 if known else None}))
+    summary = {"status": "done", "sim_time_s": 12.5, "peak_force_n": 1.5, "link_collisions": 0 if known else None}
+    (folder / "summary.json").write_text(json.dumps(summary))
     return folder
 
 
@@ -131,6 +132,8 @@ def test_a_merged_folder_holds_all_runs_in_the_place_of_the_first(merged):
     told = [fact["registration"]["shift_mm"] for fact in summary["merged"][1:]]
     assert told[1] == pytest.approx(2.0, abs=0.2)
     assert summary["surface_error_mm"]["median"] < 0.2
+    assert (summary["status"], summary["sim_time_s"], summary["link_collisions"]) == ("done", 37.5, 0)
+    assert summary["coverage"] > 0.7
 
 
 def test_a_merged_folder_has_map_cloud_and_a_mesh_better_than_one_run_s(merged):
@@ -186,6 +189,16 @@ def test_other_tables_and_other_spheres_are_refused(tmp_path, settings, why):
     b = run_folder(tmp_path / "b", "block", touches("block", 0.1, 2), settings)
     with pytest.raises(InputError, match=why):
         merge([a, b], tmp_path / "out")
+
+
+def test_what_only_a_simulator_knows_is_left_out_for_real_runs(tmp_path):
+    a = run_folder(tmp_path / "a", "combination", touches("combination"))
+    b = run_folder(tmp_path / "b", "combination", touches("combination", 0.1, 2), known=False)
+    summary = merge([a, b], tmp_path / "out", method="convex_hull")
+    assert summary["surface_error_mm"] is summary["mesh_error_mm"] is summary["link_collisions"] is None
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"out: .*can be written to"):
+        merge([a, b], tmp_path / "file" / "out", method="convex_hull")
 
 
 def test_one_run_alone_or_without_touches_is_refused(tmp_path):

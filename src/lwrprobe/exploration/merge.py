@@ -6,6 +6,7 @@ a few millimetres in between. Runs that do not belong together are refused, with
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
-from lwrprobe.exploration.recorder import TRACE_COLUMNS
+from lwrprobe.exploration.recorder import CONTACT_COLUMNS, TRACE_COLUMNS
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.registration import Registration, intruding, register
@@ -85,10 +86,11 @@ def merge(
     known = all(run.summary.get("link_collisions") is not None for run in runs)
     summary = {
         "scene": scene.name,
+        **_together(runs, known),
         "merged": told,
         "contacts": len(joined.points),
         "voxels": len(voxels),
-        **_against_truth(scene, joined, surface if known else None, known),
+        **_against_truth(scene, joined, surface, known),
         "reconstruction": _plain(surface.report) if surface is not None else None,
         "left_out": lack,
         "versions": versions("lwrprobe", "numpy", "scipy"),
@@ -213,19 +215,46 @@ def _reconstruct(
         return None, [{"stage": "reconstruction", "why": str(error)}]
 
 
-def _against_truth(
-    scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool
-) -> dict[str, dict[str, Any] | None]:
-    """Errors against the first run's true shape, where a simulator knew it."""
-    from lwrprobe.evaluation import mesh_error, surface_error
+def _against_truth(scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool) -> dict[str, Any]:
+    """Coverage and errors against the first run's true shape, where a simulator knew it."""
+    from lwrprobe.evaluation import coverage, mesh_error, surface_error
 
     if not (known and scene.objects):
-        return {"surface_error_mm": None, "mesh_error_mm": None}
-    solid = scene.solid()
+        return dict.fromkeys(("coverage", "coverage_5mm", "surface_error_mm", "mesh_error_mm"))
+    solid, pitch = scene.solid(), float(scene.strategy.options.get("step", 0.010))
+    share = coverage(record.points, solid, scene.probe.radius, scene.area.lower[2], pitch, scene.area.as_area())
     mesh = None
     if surface is not None:
         mesh = {"method": surface.report["method"], **mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()}
-    return {"surface_error_mm": surface_error(record.points, solid).as_dict(), "mesh_error_mm": mesh}
+    return {
+        "coverage": round(share.share, 4),
+        "coverage_5mm": round(share.share_5mm, 4),
+        "surface_error_mm": surface_error(record.points, solid).as_dict(),
+        "mesh_error_mm": mesh,
+    }
+
+
+def _together(runs: list[RunFolder], known: bool) -> dict[str, Any]:
+    """What the runs' summaries give in sum, under the names that one run's has."""
+
+    def total(key: str) -> float:
+        return round(float(sum(run.summary.get(key) or 0.0 for run in runs)), 4)
+
+    unfinished = [str(run.folder) for run in runs if run.summary.get("status") != "done"]
+    reason = f"merged from {len(runs)} runs"
+    if unfinished:
+        reason += f", of which {len(unfinished)} ended early ({', '.join(unfinished)})"
+    peaks = [run.summary.get("peak_force_n", float(run.force.max())) for run in runs]
+    return {
+        "status": "ended early" if unfinished else "done",
+        "reason": reason,
+        "strategy": runs[0].scene.strategy.name,
+        "sim_time_s": total("sim_time_s"),
+        "path_length_m": total("path_length_m"),
+        "contact_path_length_m": total("contact_path_length_m"),
+        "peak_force_n": round(max(peaks), 4),
+        "link_collisions": sum(run.summary["link_collisions"] for run in runs) if known else None,
+    }
 
 
 def _first(run: RunFolder) -> dict[str, Any]:
@@ -272,11 +301,12 @@ def _write(
     known: bool,
 ) -> None:
     from lwrprobe.evaluation.preview import draw_preview
-    from lwrprobe.exploration.recorder import CONTACT_COLUMNS, Recorder
     from lwrprobe.reconstruction.meshes import write_mesh
 
-    recorder = Recorder(out)
-    recorder.close()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("out", str(out), f"a folder that can be written to ({error.strerror})") from None
     write_scene(scene, out / "scene.toml")
     assert record.times is not None
     assert record.normals is not None
@@ -303,4 +333,4 @@ def _write(
     facts = [f"{len(summary['merged'])} runs", f"{len(record.points)} contacts"]
     title = f"{scene.title or scene.name}, merged"
     draw_preview(out / "preview.png", title, record.points, surface.mesh if surface else None, truth, facts)
-    recorder.write_json("summary.json", summary)
+    (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
