@@ -211,7 +211,8 @@ class Contouring(ABC):
         line, start, top = self.course.line, self.course.line.start, float(self.task.area.upper[Z])
         turn, margin = self.rotation, np.array([0.0, 0.0, MARGIN])
         if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
-            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]))]
+            # Nothing should stand on the border; where something does, the area is cut through an object.
+            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]), Pace.CAREFUL)]
             if here[Z] > start[Z] + MARGIN:
                 way.append(Waypoint(start + margin, Pace.CAREFUL))
             return [*way, Waypoint(start, Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE)]

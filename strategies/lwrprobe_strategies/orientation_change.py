@@ -60,12 +60,23 @@ class OrientationChange(Contouring):
         low = replace(line, height=self.lowest)
         back = np.zeros(3)
         back[line.axis] = -line.sign
+        if line.axis == Y:
+            back = _horizontal(back + self._outward(line.place))
         # On the border it turns where it stands; elsewhere it comes over the top, where nothing is.
         beside = line.axis == Y and abs(here[Y] - line.begin) < 1e-3
         over = np.array([low.start[0], low.start[1], self.task.area.upper[Z]])
         way = [low.start, low.at(0.5 * (low.begin + low.end))]
         rotation = self._leaning(back, [here] if beside else [], way if beside else [over, *way])
         return (line, self.upright) if rotation is None else (low, rotation)
+
+    def _outward(self, x: float) -> np.ndarray:
+        """Off the object's end in x, on lines beyond what has been touched: how far it goes on is not known yet."""
+        touched = self.touched.table()[:, 0]
+        if len(touched) and x > touched.max():
+            return np.array([1.0, 0.0, 0.0])
+        if len(touched) and x < touched.min():
+            return np.array([-1.0, 0.0, 0.0])
+        return np.zeros(3)
 
     def turn_wanted(self, seen: Observation) -> np.ndarray | None:
         """Upright again as soon as that is safe."""

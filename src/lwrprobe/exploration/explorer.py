@@ -36,7 +36,8 @@ from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
-    "arm", "sensor", "condition", "estimate", "map", "carve", "clearance", "strategy", "trajectory", "ik", "governor", "record",
+    "arm", "sensor", "condition", "estimate", "map", "carve", "clearance", "strategy", "trajectory", "ik", "governor",
+    "record",
 )  # fmt: skip
 
 FORGET = 0.5

@@ -21,10 +21,13 @@ from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.clearance_stage import ClearanceStage
 from lwrprobe.exploration.force_stage import ForceStage
 from lwrprobe.exploration.joint_space import JointSpaceTip
-from lwrprobe.kinematics import IKSolver, IKStatus, Robot, robot_by_name
+from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.options import configure
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
+
+NULL_SPACE_ACCELERATION = 20.0
+"""rad/s^2, of the joints, when the way off a joint limit begins."""
 
 
 @dataclass(slots=True)
@@ -120,7 +123,9 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         turn_acceleration=motion.turn_acceleration,
         turn_jerk=motion.turn_jerk,
     )
-    solver = IKSolver(robot)
+    # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
+    pace = min(Preference().pace, NULL_SPACE_ACCELERATION * cycle * cycle)
+    solver = IKSolver(robot, preference=Preference(pace=pace))
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)
     return Pipeline(

@@ -180,7 +180,7 @@ class MotionTable(Table):
     """m/s where it is."""
     contour_speed: Length = 0.02
     """m/s while touching."""
-    acceleration: Length = 4.0
+    acceleration: Length = 2.0
     """m/s^2"""
     jerk: Length = 1000.0
     """m/s^3"""
