@@ -167,3 +167,21 @@ def test_limits_that_are_none_are_refused(change):
     good = {"cycle": 1e-3, "lower": -UPPER, "upper": UPPER, "speed": SPEED, "acceleration": ACCELERATION, "jerk": JERK}
     with pytest.raises(InputError):
         JointTrajectory(**(good | change))
+
+
+def test_a_goal_can_bring_its_own_share_of_the_speeds():
+    arm = arm_at_rest()
+    arm.set_goal(0.5 * UPPER, 0.3)
+    fastest = np.zeros(7)
+    while not arm.arrived:
+        step(arm)
+        fastest = np.maximum(fastest, np.abs(arm.qd) / SPEED)
+    assert fastest.max() == pytest.approx(0.3, abs=1e-6)
+    arm.set_goal(-0.5 * UPPER)  # and it stays, until another is given
+    while not arm.arrived:
+        step(arm)
+        assert (np.abs(arm.qd) <= 0.3 * SPEED * (1.0 + 1e-9)).all()
+    for factor in (0.0, -0.1, 1.1, float("nan")):
+        with pytest.raises(InputError, match="factor"):
+            arm.set_goal(0.1 * UPPER, factor)
+    assert arm.arrived
