@@ -98,6 +98,22 @@ def test_a_stiff_object_is_left_alone(normal):
     assert touch.compliance == 0.0
 
 
+def test_sliding_on_with_a_wrong_normal_is_not_taken_for_sinking_in():
+    """A normal that is 0.3 rad off sees a slide of 20 mm/s as 6 mm/s into the surface."""
+    tilted = np.array([np.sin(0.3), 0.0, np.cos(0.3)])
+    found = []
+    for normal_error in (0.3, 0.0):
+        touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2, normal_error)
+        for wrench, pose, contact in press(1e5, (0, 0, 1)):
+            pose[0, 3] -= 0.02 * wrench.time
+            if contact is not None:
+                contact.normal = tilted
+            touch.heed(wrench, pose, contact)
+        found.append(touch.compliance)
+    assert found[0] == 0.0
+    assert found[1] > 1e-4
+
+
 def test_a_press_that_tells_nothing_is_none():
     t = np.arange(10) * 0.008
     assert series_compliance(t[:3], t[:3], t[:3]) is None

@@ -9,7 +9,7 @@ from lwrprobe.bench.stability.case import Case, Finding, all_cases, run_case, wi
 from lwrprobe.contracts import InputError, UnknownNameError
 
 
-@pytest.mark.parametrize("number", [1, 2, 10, 11, 25, 26, 27, 29, 31, 32, 34, 35])
+@pytest.mark.parametrize("number", [1, 2, 25, 26, 27, 29, 31, 32, 34, 35])
 def test_cheap_cases_hold(number):
     room, case = all_cases()[number]
     result = run_case(room, case, quick=True)

@@ -17,6 +17,8 @@ TOUCHES = 8
 WORTH = 2e-5
 """m/N: a softer object is corrected for; a stiffer one is dented by less than 0.02 mm at 1 N."""
 FEWEST = 6
+SEEMING = 0.2
+"""Share of the way into the surface that may be sliding, seen with a wrong normal."""
 APART = 0.15
 """Share of the speed's spread that must not follow from the force, for the two to be told apart."""
 CERTAIN = 0.3
@@ -37,10 +39,11 @@ class TouchIdentification:
     ----------
     bend : the probe's own give
     threshold : N, above it a touch is declared
+    normal_error : rad, how wrong the contacts' normals may be: a sphere that slides on seems to sink in by that share
     """
 
-    def __init__(self, bend: Deflection, threshold: float) -> None:
-        self._bend, self._threshold = bend, threshold
+    def __init__(self, bend: Deflection, threshold: float, normal_error: float = 0.03) -> None:
+        self._bend, self._threshold, self._normal_error = bend, threshold, normal_error
         self._rows: list[tuple[float, np.ndarray, np.ndarray]] = []
         self._rotation, self._normal = np.eye(3), np.zeros(3)
         self._weight = self._weighted = 0.0
@@ -80,6 +83,10 @@ class TouchIdentification:
         places, forces = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
         ways, normal_forces = -(places - places[0]) @ normal, forces @ normal
         rising = slice(0, int(np.argmax(normal_forces)) + 1)
+        sunk = float(np.ptp(ways[rising]))
+        slid = float(np.linalg.norm(places[rising][-1] - places[0] + ways[rising][-1] * normal))
+        if self._normal_error * slid > SEEMING * sunk:
+            return False
         times = np.array([row[0] for row in rows])
         fit = series_compliance(times[rising], ways[rising], normal_forces[rising])
         if fit is None:

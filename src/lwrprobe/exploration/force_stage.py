@@ -26,6 +26,8 @@ HISTORY = 64
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
+NORMAL_ERROR, FRICTION_ANGLE = 0.03, 0.3
+"""rad by which normals are wrong: of estimators that know friction, and of the one that knows none."""
 GUARD = 0.25
 """s before a touch that are not trusted to have been free."""
 
@@ -57,12 +59,13 @@ class ForceStage:
         self._drift = DriftWatch(
             conditioner, touch_force=0.5 * scene.contact.threshold, window=FREE_WINDOW, guard=GUARD
         )
-        self._touch = TouchIdentification(self._bend, scene.contact.threshold)
+        wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
+        self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._cycle: LimitCycle | None = None
         self._times: deque[float] = deque(maxlen=HISTORY)
         self._velocities: deque[Vector] = deque(maxlen=HISTORY)
         self._report: dict[str, Any] = {}
-        # Of an upper bound of the stiffness follows a lower bound of the dent.
+        # Of an upper bound of the stiffness follows a lower bound of what object and arm give way.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
     def begin(self, delay: float) -> None:
