@@ -1,10 +1,12 @@
 """Confirmed motions: none before a yes, none after a key, and the loop goes on meanwhile."""
 
+import os
+
 import numpy as np
 import pytest
 
 from lwrprobe.contracts import Done, Feed, Goal, SafetyStop
-from lwrprobe.exploration.confirm import Confirm
+from lwrprobe.exploration.confirm import Confirm, TypedLines
 from lwrprobe.exploration.explore import explore
 from lwrprobe.scene import load_scene
 
@@ -78,3 +80,18 @@ def test_refused_first_motion_leaves_the_tip_at_its_start(tmp_path):
     assert operator.told
     assert summary["path_length_m"] < 1e-3
     assert summary["contacts"] == 0
+
+
+def test_typed_lines_come_one_at_a_time_and_the_end_of_input_means_no(monkeypatch):
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as end:
+        monkeypatch.setattr("sys.stdin", end)
+        typed = TypedLines()
+        assert typed() is None
+        os.write(writing, b"\n\nq\nhal")
+        assert [typed() for _ in range(4)] == ["", "", "q", None]
+        os.write(writing, b"t\n")
+        assert typed() == "halt"
+        os.close(writing)
+        assert typed() == "q"
+        assert typed() == "q"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 from collections.abc import Callable
@@ -13,16 +14,30 @@ from lwrprobe.contracts import Done, Feed, Goal, Motion, SafetyStop
 _HOLD = 0.1  # s, until the next look
 
 
-def typed() -> str | None:
-    """A line typed meanwhile, without its end, None when there is none; never waits. The end of input means no."""
-    try:
-        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
-    except (OSError, ValueError):
-        return "q"
-    if not ready:
-        return None
-    line = sys.stdin.readline()
-    return line.strip() if line else "q"
+class TypedLines:
+    """Lines from standard input, one a call, without ever waiting for one."""
+
+    def __init__(self) -> None:
+        self._begun = b""
+        self._ended = False
+
+    def __call__(self) -> str | None:
+        """The next line without its end, None when there is none; the end of input means no."""
+        # Not readline: its buffer would hide a second line, typed to stop, from select.
+        while b"\n" not in self._begun and not self._ended:
+            try:
+                ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+                if not ready:
+                    return None
+                typed = os.read(sys.stdin.fileno(), 4096)
+            except (OSError, ValueError):
+                typed = b""
+            self._begun += typed
+            self._ended = not typed
+        if b"\n" not in self._begun:
+            return "q"
+        line, _, self._begun = self._begun.partition(b"\n")
+        return line.decode("utf-8", "replace").strip()
 
 
 class Confirm:
@@ -35,12 +50,14 @@ class Confirm:
     ----------
     motions : how many are asked for; a goal is one, and so is a feed until its reason changes
     tell : shows a sentence
-    typed : the line typed since the last call, None for none
+    typed : the line typed since the last call, None for none; standard input when left out
     """
 
-    def __init__(self, motions: int, tell: Callable[[str], None], typed: Callable[[], str | None] = typed) -> None:
+    def __init__(
+        self, motions: int, tell: Callable[[str], None], typed: Callable[[], str | None] | None = None
+    ) -> None:
         self.left = motions
-        self._tell, self._typed = tell, typed
+        self._tell, self._typed = tell, typed or TypedLines()
         self._asked: tuple | None = None
         self._allowed: tuple | None = None
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED, agreed_bias
+from lwrprobe.contact import TRUSTED, UNCONFIRMED, agreed_bias
 from lwrprobe.contracts import (
     Contact,
     Done,
@@ -380,7 +380,8 @@ class Explorer:
             blocked=self._blocked,
         )
         motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
-        override = self._guard.check(self._time, wrench.world_force, wrench.torque)
+        confirmed = not wrench.status & UNCONFIRMED
+        override = self._guard.check(self._time, wrench.world_force, wrench.torque, confirmed)
         clock.lap("strategy")
         if self.confirm is not None and override is None:
             motion = self.confirm.filter(motion)

@@ -43,13 +43,19 @@ class ForceGuard:
         self.interventions = 0
         self._since: float | None = None
 
-    def check(self, time: float, force: Vector, torque: Vector | None = None) -> Feed | None:
-        """A motion that overrides the strategy's, or None; raises SafetyStop when releasing does not help."""
+    def check(self, time: float, force: Vector, torque: Vector | None = None, confirmed: bool = True) -> Feed | None:
+        """A motion that overrides the strategy's, or None; raises SafetyStop when releasing does not help.
+
+        An overload that one sample alone tells of may be a spike, and yielding to a spike may be pushing: the tip
+        stops, and the next sample says in which direction to yield, if at all.
+        """
         size = float(np.sqrt(force @ force))
         twisted = torque is not None and bool((np.abs(torque) > self.torque).any())
         if self._since is None:
             if size <= self.limit and not twisted:
                 return None
+            if not confirmed:
+                return Feed(np.zeros(3), reason="force limit, unconfirmed")
             self._since = time
             self.interventions += 1
         elif size < self.release_below and not twisted:

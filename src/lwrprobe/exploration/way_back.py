@@ -10,6 +10,7 @@ from lwrprobe.contracts.samples import Vector
 
 _SPACING = 0.001  # m between two remembered places
 _REMEMBERED = 256
+_STRIDE = 0.003  # m between two places to go back to: round an edge the chord cuts 0.2 mm off the way, less than a lift
 
 
 class WayBack:
@@ -38,18 +39,26 @@ class WayBack:
         self._places.append(tip + self._outward)
 
     def places(self, tip: Vector, length: float) -> list[np.ndarray]:
-        """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m."""
+        """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m.
+
+        Each is a stop on the way, so they are a few millimetres apart.
+        """
         if length <= 0.0:
             return []
         way, here, left = [], tip, length
         if self._outward.any():
             here = tip + self._outward
             way.append(here)
+        since = 0.0
         for place in reversed(self._places):
             step = float(np.linalg.norm(place - here))
             if step >= left:
                 way.append(here + (left / step) * (place - here))
-                break
-            way.append(place)
-            here, left = place, left - step
+                return way
+            here, left, since = place, left - step, since + step
+            if since >= _STRIDE:
+                way.append(place)
+                since = 0.0
+        if since > 0.0:
+            way.append(here)
         return way

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from lwrprobe.contracts import InputError
 
 _SCENE = "cylinder_vertical"
 _HALF = 0.012
+_EARLY = 8.0
+"""s, when the bias has been taken and nothing has been touched yet."""
 _PHANTOM = 1.0
 """mm off the true surface, beyond which a contact is one of nothing."""
 
@@ -63,10 +66,15 @@ def _frozen(quick: bool) -> list[Finding]:
     touching = np.flatnonzero(clean.touching)
     if len(touching) < 40:
         return [Finding("a run without faults", f"{clean.told()}: too short to freeze in", False)]
-    # The way is noted every fifth sample; the strategy takes over once the bias has been taken.
-    instant = 0.8 + 5.0 * (touching[20] + 1) / clean.scene.sensor.rate
+    # The way, noted at every fifth sample, counts from where the strategy took over, the freeze from where the world began: a run that freezes in
+    # the air tells the difference, to the length of the silence.
+    early = _run(f"drivers.sim.freeze_at={_EARLY}", "drivers.sim.freeze_for=1000.0")
+    noted = 5.0 / clean.scene.sensor.rate
+    start = _EARLY + early.scene.safety.silence - noted * len(early.way)
+    instant = start + noted * (touching[20] + 1)
     run = _run(f"drivers.sim.freeze_at={instant}", "drivers.sim.freeze_for=1000.0")
-    return [_ends("frozen at its last value while touching", run, "no usable wrench sample|cannot be relied on")]
+    found = _ends("frozen at its last value while touching", run, "no usable wrench sample|cannot be relied on")
+    return [replace(found, held=found.held and len(run.points) > 0)]
 
 
 def _saturated(quick: bool) -> list[Finding]:
@@ -121,7 +129,7 @@ def _garbage(quick: bool) -> list[Finding]:
     some = _run("drivers.sim.garbage_rate=2.0")
     rejected = sum(v for k, v in some.summary["wrench_counters"].items() if k in ("invalid", "rejected"))
     first = _goes_on("a NaN twice a second", some)
-    first = Finding(first.setting, first.happened, first.held and rejected > 0, first.value, first.bound, first.unit)
+    first = replace(first, held=first.held and rejected > 0)
     all_bad = _run("drivers.sim.garbage_rate=60.0")
     return [
         first,
