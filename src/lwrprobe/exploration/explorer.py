@@ -385,13 +385,16 @@ class Explorer:
         clock.lap("strategy")
         if self.confirm is not None and override is None:
             motion = self.confirm.filter(motion)
-        self._adopt(override or motion)
+        self._adopt(override or motion, urgent=override is not None)
         clock.lap("trajectory")
         self._account(seen, contact, size, near)
         clock.lap("record")
 
-    def _adopt(self, motion: Motion) -> None:
-        """Hand a motion to the generator, unless the arm could not follow it a moment from now."""
+    def _adopt(self, motion: Motion, urgent: bool = False) -> None:
+        """Hand a motion to the generator, unless the arm could not follow it a moment from now.
+
+        An urgent one goes as far as it can: to stand still would be to go on pressing.
+        """
         trajectory = self.pipe.trajectory
         self._motion = motion
         if isinstance(motion, Done):
@@ -403,7 +406,7 @@ class Explorer:
         else:
             ahead = trajectory.pose.copy()
             ahead[:3, 3] += 0.1 * motion.velocity
-            if not self._reachable(ahead):
+            if not urgent and not self._reachable(ahead):
                 return
             trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
 
