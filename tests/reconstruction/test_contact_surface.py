@@ -239,3 +239,17 @@ def test_a_known_pitch_is_taken(scenes):
     assert surface(replace(record, pitch=0.012)).report["pitch"] == 0.012
     with pytest.raises(InputError, match="pitch"):
         replace(record, pitch=0.0)
+
+
+def test_normals_that_were_turned_over_are_outvoted(scenes):
+    solid, record = scenes("bridge")
+    turned = np.random.default_rng(5).random(len(record.points)) < 0.05
+    result = surface(replace(record, normals=np.where(turned[:, None], -record.normals, record.normals)))
+    assert result.report["left_out"] >= 0.9 * turned.sum()
+    assert surface(record).report["left_out"] == 0
+    assert error(result.mesh, solid).mean < 0.2 * error(convex_hull(record.points), solid).mean
+
+
+def test_both_sides_of_a_thin_plate_stay(scenes):
+    _, record = scenes("thin_plate")
+    assert surface(record).report["left_out"] <= 0.01 * len(record.points)

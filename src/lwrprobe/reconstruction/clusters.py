@@ -12,6 +12,12 @@ from lwrprobe.reconstruction.cluster_kernels import assign, merge
 _AGREEMENT = 0.8
 """Cosine between normals above which two contacts may be of one surface: 37 degrees."""
 
+_WITH = 0.3
+"""Cosine above which a neighbour speaks for a contact, and below minus which against it."""
+
+_OUTVOTED = 3.0
+"""Weight against a contact over the weight for it from which on it is left out."""
+
 _PORTION = 50_000
 """Points between two looks at the progress callback."""
 
@@ -50,3 +56,21 @@ def cluster(
     centre, facing, total = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
     merge(points, normals, trust, label, centre, facing, total)
     return Clusters(centre, facing, total, label)
+
+
+def outvoted(clusters: Clusters, feet: np.ndarray, reach: float) -> np.ndarray:
+    """(k,) bool: clusters that face against nearly everything touched around them.
+
+    `feet` (k, 3) are their places on the object. The two sides of a thin plate have about equal weight and stay; a
+    contact whose normal was turned over stands alone.
+    """
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(feet).query_pairs(reach, output_type="ndarray")
+    facing = np.einsum("ij,ij->i", clusters.normals[pairs[:, 0]], clusters.normals[pairs[:, 1]])
+    own, against = clusters.weight.copy(), np.zeros(len(feet))
+    for here, there in ((0, 1), (1, 0)):
+        weight = clusters.weight[pairs[:, there]]
+        own += np.bincount(pairs[:, here], weight * (facing > _WITH), minlength=len(feet))
+        against += np.bincount(pairs[:, here], weight * (facing < -_WITH), minlength=len(feet))
+    return against > _OUTVOTED * own

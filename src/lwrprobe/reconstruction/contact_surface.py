@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
-from lwrprobe.reconstruction.clusters import Clusters, cluster
+from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.distance_kernels import (
     corner_lists,
@@ -84,6 +84,8 @@ class ContactSurface:
         pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
         pitch = max(pitch, touches.radius)
         clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
+        given = len(touches.points)
+        touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
         evidence = work.run("evidence", lambda: _evidence(grid, touches, pitch))
@@ -95,7 +97,7 @@ class ContactSurface:
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, walls, touches))
-        report = work.report(touches, pitch, grid, clusters, walls, unreachable)
+        report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
 
 
@@ -133,13 +135,14 @@ class _Work:
             lower[2] = touches.table - (np.ceil((touches.table - lower[2]) / step) + 0.5) * step
         return Grid.around(lower, upper, step)
 
-    def report(self, touches, pitch, grid, clusters, walls, unreachable) -> dict[str, Any]:
+    def report(self, given, touches, pitch, grid, clusters, walls, unreachable) -> dict[str, Any]:
         return {
             "method": "contact_surface",
             "seconds": time.perf_counter() - self.begin,
             "watertight": True,
             "without": touches.without,
             "contacts": len(touches.points),
+            "left_out": given - len(touches.points),
             "points_used": len(clusters.points),
             "walls_inferred": len(walls),
             "pitch": pitch,
@@ -147,6 +150,20 @@ class _Work:
             "unreachable_share": float(np.mean(unreachable)),
             "stages": self.stages,
         }
+
+
+def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Touches, Clusters]:
+    """Without contacts whose normals contradict all that was touched around them: one would open a hole."""
+    feet = clusters.points - touches.radius * clusters.normals
+    good = ~outvoted(clusters, feet, 1.1 * pitch)
+    if good.all():
+        return touches, clusters
+    kept = good[clusters.label]
+    number = np.cumsum(good) - 1
+    return (
+        replace(touches, points=touches.points[kept], normals=touches.normals[kept], trust=touches.trust[kept]),
+        Clusters(clusters.points[good], clusters.normals[good], clusters.weight[good], number[clusters.label[kept]]),
+    )
 
 
 def _evidence(grid: Grid, touches: Touches, pitch: float) -> Evidence:
