@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.bench.timing import interleave
+from lwrprobe.bench.timing import interleave, load_before
 from lwrprobe.bench.voxel_block import EDGE, block_surface
 from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
@@ -57,7 +57,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 
 def _machine() -> dict[str, str]:
-    return machine() | versions("numpy", "numba", *PEERS.values())
+    return machine() | load_before() | versions("numpy", "numba", *PEERS.values())
 
 
 def _peers() -> tuple[dict[str, Any], list[str]]:

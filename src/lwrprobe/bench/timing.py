@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import time
 from collections.abc import Callable, Mapping
 
@@ -26,3 +27,8 @@ def interleave(candidates: Mapping[str, Callable[[], object]], rounds: int) -> d
         if collecting:
             gc.enable()
     return seconds
+
+
+def load_before() -> dict[str, str]:
+    """How busy the machine was with other work: processes that ran or waited in the minute before."""
+    return {"load before": f"{os.getloadavg()[0]:.1f}"}

@@ -21,6 +21,7 @@ import numpy as np
 import ruckig
 
 from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.timing import load_before
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.kinematics import IKSolver, lwr4
@@ -53,7 +54,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     replans = _integer(options, "replans", 10_000 if quick else 100_000)
     rng = np.random.default_rng(_integer(options, "seed", 7))
     report = BenchReport("trajectory", "Trajectories: held limits, and time beside bare Ruckig")
-    report.machine = machine() | versions("ruckig", "numpy", "numba")
+    report.machine = machine() | load_before() | versions("ruckig", "numpy", "numba")
     _times(report, rng, 300 if quick else 3000)
     _around_goals(report, rng, replans)
     _cycles(report, rng, 20 if quick else 200)
