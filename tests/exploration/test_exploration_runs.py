@@ -44,7 +44,7 @@ def test_block_is_felt_from_all_sides_in_twice_the_least_time(block):
     assert summary["contact_error_mm"]["p95"] <= 0.5
     assert max(map(abs, summary["end_errors_mm"])) <= 0.3
     assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_time_s"]
-    assert summary["mesh_error_mm"]["method"] == "convex_hull"
+    assert summary["mesh_error_mm"]["method"] == "contact_surface"
     assert summary["mesh_error_mm"]["mean"] <= 1.0
 
 

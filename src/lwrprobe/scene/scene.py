@@ -277,7 +277,7 @@ class StrategyTable(ChoiceTable):
 class ReconstructionTable(ChoiceTable):
     """How the contacts become a mesh; all further keys of the table are the method's own options."""
 
-    method: str = "convex_hull"
+    method: str = "contact_surface"
     points: Literal["contacts", "voxels"] = "contacts"
     """What the mesh is made from: contacts with their normals, or the map's voxel centres alone."""
 
