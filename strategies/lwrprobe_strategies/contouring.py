@@ -149,6 +149,7 @@ class Contouring(ABC):
         if self._last_time is not None:
             self._period = min(max(observation.time - self._last_time, 1e-4), 0.1)
         self._last_time = observation.time
+        self._watch_edge(observation)
         event = self._event(observation)
         if event is None and self._jammed(observation):
             event = Event.BLOCKED
@@ -526,20 +527,24 @@ class Contouring(ABC):
 
     def _followed_normal(self, seen: Observation) -> np.ndarray:
         """That of the surface; in an inner edge, where two are felt at once, that of the one met last."""
-        here, contact = seen.pose[:3, 3], seen.contact
-        if self._edge is None:
-            onward, along = self.follower.tangent(self.course.across()), self.follower.normal
-            friction = STEEPEST_FRICTION * max(float(seen.force @ along), 0.0)
-            if -float(seen.force @ onward) - friction > MEETS * self.task.force_target:
-                self._edge = (-onward, here.copy())
-                self.follower.restart(-onward)
         if self._edge is not None:
+            here, contact = seen.pose[:3, 3], seen.contact
             normal, place = self._edge
             alone = contact is not None and contact.trust >= 0.5 and contact.normal @ normal > 0.8
             if not alone and np.abs(here - place).max() < EDGE_WAY:
                 return normal
             self._edge = None
         return surface_normal(seen)
+
+    def _watch_edge(self, seen: Observation) -> None:
+        """A force against the feed that friction does not explain: another surface has been met."""
+        if self.state is not State.CONTOUR or self._edge is not None:
+            return
+        onward, along = self.follower.tangent(self.course.across()), self.follower.normal
+        friction = STEEPEST_FRICTION * max(float(seen.force @ along), 0.0)
+        if -float(seen.force @ onward) - friction > MEETS * self.task.force_target:
+            self._edge = (-onward, seen.pose[:3, 3].copy())
+            self.follower.restart(-onward)
 
     def _remember(self, seen: Observation, normal: np.ndarray) -> None:
         here, line, contact = seen.pose[:3, 3], self.course.line, seen.contact
@@ -566,8 +571,9 @@ class Contouring(ABC):
     def _reapproach(self, seen: Observation) -> Motion:
         around = rolling(seen.pose[:3, 3], self._touched_at, self.follower.normal)
         self.follower.normal = around
-        speed = min(self.follower.approach_speed(around, seen.pose[:3, :3]), self.task.contour_speed)
-        velocity = 0.7 * speed * self.follower.tangent(self.course.across()) - 0.5 * speed * around
+        way = 0.7 * self.follower.tangent(self.course.across()) - 0.5 * around
+        way /= np.sqrt(way @ way)
+        velocity = min(self.follower.approach_speed(way, seen.pose[:3, :3]), self.task.contour_speed) * way
         return Feed(self.course.bounded(seen.pose[:3, 3], velocity), reason=self.state)
 
     def _release(self, seen: Observation) -> Motion:

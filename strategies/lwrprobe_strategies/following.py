@@ -20,6 +20,10 @@ TURN = 0.08
 
 CONE = 0.35
 """rad"""
+NORMALS = np.linspace(0.0, 0.5 * np.pi, 19)
+"""rad from the stick's axis: of the surfaces that a motion may meet."""
+ROOM = 0.85
+"""Share of the force limit that a first touch may use; friction and the wall beside a foot take the rest."""
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on it is also an approach."""
 
@@ -42,6 +46,12 @@ class Follower:
     memory: float = 0.5
     normal: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _slope: float = 0.0
+    _along: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        lateral, _, along = self.task.probe.compliance
+        give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
+        self._along = 1.0 / (1.0 / self.task.stiffness + give)
 
     def restart(self, normal: np.ndarray) -> None:
         """Begin a new contour at a fresh contact."""
@@ -87,16 +97,22 @@ class Follower:
         return e * self.task.delay * self.stiffness(self.normal, rotation)
 
     def approach_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
-        """m/s at which a first touch met along `direction` (unit) stays below two thirds of the force limit.
+        """m/s at which a first touch met along `direction` (unit) stays below `ROOM` of the force limit.
 
-        F = F_threshold + K (v tau + v^2 / (2 a)), solved for v; never above the task's approach speed.
+        F = F_threshold + K (v tau + v^2 / (2 a)), solved for v, with the K of whatever surface would be met hardest;
+        never above the task's approach speed.
         """
         task = self.task
-        room = 0.67 * task.force_limit - task.force_threshold
-        stiffness = self.stiffness(direction, rotation)
+        room = ROOM * task.force_limit - task.force_threshold
+        stiffness = self._hardest(direction, rotation)
         a, tau = task.acceleration, task.delay
         safe = a * (sqrt(tau * tau + 2.0 * room / (stiffness * a)) - tau)
         return min(safe, task.approach_speed)
+
+    def _hardest(self, direction: np.ndarray, rotation: np.ndarray) -> float:
+        """N/m: the largest K(n) (d n) over the normals n of a surface that a motion along d may meet."""
+        axial = min(abs(float(rotation[:, 2] @ direction)), 1.0)
+        return float((self._along * np.cos(acos(axial) - NORMALS)).max())
 
     def stiffness(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """N/m of the series along a unit direction: object and arm as the task has it, and the probe.

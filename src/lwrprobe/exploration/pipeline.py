@@ -195,8 +195,8 @@ def _deflection(scene: Any, probe: Probe) -> tuple[Deflection | None, str]:
 
 
 def reaction_delay(scene: Any, cycle: float, sensor_latency: float, rate: float) -> float:
-    """s, from a force at the sphere to the arm's answer: sensor, half its period, one cycle, and the jerk ramp."""
+    """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp."""
     if scene.contact.delay is not None:
         return float(scene.contact.delay)
     ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
-    return sensor_latency + 0.5 / rate + cycle + ramp
+    return sensor_latency + 1.0 / rate + cycle + ramp

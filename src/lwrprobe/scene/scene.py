@@ -182,7 +182,7 @@ class MotionTable(Table):
     """m/s while touching."""
     acceleration: Length = 2.0
     """m/s^2"""
-    jerk: Length = 1000.0
+    jerk: Length = 3000.0
     """m/s^3"""
     turn_rate: Length = 0.5
     """rad/s"""
