@@ -20,12 +20,14 @@ BENT = 0.06
 """Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
 
-def lines_across(touches: np.ndarray, places: np.ndarray, pitch: float, floor: float, height: float) -> list[Line]:
+def lines_across(
+    touches: np.ndarray, way: np.ndarray, places: np.ndarray, pitch: float, floor: float, height: float
+) -> list[Line]:
     """Lines along x over every face that the lines along y, at `places` (n,) m, left out; in the order to drive them.
 
     Parameters
     ----------
-    touches : (m, 10) as in `Touched.table`
+    touches, way : (m, 10) and (k, 10) as in `Touched.table` and `Touched.way`
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
     height : m, at which a line begins that begins in free space
@@ -43,8 +45,13 @@ def lines_across(touches: np.ndarray, places: np.ndarray, pitch: float, floor: f
         for y, heights in where:
             ends = (first, last) if len(lines) % 2 == 0 else (last, first)
             touching = heights[ends[0]] > floor + 1e-4
-            begin_height = float(heights[ends[0]]) if touching else height
-            lines.append(Line(0, float(y), float(xs[ends[0]]), float(xs[ends[1]]), begin_height, bool(touching)))
+            begin, end = float(xs[ends[0]]), float(xs[ends[1]])
+            if touching:
+                # Where the probe has stood its stick filled the column above.
+                stood = way[(way[:, 9] == begin) & (np.abs(way[:, 1] - y) < NEAR), 2].max()
+                lines.append(Line(0, float(y), begin, end, float(heights[ends[0]]), True, float(stood)))
+            else:
+                lines.append(Line(0, float(y), begin, end, height))
     return lines
 
 

@@ -150,6 +150,8 @@ class Contouring(ABC):
             self._period = min(max(observation.time - self._last_time, 1e-4), 0.1)
         self._last_time = observation.time
         self._watch_edge(observation)
+        if self.state in (State.LINE, State.REAPPROACH) and self.course.line.axis == Y:
+            self.touched.passed(observation.pose[:3, 3], self.course.line.place)
         event = self._event(observation)
         if event is None and self._jammed(observation):
             event = Event.BLOCKED
@@ -177,7 +179,8 @@ class Contouring(ABC):
 
     def _lines_across(self) -> list[Line]:
         floor = float(self.task.area.lower[Z])
-        return lines_across(self.touched.table(), self.grid.x, self.options.step, floor, self.height)
+        touches, way = self.touched.table(), self.touched.way()
+        return lines_across(touches, way, self.grid.x, self.options.step, floor, self.height)
 
     def _grid_line(self, here: np.ndarray) -> Line:
         """The present line of the grid, from the border that is nearer."""
@@ -227,8 +230,8 @@ class Contouring(ABC):
             return [*way, Waypoint(start + margin, Pace.CAREFUL), Waypoint(start, Pace.FEELING)]
         way.append(Waypoint(np.array([start[0], start[1], top]), rotation=turn))
         if line.on_surface:
-            hover = np.array([0.0, 0.0, HOVER])
-            return [*way, Waypoint(start + hover), Waypoint(start - hover, Pace.FEELING)]
+            known = np.array([start[0], start[1], max(line.free_to, start[2]) + HOVER])
+            return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
         return [*way, Waypoint(start)]
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:

@@ -20,6 +20,7 @@ class Line:
     begin, end : m along `axis`
     height : m, of the sphere's centre at the beginning
     on_surface : the beginning is known to touch; it is come down to from above
+    free_to : m, height down to which the way to such a beginning is known to be free
     rim : 0, or the sign on the other horizontal axis towards which a touch is followed around in the horizontal plane
     """
 
@@ -29,6 +30,7 @@ class Line:
     end: float
     height: float
     on_surface: bool = False
+    free_to: float = np.inf
     rim: int = 0
 
     @property

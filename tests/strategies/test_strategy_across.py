@@ -22,7 +22,11 @@ def felt(height, xs, ys):
                 normal = np.array([0.0, 0.0, 1.0])
                 centre = np.array([x, y, z])
                 touched.add(centre, centre - RADIUS * normal, normal, x)
-    return touched.table()
+    return touched
+
+
+def across(touched):
+    return lines_across(touched.table(), touched.way(), XS, 0.01, FLOOR, 0.007)
 
 
 def block(x, y):
@@ -34,7 +38,7 @@ YS = np.arange(-0.03, 0.0301, 0.0005)
 
 
 def test_both_ends_of_a_block_are_crossed_and_nothing_else():
-    lines = lines_across(felt(block, XS, YS), XS, 0.01, FLOOR, 0.007)
+    lines = across(felt(block, XS, YS))
     assert len(lines) == 10
     assert {(min(line.begin, line.end), max(line.begin, line.end)) for line in lines} == {(-0.06, -0.05), (0.05, 0.06)}
     places = sorted({round(line.place, 6) for line in lines})
@@ -53,7 +57,7 @@ def test_a_groove_is_crossed_at_once():
             return np.nan
         return 0.05 - np.sqrt(0.019**2 - x * x) if abs(x) < 0.019 else 0.055
 
-    lines = lines_across(felt(bridge, XS, YS), XS, 0.01, FLOOR, 0.007)
+    lines = across(felt(bridge, XS, YS))
     groove = [line for line in lines if max(abs(line.begin), abs(line.end)) < 0.04]
     assert len(groove) == 5
     assert all(line.on_surface and {round(line.begin, 3), round(line.end, 3)} == {-0.02, 0.02} for line in groove)
@@ -63,7 +67,7 @@ def test_two_things_apart_are_crossed_apart():
     def two(x, y):
         return 0.055 if 0.02 <= abs(x) <= 0.05 and abs(y) <= 0.025 else np.nan
 
-    lines = lines_across(felt(two, XS, YS), XS, 0.01, FLOOR, 0.007)
+    lines = across(felt(two, XS, YS))
     assert all(abs(line.begin - line.end) == pytest.approx(0.01) for line in lines)
     assert len(lines) == 20
 
@@ -73,10 +77,8 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
     random = np.random.default_rng(seed)
     knots = random.uniform(FLOOR, 0.05, len(XS))
     knots[random.random(len(XS)) < 0.3] = np.nan
-    table = felt(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
-    if not len(table):
-        return
-    lines = lines_across(table, XS, 0.01, FLOOR, 0.007)
+    touched = felt(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
+    table, lines = touched.table(), across(touched)
     for y in sorted({line.place for line in lines}):
         own = [line for line in lines if line.place == y]
         for x_a, x_b in itertools.pairwise(XS):
@@ -90,7 +92,7 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
 
 
 def test_nothing_touched_needs_no_line():
-    assert lines_across(np.empty((0, 10)), XS, 0.01, FLOOR, 0.007) == []
+    assert across(Touched()) == []
     assert rims(np.empty((0, 10)), XS, 0.007) == []
 
 
@@ -115,6 +117,15 @@ def test_a_flat_end_is_found_already():
     touched = Touched()
     touched.add(np.array([0.055, 0.0, 0.02]), np.array([0.05, 0.0, 0.02]), normal, np.nan)
     assert rims(touched.table(), XS, 0.007) == []
+
+
+def test_a_descent_is_known_to_be_free_as_far_as_the_probe_has_stood():
+    touched = felt(block, XS, YS)
+    for y in YS:
+        touched.passed(np.array([0.05, y, 0.0575]), 0.05)
+    ends = [line for line in across(touched) if line.begin == 0.05]
+    assert ends
+    assert all(line.height == 0.055 and line.free_to == 0.0575 for line in ends)
 
 
 def test_near_touches_are_remembered_once():
