@@ -379,9 +379,12 @@ class Explorer:
             goal_reached=pipe.trajectory.arrived,
             blocked=self._blocked,
         )
-        motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
         confirmed = not wrench.status & UNCONFIRMED
         override = self._guard.check(self._time, wrench.world_force, wrench.torque, confirmed)
+        if confirmed or override is None:
+            motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
+        else:
+            motion = override  # maybe a spike: the strategy is not shown it, the tip holds still until the next sample
         clock.lap("strategy")
         if self.confirm is not None and override is None:
             motion = self.confirm.filter(motion)
