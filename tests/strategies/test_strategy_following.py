@@ -1,0 +1,96 @@
+"""Speeds and forces of a contour: never faster than what the hardest surface ahead allows."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lwrprobe.contracts import Area, Probe, Task
+from lwrprobe.mapping import VoxelMap
+from lwrprobe_strategies.following import ROOM, Follower, rolling
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+AREA = Area(np.array([-0.1, -0.1, 0.006]), np.array([0.1, 0.1, 0.06]))
+
+
+def task(approach=1.0, stiffness=2e4, lateral=1.0 / 2500.0, axial=1.0 / 1.3e6):
+    return Task(
+        area=AREA,
+        table=0.0,
+        probe=Probe(compliance=np.array([lateral, lateral, axial])),
+        orientation=DOWN,
+        start=np.array([0.0, -0.1, 0.06]),
+        free_speed=1.0,
+        approach_speed=approach,
+        contour_speed=0.02,
+        acceleration=2.0,
+        force_threshold=0.2,
+        force_target=0.8,
+        force_limit=3.0,
+        clearance_threshold=0.003,
+        stiffness=stiffness,
+        delay=0.015,
+        map=VoxelMap(),
+    )
+
+
+def stiffness_along(t, normal):
+    """N/m of object, arm and stick in series along a normal, for a stick along z."""
+    give = t.probe.compliance[0] * (normal[0] ** 2 + normal[1] ** 2) + t.probe.compliance[2] * normal[2] ** 2
+    return 1.0 / (1.0 / t.stiffness + give)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: sqrt(sum(x * x for x in v)) > 0.1),
+    st.floats(1e3, 1e6),
+)
+def test_no_surface_ahead_is_hit_harder_than_the_room_allows(direction, stiffness):
+    t = task(stiffness=stiffness)
+    d = np.array(direction) / np.linalg.norm(direction)
+    speed = Follower(t).approach_speed(d, DOWN)
+    random = np.random.default_rng(1)
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[:2] = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+    hardest = max(stiffness_along(t, n) * max(float(d @ n), 0.0) for n in normals)
+    force = t.force_threshold + hardest * (speed * t.delay + speed**2 / (2.0 * t.acceleration))
+    assert force <= ROOM * t.force_limit * 1.02
+    assert force >= 0.8 * ROOM * t.force_limit, "and no slower than that asks for"
+
+
+def test_a_task_may_ask_for_less():
+    assert Follower(task(approach=0.001)).approach_speed(np.array([1.0, 0.0, 0.0]), DOWN) == 0.001
+
+
+@pytest.mark.parametrize("travel", [1.0, -1.0])
+def test_a_wall_is_left_downwards_more_slowly_than_it_is_climbed(travel):
+    follower = Follower(task())
+    across = np.array([travel, 0.0, 0.0])
+    up, down = np.array([0.0, -travel, 0.0]), np.array([0.0, travel, 0.0])
+    speeds = {}
+    for name, normal in (("up", up), ("down", down)):
+        follower.restart(normal)
+        velocity = follower.velocity(normal, 0.8, across, 0.02, DOWN, 0.008)
+        speeds[name] = velocity[2]
+    assert speeds["up"] == pytest.approx(0.02, rel=0.05)
+    assert -0.012 < speeds["down"] < 0.0
+
+
+def test_too_much_force_yields_and_too_little_presses():
+    follower = Follower(task())
+    normal = np.array([0.0, 0.0, 1.0])
+    across = np.array([1.0, 0.0, 0.0])
+    for force, sign in ((1.6, 1.0), (0.3, -1.0)):
+        follower.restart(normal)
+        velocity = follower.velocity(normal, force, across, 0.02, DOWN, 0.008)
+        assert np.sign(velocity @ normal) == sign
+        assert velocity[1] > 0.0
+
+
+def test_a_sphere_rolls_about_the_point_last_touched():
+    around = rolling(np.array([0.0, 0.003, 0.004]), np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(around, [0.0, 0.6, 0.8], atol=1e-12)
+    np.testing.assert_array_equal(rolling(np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0])), [1.0, 0.0, 0.0])
