@@ -42,11 +42,11 @@ _KNOTS = np.linspace(0.0, 1.0, 1001)  # s, the arm's cycles
 STIFFNESSES = tuple(10.0**k for k in range(2, 8))
 
 CLEAN = {
-    "lag": 0.0, "gravity": (0.0, 0.0, 0.0), "inertia": False, "noise_force": 0.0, "noise_torque": 0.0,
-    "quantisation": False, "saturation": False, "bias_force": (0.0, 0.0, 0.0), "bias_torque": (0.0, 0.0, 0.0),
-    "drift_force": (0.0, 0.0, 0.0), "latency": 0.0, "late_share": 0.0, "loss": 0.0,
+    "lag": 0.0, "joint_compliance": 0.0, "gravity": (0.0, 0.0, 0.0), "inertia": False, "noise_force": 0.0,
+    "noise_torque": 0.0, "quantisation": False, "saturation": False, "bias_force": (0.0, 0.0, 0.0),
+    "bias_torque": (0.0, 0.0, 0.0), "drift_force": (0.0, 0.0, 0.0), "latency": 0.0, "late_share": 0.0, "loss": 0.0,
 }  # fmt: skip
-"""The simulator's options for an arm without lag and a sensor without faults."""
+"""The simulator's options for a stiff arm without lag and a sensor without faults."""
 
 PLAIN = [
     "probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "object.0.friction=0.0", "object.0.stiffness=1e4",

@@ -11,17 +11,17 @@ from lwrprobe.evaluation.machine import machine, versions
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
-    """`--case N` runs one; `quick` runs fewer settings of each."""
+    """`--case N` runs one, `--set case=1,2,34` some; `quick` runs fewer settings of each."""
     unknown = sorted(options.keys() - {"case"})
     if unknown:
         raise UnknownNameError("bench stability option", unknown[0], ["case"])
     cases = all_cases()
     chosen = cases
     if "case" in options:
-        number = int(options["case"]) if options["case"].isdecimal() else 0
-        if number not in cases:
+        numbers = [int(text) if text.isdecimal() else 0 for text in options["case"].split(",")]
+        if not cases.keys() >= set(numbers):
             raise InputError("case", options["case"], "one of " + ", ".join(str(n) for n in cases))
-        chosen = {number: cases[number]}
+        chosen = {number: cases[number] for number in sorted(set(numbers))}
     results = [run_case(room, case, quick) for room, case in chosen.values()]
     report = BenchReport("stability", "Stiff and extreme cases", machine=machine() | versions("numpy", "numba"))
     report.tables = [_summary(results), _details(results)]
@@ -30,6 +30,9 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.notes.append(f"{held} of {len(results)} cases pass.")
     if quick:
         report.notes.append("The short run (`--quick`): fewer settings of each case.")
+    left = [str(n) for n in cases if n not in chosen]
+    if left:
+        report.notes.append("Not run here: " + ", ".join(left) + ".")
     missing = [n for n in range(1, COUNT + 1) if n not in cases]
     if missing:
         report.notes.append("No case yet for " + ", ".join(str(n) for n in missing) + ".")
