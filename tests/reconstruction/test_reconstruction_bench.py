@@ -51,3 +51,5 @@ def test_unknown_options_are_named():
         run(True, {"scene": "block"})
     with pytest.raises(InputError, match="commas"):
         run(True, {"phases": "a"})
+    with pytest.raises(InputError, match="yes or no"):
+        run(True, {"explore": "maybe"})

@@ -87,6 +87,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     for name in options:
         if name not in OPTIONS:
             raise UnknownNameError("bench reconstruction option", name, OPTIONS)
+    if options.get("explore", "yes") not in ("yes", "no"):
+        raise InputError("bench option explore", options["explore"], "yes or no")
     scenes = options["scenes"].split(",") if "scenes" in options else list(SCENES[::3] if quick else SCENES)
     pitches = _numbers(options, "pitches", [10.0] if quick else [5.0, 10.0, 15.0])
     phases = _numbers(options, "phases", [0.375] if quick else [0.125, 0.375])
@@ -114,8 +116,6 @@ def _measure_runs(
     failures: dict[str, str],
 ) -> list[str]:
     """All methods on explored contacts; the scenes for which there are none."""
-    if options.get("explore", "yes") not in ("yes", "no"):
-        raise InputError("bench option explore", options["explore"], "yes or no")
     if quick and "runs" not in options:
         return []
     home, missing = Path(options.get("runs", "runs/bench")), []
