@@ -163,6 +163,11 @@ def _moving_object(quick: bool) -> list[Finding]:
     found = []
     for mass in (0.05,) if quick else (0.05, 0.5):
         run = strip("block", HALF, ["object.0.movable=true", f"object.0.mass={mass}"])
+        if not len(run.points):
+            found.append(
+                Finding(f"{1e3 * mass:g} g, foot friction 0.4", f"{run.told()}; nothing was stored", held=False)
+            )
+            continue
         off = 1e3 * float(np.percentile(np.abs(run.distance), 95))
         noticed = "moved" in run.summary["reason"]
         told = f"{run.told()}; points off the first place by {off:.2f} mm (95 %)"
