@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Area, InputError, TriangleMesh
+from lwrprobe.contracts import Area, InputError, LinkShape, TriangleMesh
 from lwrprobe.evaluation import (
     coverage,
     coverage_over_time,
@@ -20,6 +20,7 @@ from lwrprobe.evaluation import (
     point_error,
     reach,
     surface_error,
+    upright_coverage,
 )
 from lwrprobe.scene import load_scene
 
@@ -277,3 +278,23 @@ def test_metrics_repeat_bit_for_bit(block):
     assert mesh_error(mesh, block, LOWEST) == mesh_error(mesh, block, LOWEST)
     points, _ = block.sample_surface(100, 3)
     assert coverage(points, block, RADIUS, LOWEST, PITCH) == coverage(points, block, RADIUS, LOWEST, PITCH)
+
+
+def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
+    """A body as wide as a fist, 30 mm above the sphere's centre: 20 mm of the block's 50 stay out of its reach."""
+    behind = np.eye(4)
+    behind[2, 3] = -0.05
+    body = LinkShape("body", "cylinder", (0.02, 0.04), behind)
+    down = np.diag([1.0, -1.0, -1.0])
+    area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.2, 0.2, 0.2]))
+    points, _ = block.sample_surface(8000, seed=2)
+    low = points[(points[:, 2] < 0.0495) & (points[:, 2] > LOWEST)]
+    high = points[points[:, 2] > 0.0185]
+
+    def share(contacts):
+        return upright_coverage(contacts, block, RADIUS, LOWEST, PITCH, area, [body], down, 0.0)
+
+    assert share(high) == 1.0
+    assert coverage(high, block, RADIUS, LOWEST, PITCH, area).share < 1.0
+    assert share(low[low[:, 2] < 0.01]) < 0.2
+    assert upright_coverage(high, block, RADIUS, LOWEST, PITCH, area, [], down, 0.0) < 1.0

@@ -1,6 +1,6 @@
 """Error metrics, error against run time, reports."""
 
-from lwrprobe.evaluation.coverage import Coverage, coverage, coverage_over_time, end_errors
+from lwrprobe.evaluation.coverage import Coverage, coverage, coverage_over_time, end_errors, upright_coverage
 from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
 from lwrprobe.evaluation.mesh_error import MeshError, deviation, face_deviation, is_watertight, mesh_error
 from lwrprobe.evaluation.point_error import NormalError, PointError, normal_error, point_error, surface_error
@@ -25,4 +25,5 @@ __all__ = [
     "point_error",
     "reach",
     "surface_error",
+    "upright_coverage",
 ]

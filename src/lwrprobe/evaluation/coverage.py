@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.contracts import Area, InputError
+from lwrprobe.contracts import Area, InputError, LinkShape
 from lwrprobe.evaluation.point_error import rows
-from lwrprobe.evaluation.reach import SAMPLES, Reach, reach
+from lwrprobe.evaluation.reach import SAMPLES, Reach, reach, upright
 from lwrprobe.scene.solid import Solid
 
 _CLOSE = 0.005  # m
+UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _FACING = 0.7071  # share of the normal along the axis
 
 
@@ -67,6 +69,26 @@ def coverage(
     gap = _gaps(found, rows("contacts", contacts))
     whole = 0.0 if solid.empty else solid.area(seed)
     return Coverage(_share(gap, 0.5 * pitch + 0.001), _share(gap, _CLOSE), found.area, whole)
+
+
+def upright_coverage(
+    contacts: np.ndarray,
+    solid: Solid,
+    radius: float,
+    lowest: float,
+    pitch: float,
+    area: Area,
+    links: Sequence[LinkShape],
+    rotation: np.ndarray,
+    keep: float,
+) -> float:
+    """The share as in `coverage`, of what the probe reaches without being turned; 1 where that is nothing.
+
+    `links` [tip frame] must keep `keep` m from the object, the tip held at `rotation` (3, 3).
+    """
+    found = reach(solid, radius, lowest, area, UPRIGHT_SAMPLES)
+    free = upright(found, solid, radius, links, rotation, keep)
+    return _share(_gaps(found, rows("contacts", contacts))[free], 0.5 * pitch + 0.001)
 
 
 def coverage_over_time(

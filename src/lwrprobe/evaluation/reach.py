@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.contracts import Area
+from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene.solid import Solid
 
 SAMPLES = 20_000
@@ -28,6 +29,33 @@ class Reach:
     normals: np.ndarray
     area: float
     footprint: float
+
+
+def upright(found: Reach, solid: Solid, radius: float, links: Sequence[LinkShape], rotation: np.ndarray, keep: float):
+    """(n,) bool: where the links keep `keep` m from the true object while the sphere touches and the tip is not turned.
+
+    `rotation` (3, 3) is the tip's. The links are looked at in some points of their surface: the answer is for judging a
+    strategy, not for avoiding a collision.
+    """
+    centres = found.points + radius * found.normals
+    free = np.ones(len(centres), dtype=bool)
+    for offset in np.concatenate([_surface(link) for link in links] or [np.empty((0, 3))]) @ rotation.T:
+        left = np.flatnonzero(free)
+        free[left] = solid.signed_distance(centres[left] + offset) >= keep
+    return free
+
+
+def _surface(link: LinkShape) -> np.ndarray:
+    """(k, 3) points on a link's surface, tip frame."""
+    if link.kind == "box":
+        steps = [np.linspace(-0.5, 0.5, 3) * edge for edge in link.size]
+        grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = grid[(np.abs(grid) >= 0.5 * np.array(link.size) - 1e-12).any(axis=1)]
+    else:
+        angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+        ring = link.size[0] * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(12)])
+        points = np.concatenate([ring + np.array([0.0, 0.0, z]) for z in np.linspace(-0.5, 0.5, 3) * link.size[1]])
+    return points @ link.pose[:3, :3].T + link.pose[:3, 3]
 
 
 def reach(

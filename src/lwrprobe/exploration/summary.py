@@ -17,12 +17,15 @@ from lwrprobe.evaluation import (
     normal_error,
     point_error,
     surface_error,
+    upright_coverage,
 )
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.exploration.clearance_stage import STICK
 from lwrprobe.exploration.explorer import Outcome
 from lwrprobe.exploration.pipeline import Pipeline
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.scene import Scene
+from lwrprobe.scene.table import Pose
 
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 
@@ -85,9 +88,8 @@ def _against_truth(
     surface: Reconstruction | None,
 ) -> dict[str, Any]:
     keys = (
-        "coverage", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm", "surface_error_mm",
-        "voxel_error_mm",
-        "normal_error_deg", "mesh_error_mm",
+        "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
+        "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if judge is None or not scene.objects:
@@ -97,6 +99,18 @@ def _against_truth(
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
+    body = [link for link in pipeline.probe.links if link.name != STICK]
+    if solid.bounds()[1][2] > lowest - scene.probe.radius + scene.probe.stick_length:
+        rotation = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
+        found["coverage_upright"] = round(
+            upright_coverage(
+                points, solid, scene.probe.radius, lowest, pitch, scene.area.as_area(), body, rotation,
+                scene.clearance.threshold,
+            ),
+            4,
+        )  # fmt: skip
+    else:
+        found["coverage_upright"] = found["coverage"]
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
     shares = coverage_over_time(points, times, at, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
