@@ -220,9 +220,8 @@ class Contouring(ABC):
             if here[Z] > start[Z] + MARGIN:
                 way.append(Waypoint(start + margin, Pace.CAREFUL))
             return [*way, Waypoint(start, Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE)]
-        beside = abs(here[0] - line.begin) < self.options.step and abs(here[Z] - line.height) < 1e-3
-        if line.axis == 0 and beside and not line.on_surface:  # along a line of the grid that met nothing
-            return [Waypoint(np.array([line.begin, here[1], here[Z]])), Waypoint(start, rotation=turn)]
+        if line.axis == 0 and not line.on_surface and self._met_nothing(here, start):
+            return [Waypoint(start, rotation=turn)]
         way = [Waypoint(np.array([here[0], here[1], top]))]
         if line.axis == Y:
             way += [Waypoint(np.array([here[0], line.begin, top]), rotation=turn)]
@@ -233,6 +232,16 @@ class Contouring(ABC):
             known = np.array([start[0], start[1], max(line.free_to, start[2]) + HOVER])
             return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
         return [*way, Waypoint(start)]
+
+    def _met_nothing(self, here: np.ndarray, there: np.ndarray) -> bool:
+        """Whether both places lie on one line of the grid that met nothing between them, at its height."""
+        if np.abs(here[[0, Z]] - there[[0, Z]]).max() > 1e-3:
+            return False
+        touches = self.touched.table()
+        low, high = sorted((here[Y], there[Y]))
+        spare = self.task.probe.radius
+        on_line = np.abs(touches[:, 9] - there[0]) < 1e-3
+        return not (on_line & (touches[:, Y] > low - spare) & (touches[:, Y] < high + spare)).any()
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
