@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import cos
 from typing import ClassVar
 
 import numpy as np
@@ -576,7 +577,7 @@ class Contouring(ABC):
 
     def _held(self, seen: Observation) -> np.ndarray | None:
         """The orientation to turn to, None while it is held anyway."""
-        if np.trace(self.rotation.T @ seen.pose[:3, :3]) > 3.0 - 1e-6:
+        if np.vdot(self.rotation, seen.pose[:3, :3]) > 3.0 - 1e-6:
             return None
         return self._pose(seen.pose[:3, 3])
 
@@ -604,8 +605,8 @@ class Contouring(ABC):
 
 
 def held(seen: Observation, rotation: np.ndarray) -> bool:
-    """Whether the tip's orientation is the wanted one, to a degree."""
-    return bool(np.trace(rotation.T @ seen.pose[:3, :3]) > 1.0 + 2.0 * np.cos(0.02))
+    """Whether the tip's orientation is the wanted one, to a degree: the trace of the turn between them says it."""
+    return bool(np.vdot(rotation, seen.pose[:3, :3]) > 1.0 + 2.0 * cos(0.02))
 
 
 def surface_normal(seen: Observation) -> np.ndarray:
