@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import SceneError, UnknownNameError
-from lwrprobe.scene import Scene, json_schema, load_scene, scene_names, write_scene
+from lwrprobe.scene import Scene, json_schema, load_scene, profile_names, scene_names, write_scene
 
 BAD = Path(__file__).with_name("bad")
 
@@ -262,3 +262,27 @@ def test_the_schema_accepts_the_built_in_scenes_and_is_the_published_one():
 def test_a_scene_with_nothing_in_it_is_a_scene():
     assert Scene().objects == ()
     assert Scene().solid().empty
+
+
+def test_a_profile_lies_over_the_scene_and_under_the_overrides(tmp_path):
+    plain, thesis = load_scene("block"), load_scene("block", profile="thesis")
+    assert "thesis" in profile_names()
+    assert (thesis.motion.mode, thesis.contact.estimator, thesis.reconstruction.points) == (
+        "joint",
+        "force_direction",
+        "voxels",
+    )
+    assert thesis.strategy.options == {"across": False, "find_ends": False}
+    assert thesis.objects == plain.objects
+    assert thesis.area == plain.area
+    assert load_scene("block", ["motion.mode='cartesian'"], "thesis").motion.mode == "cartesian"
+    own = tmp_path / "slow.toml"
+    own.write_text("[motion]\nfree_speed = 0.05\n")
+    slow = load_scene("block", profile=str(own))
+    assert slow.motion.free_speed == 0.05
+    assert slow.motion.contour_speed == plain.motion.contour_speed
+
+
+def test_an_unknown_profile_is_named_with_its_neighbours():
+    with pytest.raises(UnknownNameError, match="thesis"):
+        load_scene("block", profile="thesys")
