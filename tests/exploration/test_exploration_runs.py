@@ -24,7 +24,10 @@ WANTED = {
     "lower_bound_time_s", "stages", "left_out", "versions", "machine",
 }  # fmt: skip
 
-FILES = ("summary.json", "scene.toml", "contacts.csv", "states.csv", "contacts.ply", "cloud.pcd", "map.bt", "mesh.stl", "preview.png")
+FILES = (
+    "summary.json", "scene.toml", "contacts.csv", "states.csv", "contacts.ply", "cloud.pcd", "map.bt", "mesh.stl",
+    "preview.png",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
