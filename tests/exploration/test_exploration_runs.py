@@ -95,7 +95,8 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
 
 @pytest.mark.parametrize("strategy", ["grid_version", "surface_contour", "orientation_change"])
 def test_every_strategy_finishes_on_the_stacked_blocks(strategy):
-    scene = load_scene("stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0"])
+    area = ["area.lower=[0.03, -0.06, 0.006]", "area.upper=[0.07, 0.06, 0.108]"]
+    scene = load_scene("stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0", *area])
     summary = explore(scene)
     assert summary["status"] == "done", summary["reason"]
     assert summary["link_collisions"] == 0

@@ -11,8 +11,8 @@ from lwrprobe_sim.world import World
 
 CLEAN = dict(
     lag=0.0, joint_compliance=0.0, gravity=(0.0, 0.0, 0.0), inertia=False, noise_force=0.0, noise_torque=0.0,
-    quantisation=False, saturation=False, bias_force=(0.0, 0.0, 0.0), bias_torque=(0.0, 0.0, 0.0), drift_force=(0.0, 0.0, 0.0),
-    latency=0.0, late_share=0.0, loss=0.0,
+    quantisation=False, saturation=False, bias_force=(0.0, 0.0, 0.0), bias_torque=(0.0, 0.0, 0.0),
+    drift_force=(0.0, 0.0, 0.0), latency=0.0, late_share=0.0, loss=0.0,
 )  # fmt: skip
 """A sensor without faults and a rigid arm without lag."""
 
