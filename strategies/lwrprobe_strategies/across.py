@@ -14,6 +14,8 @@ ROUGH = 0.002
 """m, by which the way from touch to touch between two lines may exceed the lines' distance."""
 NEAR = 0.0015
 """m, within which a touch of a line along y counts for a line across."""
+BELOW = 0.003
+"""m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
 FACING = 0.5
 """Share of the normal along x, from which on a touch is one of an end in x."""
 BENT = 0.06
@@ -62,17 +64,18 @@ def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
     normal points along x.
     """
     lines: list[Line] = []
-    if not len(touches):
-        return lines
     for sign in (1.0, -1.0):
-        last = touches[np.argmax(sign * touches[:, 3])]
+        facing = touches[sign * touches[:, 6] > FACING]
+        if not len(facing):
+            continue
+        last = facing[np.argmax(sign * facing[:, 3])]
         free = places[sign * places > sign * last[0] + 1e-3]
         across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
-        faces = sign * last[6] > FACING
-        if not faces or abs(across) < BENT or not len(free) or last[2] < height - 1e-3:
+        if abs(across) < BENT or not len(free) or last[2] < height - BELOW:
             continue
         begin = float(free[np.argmin(sign * free)])
-        lines.append(Line(0, float(last[1]), begin, float(last[0]), float(last[2]), rim=-1 if across > 0.0 else 1))
+        level = max(float(last[2]), height)
+        lines.append(Line(0, float(last[1]), begin, float(last[0]), level, rim=-1 if across > 0.0 else 1))
     return lines
 
 

@@ -20,7 +20,7 @@ TURN = 0.08
 
 CONE = 0.35
 """rad"""
-NORMALS = np.linspace(0.0, 0.5 * np.pi, 19)
+NORMALS = np.linspace(0.0, 0.5 * np.pi, 91)
 """rad from the stick's axis: of the surfaces that a motion may meet."""
 ROOM = 0.85
 """Share of the force limit that a first touch may use; friction and the wall beside a foot take the rest."""
