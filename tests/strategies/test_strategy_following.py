@@ -42,7 +42,7 @@ def stiffness_along(t, normal):
     return 1.0 / (1.0 / t.stiffness + give)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: sqrt(sum(x * x for x in v)) > 0.1),
     st.floats(1e3, 1e6),
