@@ -54,12 +54,11 @@ COLUMNS = {
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench exploration`."""
     jobs, processes = _jobs(quick, options)
-    one = partial(_explored)
     if processes > 1:
         with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(one, jobs))
+            found = list(pool.map(_explored, jobs))
     else:
-        found = [one(job) for job in jobs]
+        found = [_explored(job) for job in jobs]
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     rows = [[item.get(key) for key in COLUMNS.values()] for item in found]

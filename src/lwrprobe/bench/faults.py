@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.loopback import free_addresses
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverError, UnknownNameError
 from lwrprobe.evaluation.machine import machine
@@ -186,9 +187,9 @@ def suffer(fault: Fault) -> Outcome:
 
 
 def _suffer_once(fault: Fault) -> Outcome:
-    ports = _free_addresses(5)
+    ports = free_addresses(5)
     bind, remote, udp, local, control = ports
-    (telnet,) = _free_addresses(1, socket.SOCK_STREAM)
+    (telnet,) = free_addresses(1, socket.SOCK_STREAM)
     scene = load_scene(
         _SCENE,
         [
@@ -331,13 +332,3 @@ def _row(o: Outcome) -> list[Any]:
     rest = o.rest_after if o.fault.words else None
     sentence = o.summary["reason"] if o.stopped else "-"
     return [o.fault.name, ended, code, moved, rest, o.peak, o.touching, o.kept >= o.before, sentence]
-
-
-def _free_addresses(count: int, kind: int = socket.SOCK_DGRAM) -> list[str]:
-    probes = [socket.socket(socket.AF_INET, kind) for _ in range(count)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    addresses = [f"127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
-    for probe in probes:
-        probe.close()
-    return addresses

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.loopback import free_addresses
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverContext, DriverError, InputError
 from lwrprobe.contracts.plugins import load
@@ -98,8 +99,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 
 def _measure(cycle: float, seconds: float) -> _Run:
-    bind, remote, udp, local = _free_addresses(socket.SOCK_DGRAM, 4)
-    (telnet,) = _free_addresses(socket.SOCK_STREAM, 1)
+    bind, remote, udp, local = free_addresses(4)
+    (telnet,) = free_addresses(1, socket.SOCK_STREAM)
     degrees = ",".join(f"{v:.9g}" for v in np.degrees(_POSTURE))
     arm_side = ("fri", "--bind", remote, "--remote", bind, "--cycle-ms", f"{1000 * cycle:g}", "--joints", degrees)
     with _emulator(*arm_side), _emulator("ati", "--telnet", telnet, "--udp", udp):
@@ -224,16 +225,6 @@ def _emulator(*arguments: str) -> Iterator[None]:
     finally:
         process.kill()
         process.communicate()
-
-
-def _free_addresses(kind: int, count: int) -> list[str]:
-    probes = [socket.socket(socket.AF_INET, kind) for _ in range(count)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    addresses = [f"127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
-    for probe in probes:
-        probe.close()
-    return addresses
 
 
 def _number(options: dict[str, str], name: str, otherwise: float) -> float:
