@@ -50,9 +50,6 @@ BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
 HOVER = 0.0005
 """m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
-MARGIN = 0.003
-"""m above the height of a grid line, from which on a descent on the border feels for a table that is not where it was
-said to be."""
 STEEPEST_FRICTION = 0.5
 """Share of the normal force that may act against the feed before that means another surface."""
 MEETS = 0.5
@@ -132,6 +129,17 @@ class Contouring(ABC):
         self._touching_tilt = False
         self._edge: tuple[np.ndarray, np.ndarray] | None = None
         self._mark: tuple[float, np.ndarray] | None = None
+        self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
+        self._handlers: dict[State, Callable[[Observation], Event | None]] = {
+            State.TRANSFER: self._event_transfer,
+            State.LINE: self._event_line,
+            State.CONTOUR: self._event_contour,
+            State.REAPPROACH: self._event_reapproach,
+            State.RELEASE: self._event_release,
+            State.RETREAT: self._event_retreat,
+            State.TILT: self._event_tilt,
+            State.FINISHED: lambda _: None,
+        }
         self._begin_grid()
 
     def _begin_grid(self) -> None:
@@ -153,7 +161,7 @@ class Contouring(ABC):
         self._watch_edge(observation)
         if self.state in (State.LINE, State.REAPPROACH) and self.course.line.axis == Y:
             self.touched.passed(observation.pose[:3, 3], self.course.line.place)
-        event = self._event(observation)
+        event = self._handlers[self.state](observation)
         if event is None and self._jammed(observation):
             event = Event.BLOCKED
         if event is not None:
@@ -214,12 +222,10 @@ class Contouring(ABC):
     def _to_line(self, here: np.ndarray) -> list[Waypoint]:
         """Way to the start of the present line: along what is known to be free, else over the top of the area."""
         line, start, top = self.course.line, self.course.line.start, float(self.task.area.upper[Z])
-        turn, margin = self.rotation, np.array([0.0, 0.0, MARGIN])
+        turn = self.rotation
         if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
             # Nothing should stand on the border; where something does, the area is cut through an object.
-            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]), Pace.CAREFUL)]
-            if here[Z] > start[Z] + MARGIN:
-                way.append(Waypoint(start + margin, Pace.CAREFUL))
+            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]), Pace.FEELING)]
             return [*way, Waypoint(start, Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE)]
         if line.axis == 0 and not line.on_surface and self._met_nothing(here, start):
             return [Waypoint(start, rotation=turn)]
@@ -227,7 +233,7 @@ class Contouring(ABC):
         if line.axis == Y:
             way += [Waypoint(np.array([here[0], line.begin, top]), rotation=turn)]
             way += [Waypoint(np.array([start[0], line.begin, top]))]
-            return [*way, Waypoint(start + margin, Pace.CAREFUL), Waypoint(start, Pace.FEELING)]
+            return [*way, Waypoint(start, Pace.FEELING)]
         way.append(Waypoint(np.array([start[0], start[1], top]), rotation=turn))
         if line.on_surface:
             known = np.array([start[0], start[1], max(line.free_to, start[2]) + HOVER])
@@ -254,19 +260,6 @@ class Contouring(ABC):
 
     # What happened
 
-    def _event(self, seen: Observation) -> Event | None:
-        handler = {
-            State.TRANSFER: self._event_transfer,
-            State.LINE: self._event_line,
-            State.CONTOUR: self._event_contour,
-            State.REAPPROACH: self._event_reapproach,
-            State.RELEASE: self._event_release,
-            State.RETREAT: self._event_retreat,
-            State.TILT: self._event_tilt,
-            State.FINISHED: lambda _: None,
-        }[self.state]
-        return handler(seen)
-
     def _event_transfer(self, seen: Observation) -> Event | None:
         if self._overloaded(seen):
             return Event.OVERLOAD
@@ -276,6 +269,7 @@ class Contouring(ABC):
             return Event.BLOCKED
         if self._way and self._is_at(seen, self._way[0]):
             self._way.pop(0)
+            self._goal = None
         if not self._way:
             return Event.COVERED if self._finished else Event.ARRIVED
         return None
@@ -419,7 +413,8 @@ class Contouring(ABC):
         return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
 
     def _is_at(self, seen: Observation, target: Waypoint) -> bool:
-        there = np.abs(seen.pose[:3, 3] - target.place).max() < 2e-4
+        (x, y, z), (tx, ty, tz) = seen.pose[:3, 3].tolist(), target.place.tolist()
+        there = max(abs(x - tx), abs(y - ty), abs(z - tz)) < 2e-4
         return bool(there and (target.rotation is None or held(seen, target.rotation)))
 
     # What follows from it
@@ -444,6 +439,7 @@ class Contouring(ABC):
         if after is State.REAPPROACH:
             self._sought = 0.0
         self.state = after
+        self._goal = None
         self.trace.append((seen.time, before.value, event.value, after.value))
 
     def _take_next_in_passing(self, seen: Observation) -> None:
@@ -508,25 +504,31 @@ class Contouring(ABC):
     def _transfer(self, seen: Observation) -> Motion:
         if not self._way:
             return Goal(seen.pose, self.task.free_speed, self.state)
-        target = self._way[0]
-        speed = {
-            Pace.FREE: self.task.free_speed,
-            Pace.CAREFUL: self.task.approach_speed,
-            Pace.FEELING: self.follower.approach_speed(DOWN, seen.pose[:3, :3]),
-        }[target.pace]
-        pose = seen.pose.copy()
-        pose[:3, 3] = target.place
+        if self._goal is None:
+            self._goal = self._goal_of(self._way[0], seen)
+        return self._goal
+
+    def _goal_of(self, target: Waypoint, seen: Observation) -> Goal:
         if target.rotation is not None:
             self._carried = target.rotation
-        pose[:3, :3] = self._carried
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self._carried, target.place
+        speed = self.task.free_speed
+        if target.pace is Pace.FEELING:
+            way = target.place - seen.pose[:3, 3]
+            size = float(np.sqrt(way @ way))
+            along = way / size if size > 1e-9 else DOWN
+            speed = min(self.follower.approach_speed(along, turn) for turn in (seen.pose[:3, :3], self._carried))
         return Goal(pose, speed, self.state)
 
     def _along_line(self, seen: Observation) -> Motion:
-        line = self.course.line
-        target = line.at(line.end)
-        target[Z] = seen.pose[Z, 3]
-        speed = self.follower.approach_speed(self.course.ahead(), seen.pose[:3, :3])
-        return Goal(self._pose(target), speed, self.state)
+        if self._goal is None:
+            line = self.course.line
+            target = line.at(line.end)
+            target[Z] = seen.pose[Z, 3]
+            speed = self.follower.approach_speed(self.course.ahead(), seen.pose[:3, :3])
+            self._goal = Goal(self._pose(target), speed, self.state)
+        return self._goal
 
     def _contour(self, seen: Observation) -> Motion:
         here, normal = seen.pose[:3, 3], self._followed_normal(seen)

@@ -63,12 +63,14 @@ class Course:
 
     def back(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(3,) m/s, small pull towards the line within the surface, for a probe that was pushed off it sideways."""
-        pull = np.zeros(3)
+        nx, ny, nz = normal.tolist()
+        pull = [0.0, 0.0, 0.0]
         if self.plane is not Plane.X_Y:
-            pull[self.line.aside] = _pull(self.line.place - place[self.line.aside])
+            pull[self.line.aside] = _pull(self.line.place - float(place[self.line.aside]))
         elif self.level is not None:
-            pull[Z] = _pull(self.level - place[Z])
-        return pull - (pull @ normal) * normal
+            pull[Z] = _pull(self.level - float(place[Z]))
+        out = pull[0] * nx + pull[1] * ny + pull[2] * nz
+        return np.array((pull[0] - out * nx, pull[1] - out * ny, pull[2] - out * nz))
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` without what leads out of the area in height or across the line."""

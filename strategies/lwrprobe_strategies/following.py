@@ -22,6 +22,8 @@ CONE = 0.35
 """rad"""
 NORMALS = np.linspace(0.0, 0.5 * np.pi, 91)
 """rad from the stick's axis: of the surfaces that a motion may meet."""
+DIRECTIONS = 200
+"""Steps from across the stick to along it, for which the speed of an approach is worked out beforehand."""
 ROOM = 0.85
 """Share of the force limit that a first touch may use; friction and the wall beside a foot take the rest."""
 DIVE = 0.3
@@ -31,6 +33,9 @@ DIVE = 0.3
 @dataclass(slots=True)
 class Follower:
     """Turns contact normal and force into a velocity of the tip.
+
+    It is asked with every sample, so vectors are taken apart and put together by hand: numpy takes a microsecond for
+    each of many small things.
 
     Attributes
     ----------
@@ -46,12 +51,20 @@ class Follower:
     memory: float = 0.5
     normal: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _slope: float = 0.0
-    _along: np.ndarray = field(init=False)
+    _safe: list[float] = field(init=False)
 
     def __post_init__(self) -> None:
-        lateral, _, along = self.task.probe.compliance
+        task = self.task
+        lateral, _, along = task.probe.compliance
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
-        self._along = 1.0 / (1.0 / self.task.stiffness + give)
+        # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet; it grows with the share
+        # of d along the stick, so that the end of each step counts.
+        axial = np.arccos(np.linspace(0.0, 1.0, DIRECTIONS + 1))
+        hardest = (np.cos(axial[:, None] - NORMALS) / (1.0 / task.stiffness + give)).max(axis=1)
+        room = ROOM * task.force_limit - task.force_threshold
+        a, tau = task.acceleration, task.delay
+        safe = a * (np.sqrt(tau * tau + 2.0 * room / (hardest * a)) - tau)
+        self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
 
     def restart(self, normal: np.ndarray) -> None:
         """Begin a new contour at a fresh contact."""
@@ -64,12 +77,7 @@ class Follower:
         `across` is signed: with z up, travel in +y over an object wants +x, travel in -y wants -x: then a wall
         ahead is climbed.
         """
-        # Written out: numpy's cross product of two vectors costs thirty times as much.
-        nx, ny, nz = self.normal.tolist()
-        ax, ay, az = across.tolist()
-        x, y, z = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-        size = sqrt(x * x + y * y + z * z)
-        return np.array([x, y, z]) / size if size > 1e-6 else np.zeros(3)
+        return np.array(_perpendicular(*self.normal.tolist(), *across.tolist()))
 
     def velocity(
         self, normal: np.ndarray, force: float, across: np.ndarray, feed: float, rotation: np.ndarray, period: float
@@ -78,26 +86,30 @@ class Follower:
 
         `force` is the component of the acting force along the normal [N], `rotation` (3, 3) that of the tip.
         """
-        blend = self.memory * self.normal + (1.0 - self.memory) * normal
-        size = np.sqrt(blend @ blend)
-        self.normal = blend / size if size > 0.1 else normal
-        damping = self.damping(rotation)
-        error = force - self.task.force_target
-        inward = min(self.approach_speed(self.normal, rotation), self.inward)
-        slope = self._slope + error * period / (damping * 8.0 * self.task.delay)
+        keep, new = self.memory, 1.0 - self.memory
+        (mx, my, mz), (nx, ny, nz) = self.normal.tolist(), normal.tolist()
+        bx, by, bz = keep * mx + new * nx, keep * my + new * ny, keep * mz + new * nz
+        size = sqrt(bx * bx + by * by + bz * bz)
+        if size > 0.1:
+            nx, ny, nz = bx / size, by / size, bz / size
+        self.normal = np.array((nx, ny, nz))
+        ax, ay, az = rotation[:, 2].tolist()
+        axial = nx * ax + ny * ay + nz * az
+        task = self.task
+        damping = e * task.delay * self._stiffness(axial)
+        error = force - task.force_target
+        inward = min(self._approach(axial), self.inward)
+        slope = self._slope + error * period / (damping * 8.0 * task.delay)
         self._slope = min(max(slope, -0.5 * inward), 0.5 * feed)
         press = min(max(error / damping + self._slope, -inward), self.outward)
-        slack = self.task.force_limit - self.task.force_target
-        steady = self.task.force_target / (damping / e * TURN)
-        onward = self.tangent(across)
-        if onward @ rotation[:, 2] > DIVE:  # down a wall to a foot that nobody has felt yet, stick first
-            feed = min(feed, self.approach_speed(onward, rotation))
+        slack = task.force_limit - task.force_target
+        steady = task.force_target / (damping / e * TURN)
+        tx, ty, tz = _perpendicular(nx, ny, nz, *across.tolist())
+        dive = tx * ax + ty * ay + tz * az
+        if dive > DIVE:  # down a wall to a foot that nobody has felt yet, stick first
+            feed = min(feed, self._approach(dive))
         slowed = min(feed, steady) * min(max(1.0 - abs(error) / slack, 0.1), 1.0)
-        return slowed * onward + press * self.normal
-
-    def damping(self, rotation: np.ndarray) -> float:
-        """N·s/m: B with K tau / B = 1/e, the fastest law without overshoot, K that of the series along the normal."""
-        return e * self.task.delay * self.stiffness(self.normal, rotation)
+        return np.array((slowed * tx + press * nx, slowed * ty + press * ny, slowed * tz + press * nz))
 
     def approach_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a first touch met along `direction` (unit) stays below `ROOM` of the force limit.
@@ -105,17 +117,11 @@ class Follower:
         F = F_threshold + K (v tau + v^2 / (2 a)), solved for v, with the K of whatever surface would be met hardest;
         never above the task's approach speed.
         """
-        task = self.task
-        room = ROOM * task.force_limit - task.force_threshold
-        stiffness = self._hardest(direction, rotation)
-        a, tau = task.acceleration, task.delay
-        safe = a * (sqrt(tau * tau + 2.0 * room / (stiffness * a)) - tau)
-        return min(safe, task.approach_speed)
+        return self._approach(float(rotation[:, 2] @ direction))
 
-    def _hardest(self, direction: np.ndarray, rotation: np.ndarray) -> float:
-        """N/m: the largest K(n) (d n) over the normals n of a surface that a motion along d may meet."""
-        axial = min(abs(float(rotation[:, 2] @ direction)), 1.0)
-        return float((self._along * np.cos(acos(axial) - NORMALS)).max())
+    def _approach(self, axial: float) -> float:
+        """`approach_speed` by the share of the direction along the stick."""
+        return self._safe[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
 
     def stiffness(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """N/m of the series along a unit direction: object and arm as the task has it, and the probe.
@@ -123,15 +129,26 @@ class Follower:
         A stick is hundreds of times stiffer along its axis than across. The normal may turn towards the axis before
         the law knows, so the stiffest within `CONE` of the direction counts.
         """
-        axial = min(abs(float(rotation[:, 2] @ direction)), 1.0)
-        angle = max(acos(axial) - CONE, 0.0)
-        lateral, _, along = self.task.probe.compliance
+        return self._stiffness(float(rotation[:, 2] @ direction))
+
+    def _stiffness(self, axial: float) -> float:
+        angle = max(acos(min(abs(axial), 1.0)) - CONE, 0.0)
+        lateral, _, along = self.task.probe.compliance.tolist()
         return 1.0 / (1.0 / self.task.stiffness + sin(angle) ** 2 * lateral + cos(angle) ** 2 * along)
 
     def yielding(self, force: float, rotation: np.ndarray) -> float:
         """m/s along an overlarge force, so that what is too much is gone after about one delay."""
         excess = force - self.task.force_target
         return min(max(excess, 0.0) / (self.stiffness(self.normal, rotation) * self.task.delay), self.outward)
+
+
+def _perpendicular(
+    nx: float, ny: float, nz: float, ax: float, ay: float, az: float
+) -> tuple[float, float, float]:
+    """Unit vector along n x a, zero where they are parallel."""
+    x, y, z = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    size = sqrt(x * x + y * y + z * z)
+    return (x / size, y / size, z / size) if size > 1e-6 else (0.0, 0.0, 0.0)
 
 
 def rolling(centre: np.ndarray, touched: np.ndarray, fallback: np.ndarray) -> np.ndarray:

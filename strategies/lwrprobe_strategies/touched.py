@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan, nan
 
 import numpy as np
 
 SPACING = 0.0005
 """m, between two places that are remembered."""
-NOWHERE = np.full(3, np.nan)
+NOWHERE = (nan,) * 6
+
+Row = tuple[float, ...]
 
 
 @dataclass(slots=True)
@@ -18,31 +21,39 @@ class Touched:
     Point and normal are NaN where nothing was touched.
     """
 
-    _touches: list[np.ndarray] = field(default_factory=list)
-    _passes: list[np.ndarray] = field(default_factory=list)
+    _touches: list[Row] = field(default_factory=list)
+    _passes: list[Row] = field(default_factory=list)
 
     def add(self, centre: np.ndarray, point: np.ndarray, normal: np.ndarray, line_x: float) -> None:
         """Remember a touch unless the last one was as good as there."""
-        _remember(self._touches, np.concatenate([centre, point, normal, [line_x]]))
+        place = centre.tolist()
+        if _new(self._touches, place, line_x):
+            self._touches.append((*place, *point.tolist(), *normal.tolist(), line_x))
         self.passed(centre, line_x)
 
     def passed(self, centre: np.ndarray, line_x: float) -> None:
         """Remember that the probe has stood there, touching or not."""
-        _remember(self._passes, np.concatenate([centre, NOWHERE, NOWHERE, [line_x]]))
+        place = centre.tolist()
+        if _new(self._passes, place, line_x):
+            self._passes.append((*place, *NOWHERE, line_x))
 
     def __len__(self) -> int:
         return len(self._touches)
 
     def table(self) -> np.ndarray:
         """(n, 10) all touches."""
-        return np.array(self._touches).reshape(-1, 10)
+        return np.array(self._touches, dtype=np.float64).reshape(-1, 10)
 
     def way(self) -> np.ndarray:
         """(m, 10) all places, touching or not."""
-        return np.array(self._passes).reshape(-1, 10)
+        return np.array(self._passes, dtype=np.float64).reshape(-1, 10)
 
 
-def _remember(rows: list[np.ndarray], row: np.ndarray) -> None:
-    if rows and np.abs(rows[-1][:3] - row[:3]).max() < SPACING and rows[-1][9] == row[9]:
-        return
-    rows.append(row)
+def _new(rows: list[Row], place: list[float], line_x: float) -> bool:
+    """Whether a place is another one than the last; asked with every sample, so without numpy."""
+    if not rows:
+        return True
+    last = rows[-1]
+    same_line = last[9] == line_x or (isnan(last[9]) and isnan(line_x))
+    away = max(abs(last[0] - place[0]), abs(last[1] - place[1]), abs(last[2] - place[2]))
+    return away >= SPACING or not same_line

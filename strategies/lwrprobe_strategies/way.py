@@ -13,10 +13,8 @@ class Pace(Enum):
 
     FREE = auto()
     """Nothing is there: the probe has been there, or its column has, or it lies above the area."""
-    CAREFUL = auto()
-    """Nothing should be there."""
     FEELING = auto()
-    """Something may be touched: as slow as the series of probe and object demands."""
+    """Something may be touched: as slow as the series of probe and object demands in that direction."""
 
 
 @dataclass(slots=True)

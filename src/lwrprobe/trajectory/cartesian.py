@@ -144,6 +144,11 @@ class CartesianTrajectory:
         return self._factor
 
     @property
+    def asked(self) -> tuple[float, float]:
+        """Speed [m/s] and turning rate [rad/s] asked for, not above the limits, before they are scaled."""
+        return self._asked
+
+    @property
     def resting(self) -> bool:
         """Nothing moves."""
         return self._resting
@@ -242,6 +247,8 @@ class CartesianTrajectory:
         if kind == k.SETTLED:
             k.load_tip(self._spare, request, facts, self._nothing)
             return kind
+        if mode != k.TO_GOAL and k.change_tip(self._spare, request, facts):
+            return kind
         together, alone = self._planners[mode][kind]
         if self._ask(together):
             return kind
@@ -313,6 +320,7 @@ class CartesianTrajectory:
         natural_units(request)
         k.hand_over(request, facts, handed)
         k.load_tip(self._spare, request, facts, self._nothing)
+        k.change_tip(self._spare, request, facts)
         k.brake(self._state, self._halt, self._plan, self._spare, facts)
         k.advance(self._spare, 0.0, self._scout)
         self.preview(self.stopping_time, np.empty((2, 4, 4)), np.empty(2))

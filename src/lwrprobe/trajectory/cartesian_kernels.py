@@ -34,6 +34,7 @@ from lwrprobe.trajectory.profile_kernels import (
     hand_over,
     hold_row,
     load,
+    load_changes,
     ramp_row,
     release_row,
     settle,
@@ -362,8 +363,17 @@ def corners_fit(request, group, speed):
 @kernel
 def load_tip(plan, request, facts, pieces):
     """`load`, and what the Cartesian generator keeps besides: axis jerks, and until when the motion is bent."""
-    if not load(plan, request, facts, pieces):
-        return False
+    return load(plan, request, facts, pieces) and _keep_besides(plan, request, facts)
+
+
+@kernel
+def change_tip(plan, request, facts):
+    """`load_changes`, and what the Cartesian generator keeps besides: no planner is needed to reach a velocity."""
+    return load_changes(plan, request, facts) and _keep_besides(plan, request, facts)
+
+
+@kernel
+def _keep_besides(plan, request, facts):
     facts[BENT_UNTIL] = 0.0
     for i in range(6):
         plan[PLAN_JERKS + i] = request[MAX_JERK, i] if request[MOVES, i] != STAYS else 0.0

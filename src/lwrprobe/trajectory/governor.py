@@ -11,19 +11,28 @@ from lwrprobe.contracts import InputError
 from lwrprobe.trajectory.cartesian import CartesianTrajectory
 
 
+CALM = 0.25
+"""Share of a joint speed limit below which the next look may wait."""
+PATIENCE = 4
+"""How many times longer, then."""
+FASTER = 1.5
+"""Growth of the speed asked for that does not wait for the next look."""
+
+
 class SpeedGovernor:
     """Keeps the joints below their speed limits by scaling the tip's speed, inside the tip's own limits.
 
     The plan is looked at ahead for as long as the tip needs to stop: inverse kinematics of a few poses on it gives
     the largest share of a joint speed limit that the plan will ask for and where. At one place that share is
-    proportional to the tip's speed, so that the speed which brings it back into the band follows at once.
+    proportional to the tip's speed, so that the speed which brings it back into the band follows at once. Far from
+    the limits it looks less often and further.
 
     Parameters
     ----------
     trajectory : the generator whose speed is scaled
     track : (pose (4, 4), q_seed (n,), q_out (n,)) -> status, 0 = solved; as `IKSolver.track`
     speed : (n,) rad/s, joint limits
-    every : cycles from one look to the next
+    every : cycles from one look to the next, `PATIENCE` times that below `CALM`
     samples : poses a look, the present one counted
     highest : share above which the tip slows down
     lowest : share below which it speeds up again, if it had been slowed
@@ -57,23 +66,33 @@ class SpeedGovernor:
         self._poses, self._pace = np.empty((samples, 4, 4)), np.empty(samples)
         self._joints = np.empty((samples, self._speed.size))
         self._wait = 0
+        self._calm = False
+        self._asked = (0.0, 0.0)
         self.use, self.blocked_in = 0.0, inf
 
     def watch(self, q: np.ndarray) -> float:
         """Call once a cycle after `step` with the joints (n,) of this cycle; returns `use`."""
         if self._trajectory.resting:
             self._trajectory.scale(1.0)
-            self._wait, self.use, self.blocked_in = 0, 0.0, inf
+            self._wait, self._calm, self.use, self.blocked_in = 0, False, 0.0, inf
             return 0.0
         self._wait -= 1
-        if self._wait < 0:
-            self._wait = self._every - 1
-            self._look(q)
+        if self._wait < 0 or self._is_faster():
+            cycles = PATIENCE * self._every if self._calm else self._every
+            self._wait = cycles - 1
+            self._look(q, cycles)
+            self._calm = self.use < CALM and self.blocked_in == inf
         return self.use
 
-    def _look(self, q: np.ndarray) -> None:
+    def _is_faster(self) -> bool:
+        """Whether more is asked for than at the last look."""
+        (speed, turn_rate), (old_speed, old_rate) = self._trajectory.asked, self._asked
+        return speed > FASTER * old_speed or turn_rate > FASTER * old_rate
+
+    def _look(self, q: np.ndarray, cycles: int) -> None:
         trajectory, joints = self._trajectory, self._joints
-        seconds = trajectory.stopping_time + self._every * trajectory.cycle
+        self._asked = trajectory.asked
+        seconds = trajectory.stopping_time + cycles * trajectory.cycle
         spacing = seconds / (len(self._poses) - 1)
         trajectory.preview(seconds, self._poses, self._pace)
         joints[0] = q

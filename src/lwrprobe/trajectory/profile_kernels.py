@@ -193,6 +193,29 @@ def load(plan, request, facts, pieces):
 
 
 @kernel
+def load_changes(plan, request, facts):
+    """A plan for axes that move to velocities only, in closed form; False where one does not, or starts too fast."""
+    facts[DURATION] = facts[FAST_UNTIL] = 0.0
+    if facts[BRAKES] != 0.0:
+        return False
+    for i in range(request.shape[1]):
+        row, rate = i * ROW, request[RATE, i]
+        hold_row(plan, row, rate)
+        if request[MOVES, i] == STAYS:
+            continue
+        change, second = request[TARGET, i] - rate, request[SECOND, i]
+        if request[MOVES, i] != TO_VELOCITY:
+            return False
+        if not change_row(plan, row, change, second, request[MAX_SECOND, i], request[MAX_JERK, i]):
+            return False
+        if not ends_well(plan, row, request, i):
+            return False
+        facts[DURATION] = max(facts[DURATION], plan[row + LAST])
+        facts[FAST_UNTIL] = max(facts[FAST_UNTIL], slow_from(plan, row, request[MAX_RATE, i]))
+    return True
+
+
+@kernel
 def hold_row(plan, row, velocity):
     """An axis that keeps a constant velocity from position 0."""
     for k in range(row, row + ROW):
@@ -222,6 +245,30 @@ def ramp_row(plan, row, velocity, accel, jerk):
     plan[row], plan[row + 1], plan[row + 2] = rise, flat, rise
     integrate_row(plan, row, velocity, 0.0)
     plan[row + VELOCITY + LAST] = plan[row + ACCELERATION + LAST] = 0.0
+
+
+@kernel
+def change_row(plan, row, change, acceleration, accel, jerk):
+    """An axis that changes its velocity as fast as its limits allow; False where it is beyond them at the start.
+
+    `row` has its velocity already. At the end there is no acceleration.
+    """
+    velocity = plan[row + VELOCITY]
+    # What is left to change once the present acceleration has been taken away says which way to push.
+    left = change - acceleration * abs(acceleration) / (2.0 * jerk)
+    sign = 1.0 if left >= 0.0 else -1.0
+    now = sign * acceleration
+    if now > accel or -now > accel:
+        return False
+    peak = max(jerk * sign * change + 0.5 * now * now, 0.0) ** 0.5
+    flat = 0.0
+    if peak > accel:
+        flat = (sign * change - (2.0 * accel * accel - now * now) / (2.0 * jerk)) / accel
+        peak = accel
+    plan[row], plan[row + 1], plan[row + 2] = max(peak - now, 0.0) / jerk, max(flat, 0.0), peak / jerk
+    plan[row + JERK], plan[row + JERK + 2] = sign * jerk, -sign * jerk
+    integrate_row(plan, row, velocity, acceleration)
+    return True
 
 
 @kernel
