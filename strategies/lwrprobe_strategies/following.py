@@ -142,9 +142,7 @@ class Follower:
         return min(max(excess, 0.0) / (self.stiffness(self.normal, rotation) * self.task.delay), self.outward)
 
 
-def _perpendicular(
-    nx: float, ny: float, nz: float, ax: float, ay: float, az: float
-) -> tuple[float, float, float]:
+def _perpendicular(nx: float, ny: float, nz: float, ax: float, ay: float, az: float) -> tuple[float, float, float]:
     """Unit vector along n x a, zero where they are parallel."""
     x, y, z = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
     size = sqrt(x * x + y * y + z * z)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lwrprobe.compiled import entry
 from lwrprobe.contact import conditioning_kernels as k
 from lwrprobe.contact.payload import GRAVITY, Payload
 from lwrprobe.contact.wrench import Wrench, WrenchNoise
@@ -112,6 +113,9 @@ class WrenchConditioner:
         self._raw = np.zeros(6)
         self._rotation = np.eye(3)
         self._stamp = np.zeros(3)
+        self._kernel = entry(
+            k.condition, self._raw, self._rotation, self._stamp, self._params, self._state, self._counts, np.empty(9)
+        )
         self.set_payload(Payload.of(probe) if payload is None else payload)
 
     def condition(self, sample: WrenchSample, rotation: np.ndarray) -> Wrench:
@@ -127,7 +131,7 @@ class WrenchConditioner:
         self._rotation[:] = rotation
         self._stamp[:] = sample.time, sample.sequence, sample.status
         out = np.empty(9)
-        status = k.condition(self._raw, self._rotation, self._stamp, self._params, self._state, self._counts, out)
+        status = self._kernel(self._raw, self._rotation, self._stamp, self._params, self._state, self._counts, out)
         if self._collecting is not None:
             self._collect(sample)
         return Wrench(sample.time, out[:3], out[3:6], out[6:], sample.sequence, status, self._zeroing)

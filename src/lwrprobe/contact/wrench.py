@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,9 @@ UNCONFIRMED: Final = 1 << 16
 
 UNUSABLE: Final = int(SampleStatus.INVALID | SampleStatus.FROZEN | SampleStatus.LATE | SampleStatus.BRIDGE_LOW)
 """Statuses with which a wrench carries nothing new: its force is the last good one, held."""
+
+
+_NOT_USABLE: Final = int(UNUSABLE | UNCONFIRMED | SampleStatus.SATURATED)  # flags are slow to put together
 
 
 @dataclass(slots=True)
@@ -43,12 +47,12 @@ class Wrench:
     @property
     def magnitude(self) -> float:
         """|force| in N."""
-        return float(np.sqrt(self.force @ self.force))
+        return hypot(*self.force.tolist())
 
     @property
     def usable(self) -> bool:
         """True when the values are new, valid, confirmed and within the sensor's range."""
-        return not self.status & (UNUSABLE | UNCONFIRMED | SampleStatus.SATURATED)
+        return not self.status & _NOT_USABLE
 
 
 @dataclass(slots=True, frozen=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import dist
 from time import perf_counter
 from typing import Any
 
@@ -29,6 +29,7 @@ from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
 from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop, table_plane
 from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
+from lwrprobe.exploration.recent import Recent
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.stage_clock import StageClock
@@ -105,9 +106,7 @@ class Explorer:
         self._q = np.zeros(n)
         self._next = np.zeros(n)
         self._ahead = np.zeros(n)
-        self._pose = np.eye(4)
-        self._states: deque[tuple[float, np.ndarray]] = deque(maxlen=64)
-        self._joint_step = pipeline.robot.speed * self.cycle
+        self._recent = Recent(pipeline.robot)
         contact, safety = scene.contact, scene.safety
         torque = safety.torque_share * pipeline.probe.torque_range
         self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
@@ -118,11 +117,11 @@ class Explorer:
         self._motion: Motion | None = None
         self._zero_time = 0.0
         self._time = 0.0
-        self._last_tip: np.ndarray | None = None
+        self._last_tip: list[float] | None = None
         self._path = self._contact_path = self._peak = 0.0
         self._range_used = 0.0
         probe = pipeline.probe
-        self._range = np.concatenate([probe.force_range, probe.torque_range])
+        self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
         self._slowed = 0
         self._rows = 0
         self._transitions = 0
@@ -312,23 +311,19 @@ class Explorer:
         clock.start()
         self._remember(rig.arm.read())
         clock.lap("arm")
-        samples = self._samples()
+        try:
+            samples = rig.sensor.read()
+        except DriverError as error:
+            raise SensorLost(str(error)) from error
         clock.lap("sensor")
         for sample in samples:
             self._one_sample(sample)
         self._silence.check(self._time)
         self._move()
 
-    def _samples(self) -> list[WrenchSample]:
-        try:
-            return self.rig.sensor.read()
-        except DriverError as error:
-            raise SensorLost(str(error)) from error
-
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
-        pose = self._pose_at(sample.time)
-        velocity = pipe.force.velocity_at(sample.time)
+        pose, velocity = self._recent.tip_at(sample.time)
         wrench = pipe.conditioner.condition(sample, pose[:3, :3])
         self._silence.heard(sample.status | wrench.status)
         if pipe.conditioner.failing:
@@ -336,8 +331,8 @@ class Explorer:
         clock.lap("condition")
         size = wrench.magnitude
         if size > 0.5 * self.scene.contact.target:
-            felt = np.concatenate([wrench.force, wrench.torque])
-            self._range_used = max(self._range_used, float(np.abs(felt / self._range).max()))
+            felt = (*wrench.force.tolist(), *wrench.torque.tolist())
+            self._range_used = max(self._range_used, *(abs(f) / most for f, most in zip(felt, self._range)))
         contact = None
         if size >= self.scene.contact.threshold:
             if sample.time - self._touched_last > FORGET:
@@ -372,7 +367,7 @@ class Explorer:
         seen = Observation(
             time=sample.time - self._zero_time,
             pose=pose,
-            velocity=velocity.copy(),
+            velocity=velocity,
             force=wrench.world_force,
             contact=contact,
             clearance=near,
@@ -382,7 +377,7 @@ class Explorer:
         confirmed = not wrench.status & UNCONFIRMED
         override = self._guard.check(self._time, wrench.world_force, wrench.torque, confirmed)
         if confirmed or override is None:
-            motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench)
+            motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench, self._recent.acceleration)
         else:
             motion = override  # maybe a spike: the strategy is not shown it, the tip holds still until the next sample
         clock.lap("strategy")
@@ -407,10 +402,11 @@ class Explorer:
                 return
             trajectory.set_goal(motion.pose, motion.speed, motion.turn_rate)
         else:
-            ahead = trajectory.pose.copy()
-            ahead[:3, 3] += 0.1 * motion.velocity
-            if not urgent and not self._reachable(ahead):
-                return
+            if not urgent:
+                ahead = trajectory.pose.copy()
+                ahead[:3, 3] += 0.1 * motion.velocity
+                if not self._reachable(ahead):
+                    return
             trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
 
     def _can_follow(self, poses: Sequence[np.ndarray]) -> bool:
@@ -442,11 +438,8 @@ class Explorer:
         if status != IKStatus.CONVERGED:
             self._blocked = f"out of reach: {IKStatus(status).name.lower()}"
             pipe.trajectory.stop()
-        used = float(np.abs((self._next - self._q) / self._joint_step).max())
-        if used > 1.0:
-            # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
-            self._next[:] = self._q + (self._next - self._q) / used
-            self._slowed += 1
+        # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
+        self._slowed += self.motion_guard.rein(self._q, self._next)
         clock.lap("ik")
         self._command(self._next)
         clock.lap("arm")
@@ -471,37 +464,18 @@ class Explorer:
 
     def _remember(self, state: Any) -> None:
         self._time = state.time
-        self.pipe.force.moved(state.time, self.pipe.trajectory.velocity)
-        self._states.append((state.time, state.q))
+        self._recent.note(state.time, self.pipe.trajectory.velocity, state.q)
         self.motion_guard.watch(state)
-
-    def _pose_at(self, time: float) -> np.ndarray:
-        """(4, 4) tip pose at an instant not long ago, joints interpolated linearly between two states."""
-        states = self._states
-        later = states[-1]
-        q = later[1]
-        for i in range(len(states) - 2, -1, -1):
-            earlier = states[i]
-            if earlier[0] <= time:
-                span = later[0] - earlier[0]
-                share = min(max((time - earlier[0]) / span, 0.0), 1.0) if span > 0.0 else 1.0
-                q = earlier[1] + share * (later[1] - earlier[1])
-                break
-            later = earlier
-            q = later[1]
-        pose = np.empty((4, 4))
-        self.pipe.robot.fk_into(q, pose)
-        return pose
 
     def _account(self, seen: Observation, contact: Contact | None, force: float, near: Any) -> None:
         tip = seen.pose[:3, 3]
+        place = tip.tolist()
         if self._last_tip is not None:
-            moved = tip - self._last_tip
-            length = float(np.sqrt(moved @ moved))
+            length = dist(place, self._last_tip)
             self._path += length
             if contact is not None:
                 self._contact_path += length
-        self._last_tip = tip
+        self._last_tip = place
         self._way_back.note(tip, contact.normal if contact is not None else None)
         self._peak = max(self._peak, force)
         self._force = force

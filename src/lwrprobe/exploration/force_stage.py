@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,6 @@ from lwrprobe.contact import (
     choose_force_law,
 )
 from lwrprobe.contracts import Contact, Feed, Goal, Motion, Probe, SafetyStop
-from lwrprobe.contracts.samples import Vector
-
-HISTORY = 64
-"""Cycles for which the tip's velocity is remembered: longer than any sample is late."""
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
@@ -62,8 +57,6 @@ class ForceStage:
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._cycle: LimitCycle | None = None
-        self._times: deque[float] = deque(maxlen=HISTORY)
-        self._velocities: deque[Vector] = deque(maxlen=HISTORY)
         self._report: dict[str, Any] = {}
         # Of an upper bound of the stiffness follows a lower bound of what object and arm give way.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
@@ -88,18 +81,6 @@ class ForceStage:
             "warnings": list(law.warnings),
         }
 
-    def moved(self, time: float, velocity: Vector) -> None:
-        """The tip's velocity at an arm state, once a cycle."""
-        self._times.append(time)
-        self._velocities.append(velocity.copy())
-
-    def velocity_at(self, time: float) -> Vector:
-        """(3,) m/s of the tip at a sample's own instant: friction opposes the motion of then, not of now."""
-        for known, velocity in zip(reversed(self._times), reversed(self._velocities)):
-            if known <= time:
-                return velocity
-        return self._velocities[0] if self._velocities else np.zeros(3)
-
     @property
     def settled(self) -> bool:
         """Contacts may be stored: the first touch has told whether the surface is soft."""
@@ -121,25 +102,19 @@ class ForceStage:
         if self._touch.heed(wrench, pose, contact):
             self._adopt()
 
-    def calm(self, motion: Motion, wrench: Wrench) -> Motion:
+    def calm(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
+        There must be no acceleration [m/s^2] then that the tip's weight would be felt in.
         A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
         is found by the force.
         """
-        self._drift.observe(wrench, isinstance(motion, Goal) and self._steady())
+        self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
             self._drift.rezero()
         if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, Feed):
             return motion
         return Feed(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
-
-    def _steady(self) -> bool:
-        """No acceleration over the last cycle that the tip's weight would be felt in."""
-        if len(self._times) < 2 or self._times[-1] <= self._times[-2]:
-            return False
-        change = self._velocities[-1] - self._velocities[-2]
-        return float(np.sqrt(change @ change)) < STEADY * (self._times[-1] - self._times[-2])
 
     def _adopt(self) -> None:
         """A touch has been fitted: the dent is taken off from now on, and the damping is held against the stiffness."""

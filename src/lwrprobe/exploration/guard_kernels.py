@@ -28,6 +28,18 @@ _SLACK = 1.0 + 1e-9
 
 
 @kernel
+def rein(q, wanted, step):
+    """Largest share of a step (n,) that a joint takes from q to `wanted`; more than one is cut down to one in place."""
+    used = 0.0
+    for i in range(len(q)):
+        used = max(used, abs(wanted[i] - q[i]) / step[i])
+    if used > 1.0:
+        for i in range(len(q)):
+            wanted[i] = q[i] + (wanted[i] - q[i]) / used
+    return used
+
+
+@kernel
 def check(q, measured, cycle, chain, limits, state, peaks):
     """Verdict on the set point q (n,) and on where the joints are: GOOD, or 16 * joint + what is wrong.
 

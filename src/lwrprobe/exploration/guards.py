@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from lwrprobe.contact.wrench import UNUSABLE
 from lwrprobe.contracts import Feed, SafetyStop, SampleStatus
 from lwrprobe.contracts.samples import Vector
 
+_SATURATED = int(SampleStatus.SATURATED)
 _SATURATED_RUN = 3  # samples in a row; one alone may be a spike
 
 
@@ -39,7 +42,7 @@ class ForceGuard:
         self.release_below = release_below
         self.speed = speed
         self.patience = patience
-        self.torque = np.full(3, np.inf) if torque is None else torque
+        self._torque = [np.inf] * 3 if torque is None else torque.tolist()
         self.interventions = 0
         self._since: float | None = None
 
@@ -49,8 +52,8 @@ class ForceGuard:
         An overload that one sample alone tells of may be a spike, and yielding to a spike may be pushing: the tip
         stops, and the next sample says in which direction to yield, if at all.
         """
-        size = float(np.sqrt(force @ force))
-        twisted = torque is not None and bool((np.abs(torque) > self.torque).any())
+        size = hypot(*force.tolist())
+        twisted = torque is not None and any(abs(t) > most for t, most in zip(torque.tolist(), self._torque))
         if self._since is None:
             if size <= self.limit and not twisted:
                 return None
@@ -93,7 +96,7 @@ class SilenceGuard:
         if status & UNUSABLE:
             return
         self._silent = 0.0
-        self._saturated = self._saturated + 1 if status & SampleStatus.SATURATED else 0
+        self._saturated = self._saturated + 1 if status & _SATURATED else 0
         if self._saturated >= _SATURATED_RUN:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
 

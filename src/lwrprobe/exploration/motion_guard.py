@@ -54,6 +54,8 @@ class MotionGuard:
         self._silence = float(safety.arm_silence)
         self._measured = np.zeros(robot.n)
         self._last_time: float | None = None
+        self._step = robot.speed * cycle
+        self._rein = entry(k.rein, self._measured, self._measured, self._step)
         self._rest = (self._measured, float(cycle), robot.chain, limits, self._state, self._peaks)
         self._check = entry(k.check, self._measured, *self._rest)
 
@@ -61,6 +63,10 @@ class MotionGuard:
         """From now on the tip keeps to a box (m, world frame); one that is outside may come back."""
         self._limits[k.TIP, k.LOW : k.HIGH] = lower
         self._limits[k.TIP, k.HIGH : k.FOLLOWING] = upper
+
+    def rein(self, q: Vector, wanted: Vector) -> bool:
+        """Cut a step from q (n,) to `wanted` (n,) down, in place, to what the joints' speeds allow; True where cut."""
+        return self._rein(q, wanted, self._step) > 1.0
 
     def check(self, q: Vector) -> None:
         """Raises MotionStop for a set point (n,) that must not be sent; otherwise it is remembered as sent."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import cos
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from lwrprobe.mapping import VoxelMap
 from lwrprobe.options import configure
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
 
+CLOSE = 1.0 + 2.0 * cos(0.1)
+"""Trace of the turn between two orientations below which the arm is not yet asked for the second."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the way off a joint limit begins."""
 
@@ -69,10 +72,15 @@ class Pipeline:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
         if isinstance(self.trajectory, JointSpaceTip):
             return self.trajectory.judge(pose)
-        now = self.trajectory.pose
-        near = np.abs(pose[:3, 3] - now[:3, 3]).max() < 0.02 and np.abs(pose[:3, :3] - now[:3, :3]).max() < 0.1
         # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
-        return self.solver.track(pose, q, out) if near else IKStatus.CONVERGED
+        return self.solver.track(pose, q, out) if _near(pose, self.trajectory.pose) else IKStatus.CONVERGED
+
+
+def _near(pose: np.ndarray, now: np.ndarray) -> bool:
+    (x, y, z), (x0, y0, z0) = pose[:3, 3].tolist(), now[:3, 3].tolist()
+    if max(abs(x - x0), abs(y - y0), abs(z - z0)) >= 0.02:
+        return False
+    return float(np.vdot(pose[:3, :3], now[:3, :3])) > CLOSE
 
 
 @dataclass(slots=True, frozen=True)

@@ -39,18 +39,19 @@ class Recorder:
         self.contacts.append(contact)
         self.sequences.append(sequence)
         if self._contact_file is not None:
-            p, n = contact.point, contact.normal
+            (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
             self._contact_file.write(
-                f"{contact.time:.6f},{p[0]:.7f},{p[1]:.7f},{p[2]:.7f},{n[0]:.6f},{n[1]:.6f},{n[2]:.6f},"
+                f"{contact.time:.6f},{x:.7f},{y:.7f},{z:.7f},{nx:.6f},{ny:.6f},{nz:.6f},"
                 f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
             )
 
     def way(self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str) -> None:
         """Where the sphere's centre is, whether it touches, and what the strategy is doing."""
-        self._trace.append((time, tip[0], tip[1], tip[2], force, touching, clearance))
+        x, y, z = tip.tolist()
+        self._trace.append((time, x, y, z, force, touching, clearance))
         if self._trace_file is not None:
             self._trace_file.write(
-                f"{time:.4f},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
+                f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
             )
 
     def transition(self, time: float, state: str, event: str, following: str) -> None:

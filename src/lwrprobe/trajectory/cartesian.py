@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import astuple
-from math import inf, isfinite
+from math import hypot, inf, isfinite
 
 import numpy as np
 
+from lwrprobe.compiled import entry
 from lwrprobe.contracts import InputError, as_pose
 from lwrprobe.trajectory import cartesian_kernels as k
 from lwrprobe.trajectory.limits import CartesianLimits, as_cycle
@@ -93,7 +94,7 @@ class CartesianTrajectory:
             return self.status
         self._aim[:16] = self._given[:16]
         self._asked = (min(speed, self.limits.speed), min(turn_rate, self.limits.turn_rate))
-        self._mode, self._hold = k.TO_GOAL, inf
+        self._mode, self._hold, self._stops = k.TO_GOAL, inf, False
         return self._begin()
 
     def set_feed(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
@@ -103,23 +104,24 @@ class CartesianTrajectory:
         above the limit is shortened to it. Returns the status; raises InputError.
         """
         velocity = np.array(velocity, dtype=np.float64)
-        if velocity.shape != (3,) or not isfinite(velocity[0] + velocity[1] + velocity[2]):
-            raise InputError("velocity", velocity.tolist(), "three finite numbers")
+        numbers = velocity.tolist()
+        if velocity.shape != (3,) or not isfinite(sum(numbers)):
+            raise InputError("velocity", numbers, "three finite numbers")
         if not hold_seconds > 0.0:
             raise InputError("hold_seconds", hold_seconds, "a positive number")
         if pose is not None:
             self._accept(pose)
         mode = k.FEED if pose is None else k.FEED_AND_TURN
-        if not self._is_new(mode, *velocity.tolist()):
+        if not self._is_new(mode, *numbers):
             self._hold = self._time + hold_seconds
             self._event = min(self._event, self._hold)
             return self.status
         if pose is not None:
             self._aim[:16] = self._given[:16]
-        size = float(velocity @ velocity) ** 0.5
+        size = hypot(*numbers)
         self._wanted = velocity * min(1.0, self.limits.speed / size) if size > 0.0 else velocity
         self._asked = (min(size, self.limits.speed) or self.limits.speed, self.limits.turn_rate)
-        self._mode, self._hold = mode, hold_seconds
+        self._mode, self._hold, self._stops = mode, hold_seconds, mode == k.FEED and size == 0.0
         return self._begin()
 
     def stop(self) -> int:
@@ -186,7 +188,7 @@ class CartesianTrajectory:
             self._time += self.cycle
         elif 0.0 <= elapsed < inf:
             self._time += elapsed
-        k.advance(self._plan, self._time, self._state)
+        self._advance(self._plan, self._time, self._state)
         return self.status if self._time < self._event else self._act()
 
     def _is_new(self, mode: int, *numbers: float) -> bool:
@@ -241,13 +243,13 @@ class CartesianTrajectory:
     def _solve(self, aim: np.ndarray, mode: int) -> int:
         """A plan into the spare array; returns its kind, UNFIT where the motion does not fit or the planner fails."""
         request, facts = self._request, self._facts
-        kind = k.prepare(self._state, aim, mode, self._spare, request, facts, self._handed)
+        kind = self._prepare(self._state, aim, mode, self._spare, request, facts, self._handed)
         if kind == k.UNFIT:
             return kind
         if kind == k.SETTLED:
             k.load_tip(self._spare, request, facts, self._nothing)
             return kind
-        if mode != k.TO_GOAL and k.change_tip(self._spare, request, facts):
+        if mode != k.TO_GOAL and self._change_tip(self._spare, request, facts):
             return kind
         together, alone = self._planners[mode][kind]
         if self._ask(together):
@@ -292,15 +294,11 @@ class CartesianTrajectory:
             return Status.YIELDING
         return Status.MOVING if self._mode == k.TO_GOAL else Status.FEEDING
 
-    @property
-    def _stops(self) -> bool:
-        return self._mode == k.FEED and not self._wanted.any()
-
     def _give_up(self) -> None:
         """The aim is to stop."""
         self._asked_for = None
         self._wanted = np.zeros(3)
-        self._mode, self._hold = k.FEED, inf
+        self._mode, self._hold, self._stops = k.FEED, inf, True
         self._aim[k.AIM_VELOCITY :] = self._halt[k.AIM_VELOCITY :]
 
     def _rest(self, at_goal: bool) -> None:
@@ -309,20 +307,23 @@ class CartesianTrajectory:
         self.status = Status.RESCUED if rescued else Status.RESTING
         self._resting, self._braking, self.arrived = True, False, at_goal
         self._time = self._duration = self._event = 0.0
-        self._mode, self._hold, self._wanted = k.TO_GOAL, inf, np.zeros(3)
+        self._mode, self._hold, self._stops, self._wanted = k.TO_GOAL, inf, False, np.zeros(3)
         self._tries = 0
 
     def _use_kernels(self) -> None:
         """Call every kernel once, so that none is compiled or fetched from the cache while the arm moves."""
         request, facts, handed = self._request, self._facts, self._handed
         self._accept(np.eye(4))
-        k.prepare(self._state, self._halt, k.FEED, self._spare, request, facts, handed)
+        self._prepare = entry(k.prepare, self._state, self._halt, k.FEED, self._spare, request, facts, handed)
+        self._prepare(self._state, self._halt, k.FEED, self._spare, request, facts, handed)
         natural_units(request)
         k.hand_over(request, facts, handed)
         k.load_tip(self._spare, request, facts, self._nothing)
-        k.change_tip(self._spare, request, facts)
+        self._change_tip = entry(k.change_tip, self._spare, request, facts)
+        self._change_tip(self._spare, request, facts)
         k.brake(self._state, self._halt, self._plan, self._spare, facts)
-        k.advance(self._spare, 0.0, self._scout)
+        self._advance = entry(k.advance, self._spare, 0.0, self._scout)
+        self._advance(self._spare, 0.0, self._scout)
         self.preview(self.stopping_time, np.empty((2, 4, 4)), np.empty(2))
 
     def _accept(self, pose: object) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe.trajectory.cartesian import CartesianTrajectory
 
-
 CALM = 0.25
 """Share of a joint speed limit below which the next look may wait."""
 PATIENCE = 4
@@ -25,7 +24,7 @@ class SpeedGovernor:
     The plan is looked at ahead for as long as the tip needs to stop: inverse kinematics of a few poses on it gives
     the largest share of a joint speed limit that the plan will ask for and where. At one place that share is
     proportional to the tip's speed, so that the speed which brings it back into the band follows at once. Far from
-    the limits it looks less often and further.
+    the limits it looks less often and less closely.
 
     Parameters
     ----------
@@ -33,7 +32,7 @@ class SpeedGovernor:
     track : (pose (4, 4), q_seed (n,), q_out (n,)) -> status, 0 = solved; as `IKSolver.track`
     speed : (n,) rad/s, joint limits
     every : cycles from one look to the next, `PATIENCE` times that below `CALM`
-    samples : poses a look, the present one counted
+    samples : poses a look, the present one counted; half as many below `CALM`
     highest : share above which the tip slows down
     lowest : share below which it speeds up again, if it had been slowed
     slowest : factor below which the speed is never scaled, so that the tip leaves the place
@@ -93,18 +92,20 @@ class SpeedGovernor:
         trajectory, joints = self._trajectory, self._joints
         self._asked = trajectory.asked
         seconds = trajectory.stopping_time + cycles * trajectory.cycle
-        spacing = seconds / (len(self._poses) - 1)
-        trajectory.preview(seconds, self._poses, self._pace)
+        count = len(self._pace) // 2 + 1 if self._calm else len(self._pace)
+        poses, pace = self._poses[:count], self._pace[:count]
+        spacing = seconds / (count - 1)
+        trajectory.preview(seconds, poses, pace)
         joints[0] = q
         solved = 1
-        for pose in self._poses[1:]:
+        for pose in poses[1:]:
             if self._track(pose, joints[solved - 1], joints[solved]) != 0:
                 break
             solved += 1
-        self.blocked_in = solved * spacing if solved < len(self._poses) else inf
+        self.blocked_in = solved * spacing if solved < count else inf
         use = (np.abs(np.diff(joints[:solved], axis=0)) / self._speed).max(axis=1, initial=0.0) / spacing
         self.use = float(use.max(initial=0.0))
-        self._scale(use, 0.5 * (self._pace[: solved - 1] + self._pace[1:solved]))
+        self._scale(use, 0.5 * (pace[: solved - 1] + pace[1:solved]))
 
     def _scale(self, use: np.ndarray, pace: np.ndarray) -> None:
         trajectory = self._trajectory

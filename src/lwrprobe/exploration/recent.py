@@ -1,0 +1,42 @@
+"""The arm's last states: a wrench sample is older than the newest, and belongs to the tip of its own instant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.compiled import entry
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.exploration import recent_kernels as k
+from lwrprobe.kinematics import Robot
+
+HISTORY = 64
+"""Cycles that are remembered: longer than any sample is late."""
+
+
+class Recent:
+    """Joint states and tip velocities of the last `HISTORY` cycles of one robot."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._chain = robot.chain
+        self._ring = np.zeros((HISTORY, k.JOINTS + robot.n))
+        self._count = 0
+        self._q = np.zeros(robot.n)
+        three, pose = np.zeros(3), np.zeros((4, 4))
+        self._note = entry(k.note, self._ring, 0, 0.0, three, self._q)
+        self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self._q, pose, three)
+
+    def note(self, time: float, velocity: Vector, q: Vector) -> None:
+        """The arm stands at q (n,) now, and its tip is to move at a velocity (3,) m/s, world frame."""
+        self._note(self._ring, self._count, time, velocity, q)
+        self._count += 1
+
+    def tip_at(self, time: float) -> tuple[np.ndarray, Vector]:
+        """Tip pose (4, 4) and velocity (3,) m/s at an instant not long ago, joints interpolated linearly."""
+        pose, velocity = np.empty((4, 4)), np.empty(3)
+        self._tip_at(self._ring, self._count, time, self._chain, self._q, pose, velocity)
+        return pose, velocity
+
+    @property
+    def acceleration(self) -> float:
+        """m/s^2 of the tip over the last cycle, inf before there are two states."""
+        return float(k.acceleration(self._ring, self._count))

@@ -1,0 +1,61 @@
+"""The arm's last states in a ring, and the tip between two of them.
+
+A row is time, the tip's velocity (3), joint values (n); row `count - 1` modulo the ring's length is the newest.
+"""
+
+from lwrprobe.compiled import kernel
+from lwrprobe.kinematics.chain_kernels import tip_frame
+
+TIME, VELOCITY, JOINTS = 0, 1, 4
+
+
+@kernel
+def note(ring, count, time, velocity, q):
+    """Write state number `count`."""
+    row = ring[count % ring.shape[0]]
+    row[TIME] = time
+    for i in range(3):
+        row[VELOCITY + i] = velocity[i]
+    for i in range(q.shape[0]):
+        row[JOINTS + i] = q[i]
+
+
+@kernel
+def tip_at(ring, count, time, chain, q, pose, velocity):
+    """Tip pose (4, 4) at an instant, joints interpolated linearly into q, and its velocity (3,) in that cycle.
+
+    Before the oldest state known that one counts, after the newest the newest.
+    """
+    length = ring.shape[0]
+    newest = count - 1
+    oldest = max(0, count - length)
+    at = newest
+    while at > oldest and ring[at % length, TIME] > time:
+        at -= 1
+    earlier, later = ring[at % length], ring[min(at + 1, newest) % length]
+    span = later[TIME] - earlier[TIME]
+    share = min(max((time - earlier[TIME]) / span, 0.0), 1.0) if span > 0.0 else 1.0
+    for i in range(q.shape[0]):
+        q[i] = earlier[JOINTS + i] + share * (later[JOINTS + i] - earlier[JOINTS + i])
+    for i in range(3):
+        velocity[i] = earlier[VELOCITY + i]
+    f = tip_frame(chain, q)
+    for i in range(3):
+        for k in range(4):
+            pose[i, k] = f[3 * k + i]
+        pose[3, i] = 0.0
+    pose[3, 3] = 1.0
+
+
+@kernel
+def acceleration(ring, count):
+    """m/s^2 of the tip over the last cycle, infinite where that is not known."""
+    length = ring.shape[0]
+    if count < 2:
+        return float("inf")
+    new, old = ring[(count - 1) % length], ring[(count - 2) % length]
+    span = new[TIME] - old[TIME]
+    total = 0.0
+    for i in range(VELOCITY, VELOCITY + 3):
+        total += (new[i] - old[i]) ** 2
+    return total**0.5 / span if span > 0.0 else float("inf")

@@ -1,0 +1,64 @@
+"""The tip of an instant between two states of the arm, against the same worked out with numpy."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.exploration.recent import HISTORY, Recent
+from lwrprobe.kinematics import lwr4
+
+ROBOT = lwr4()
+
+
+def states(count):
+    random = np.random.default_rng(3)
+    times = 1.0 + np.cumsum(random.uniform(0.5e-3, 2e-3, count))
+    return (
+        times,
+        np.cumsum(random.normal(size=(count, 3)), axis=0),
+        0.01 * np.cumsum(random.normal(size=(count, 7)), axis=0),
+    )
+
+
+def naive(times, velocities, joints, time):
+    times, velocities, joints = times[-HISTORY:], velocities[-HISTORY:], joints[-HISTORY:]
+    q = np.array([np.interp(time, times, column) for column in joints.T])
+    known = int(np.searchsorted(times, time, side="right")) - 1
+    pose = np.empty((4, 4))
+    ROBOT.fk_into(q, pose)
+    return pose, velocities[max(known, 0)]
+
+
+@pytest.mark.parametrize("count", [1, 2, 10, HISTORY, 3 * HISTORY + 5])
+def test_pose_and_velocity_are_those_of_the_samples_instant(count):
+    times, velocities, joints = states(count)
+    recent = Recent(ROBOT)
+    for time, velocity, q in zip(times, velocities, joints):
+        recent.note(time, velocity, q)
+    known = times[-HISTORY:]
+    for time in [*known, *(0.5 * (known[1:] + known[:-1])), known[0] - 1.0, known[-1] + 1.0]:
+        pose, velocity = recent.tip_at(time)
+        expected_pose, expected_velocity = naive(times, velocities, joints, time)
+        np.testing.assert_allclose(pose, expected_pose, atol=1e-12)
+        np.testing.assert_array_equal(velocity, expected_velocity)
+
+
+def test_what_is_handed_out_is_the_callers_own():
+    recent = Recent(ROBOT)
+    velocity = np.ones(3)
+    recent.note(0.0, velocity, np.zeros(7))
+    velocity[:] = 2.0
+    pose, given = recent.tip_at(0.0)
+    pose[:], given[:] = 0.0, 5.0
+    assert recent.tip_at(0.0)[0][3, 3] == 1.0
+    assert recent.tip_at(0.0)[1][0] == 1.0
+
+
+def test_acceleration_is_that_of_the_last_cycle():
+    recent = Recent(ROBOT)
+    assert recent.acceleration == np.inf
+    recent.note(0.0, np.zeros(3), np.zeros(7))
+    assert recent.acceleration == np.inf
+    recent.note(0.002, np.array([0.0, 0.003, 0.004]), np.zeros(7))
+    assert recent.acceleration == pytest.approx(2.5)
+    recent.note(0.002, np.zeros(3), np.zeros(7))
+    assert recent.acceleration == np.inf
