@@ -18,6 +18,8 @@ BELOW = 0.003
 """m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
 FACING = 0.5
 """Share of the normal along x, from which on a touch is one of an end in x."""
+UPWARD = 0.3
+"""Share of the normal along z, up to which a touch is one of a wall."""
 BENT = 0.06
 """Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
@@ -68,6 +70,9 @@ def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
         facing = touches[sign * touches[:, 6] > FACING]
         if not len(facing):
             continue
+        # An upper edge is touched as far out as the wall under it, but beside it the probe would pass over the top.
+        walls = facing[np.abs(facing[:, 8]) < UPWARD]
+        facing = walls if len(walls) else facing
         last = facing[np.argmax(sign * facing[:, 3])]
         free = places[sign * places > sign * last[0] + 1e-3]
         across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)

@@ -17,7 +17,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import cos
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +38,7 @@ from lwrprobe_strategies.following import Follower, rolling
 from lwrprobe_strategies.lines import Grid, Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import Pace, Waypoint
+from lwrprobe_strategies.way import Pace, Waypoint, held, line_height, way_to
 
 Y = 1
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -48,8 +47,6 @@ JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
-HOVER = 0.0005
-"""m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
 STEEPEST_FRICTION = 0.5
 """Share of the normal force that may act against the feed before that means another surface."""
 MEETS = 0.5
@@ -151,7 +148,7 @@ class Contouring(ABC):
         self.course = Course(line, self.task.area)
         self.course.plane = self.course.upright()
         self._carried, self.rotation = self.rotation, rotation
-        self._way = self._to_line(here)
+        self._way = way_to(line, here, rotation, self.task, self.touched)
 
     def step(self, observation: Observation) -> Motion:
         """One observation, one motion; see `states.TRANSITIONS`."""
@@ -219,37 +216,6 @@ class Contouring(ABC):
             self._coming.extend(self._passes.popleft()())
         return self._coming.popleft() if self._coming else None
 
-    def _to_line(self, here: np.ndarray) -> list[Waypoint]:
-        """Way to the start of the present line: along what is known to be free, else over the top of the area."""
-        line, start, top = self.course.line, self.course.line.start, float(self.task.area.upper[Z])
-        turn = self.rotation
-        if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
-            # Nothing should stand on the border; where something does, the area is cut through an object.
-            way = [Waypoint(here, rotation=turn), Waypoint(np.array([start[0], start[1], here[Z]]), Pace.FEELING)]
-            return [*way, Waypoint(start, Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE)]
-        if line.axis == 0 and not line.on_surface and self._met_nothing(here, start):
-            return [Waypoint(start, rotation=turn)]
-        way = [Waypoint(np.array([here[0], here[1], top]))]
-        if line.axis == Y:
-            way += [Waypoint(np.array([here[0], line.begin, top]), rotation=turn)]
-            way += [Waypoint(np.array([start[0], line.begin, top]))]
-            return [*way, Waypoint(start, Pace.FEELING)]
-        way.append(Waypoint(np.array([start[0], start[1], top]), rotation=turn))
-        if line.on_surface:
-            known = np.array([start[0], start[1], max(line.free_to, start[2]) + HOVER])
-            return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
-        return [*way, Waypoint(start)]
-
-    def _met_nothing(self, here: np.ndarray, there: np.ndarray) -> bool:
-        """Whether both places lie on one line of the grid that met nothing between them, at its height."""
-        if np.abs(here[[0, Z]] - there[[0, Z]]).max() > 1e-3:
-            return False
-        touches = self.touched.table()
-        low, high = sorted((here[Y], there[Y]))
-        spare = self.task.probe.radius
-        on_line = np.abs(touches[:, 9] - there[0]) < 1e-3
-        return not (on_line & (touches[:, Y] > low - spare) & (touches[:, Y] < high + spare)).any()
-
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
         return line, self.upright
@@ -267,7 +233,7 @@ class Contouring(ABC):
             return Event.CONTACT
         if seen.blocked:
             return Event.BLOCKED
-        if self._way and self._is_at(seen, self._way[0]):
+        if self._way and self._way[0].reached(seen.pose):
             self._way.pop(0)
             self._goal = None
         if not self._way:
@@ -347,7 +313,7 @@ class Contouring(ABC):
             return Event.OVERLOAD
         if seen.blocked:
             return Event.BLOCKED
-        if not held(seen, self.rotation):
+        if not held(seen.pose, self.rotation):
             return None
         return Event.ARRIVED if self._touching_tilt else Event.LOST
 
@@ -411,11 +377,6 @@ class Contouring(ABC):
     def _towards_next_line(self) -> float:
         last = min(self._number + 1, len(self.grid) - 1)
         return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
-
-    def _is_at(self, seen: Observation, target: Waypoint) -> bool:
-        (x, y, z), (tx, ty, tz) = seen.pose[:3, 3].tolist(), target.place.tolist()
-        there = max(abs(x - tx), abs(y - ty), abs(z - tz)) < 2e-4
-        return bool(there and (target.rotation is None or held(seen, target.rotation)))
 
     # What follows from it
 
@@ -606,11 +567,6 @@ class Contouring(ABC):
         return pose
 
 
-def held(seen: Observation, rotation: np.ndarray) -> bool:
-    """Whether the tip's orientation is the wanted one, to a degree: the trace of the turn between them says it."""
-    return bool(np.vdot(rotation, seen.pose[:3, :3]) > 1.0 + 2.0 * cos(0.02))
-
-
 def surface_normal(seen: Observation) -> np.ndarray:
     """(3,) unit: the estimated contact's, or the direction of the force where that estimate is not to be had."""
     contact = seen.contact
@@ -618,19 +574,3 @@ def surface_normal(seen: Observation) -> np.ndarray:
         return contact.normal
     size = float(np.sqrt(seen.force @ seen.force))
     return seen.force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
-
-
-def line_height(task: Task) -> float:
-    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold.
-
-    The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
-    """
-    body = [-float(link.pose[2, 3]) - _half_length(link) for link in task.probe.links if link.name != "stick"]
-    reach = min(body, default=0.0)
-    tallest = float(task.area.upper[Z]) - task.probe.radius
-    lowest = tallest + task.clearance_threshold - reach
-    return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
-
-
-def _half_length(link) -> float:
-    return link.size[2] / 2.0 if link.kind == "box" else link.size[1] / 2.0

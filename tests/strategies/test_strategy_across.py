@@ -112,6 +112,17 @@ def test_an_end_beside_the_outermost_touch_is_sought_on_the_side_it_lies(sign):
     assert line.height == pytest.approx(point[2])
 
 
+def test_an_end_is_sought_on_the_wall_and_not_on_the_edge_above_it():
+    out = np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    touched = Touched()
+    for height, up in ((0.02, 0.0), (0.03, 0.0), (0.05, 0.6)):
+        normal = np.sqrt(1.0 - up * up) * out + [0.0, 0.0, up]
+        point = 0.024 * out + [0.0, 0.0, height]
+        touched.add(point + RADIUS * normal, point + [1e-5 * up, 0.0, 0.0], normal, np.nan)
+    (line,) = rims(touched.table(), XS, 0.007)
+    assert line.height < 0.04
+
+
 def test_a_flat_end_is_found_already():
     normal = np.array([1.0, 0.01, 0.0]) / np.hypot(1.0, 0.01)
     touched = Touched()

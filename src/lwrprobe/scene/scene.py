@@ -176,7 +176,7 @@ class MotionTable(Table):
     """Straight lines in space, or straight lines in joint space (which bow)."""
     free_speed: Length = 0.1
     """m/s where nothing is expected to be touched."""
-    approach_speed: Length = 0.02
+    approach_speed: Length = 0.03
     """m/s where it is."""
     contour_speed: Length = 0.02
     """m/s while touching."""
