@@ -181,6 +181,10 @@ def test_the_lower_bound_is_path_over_speed_and_grows_with_what_it_counts(block)
     assert with_free == pytest.approx(path / 0.02 + free, rel=0.02)
     with_turns = lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, area, 0.1, 1.0)
     assert with_turns - with_free == pytest.approx(18 * 2 * 0.1 / 1.0)
+    walls = path - 0.1 * 0.05 / PITCH
+    down = lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, descent_speed=0.01)
+    assert down == pytest.approx(path / 0.02 + 0.5 * walls * (100.0 - 50.0), rel=0.01)
+    assert lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, descent_speed=0.1) == pytest.approx(path / 0.02)
 
 
 def test_the_true_shape_as_a_mesh_has_no_error(block):

@@ -64,6 +64,7 @@ def summarise(
         "slowed_cycles": outcome.slowed_cycles,
         **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
         "lower_bound_time_s": None,
+        "lower_bound_descending_s": None,
         "cycle_us": outcome.cycle_us,
         "force_control": pipeline.force.report(),
         "stages": outcome.stages,
@@ -74,6 +75,9 @@ def summarise(
     }
     if judge is not None and scene.objects:
         summary["lower_bound_time_s"] = round(_lower_bound(scene, pitch), 2)
+        safe = pipeline.force.report().get("safe_approach_mm_s")
+        if safe:
+            summary["lower_bound_descending_s"] = round(_lower_bound(scene, pitch, 1e-3 * safe), 2)
     return summary
 
 
@@ -132,7 +136,7 @@ def _against_truth(
     return found
 
 
-def _lower_bound(scene: Scene, pitch: float) -> float:
+def _lower_bound(scene: Scene, pitch: float, descent_speed: float | None = None) -> float:
     """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
     return lower_bound_time(
         scene.solid(),
@@ -143,4 +147,5 @@ def _lower_bound(scene: Scene, pitch: float) -> float:
         scene.area.as_area(),
         scene.motion.approach_speed,
         scene.motion.acceleration,
+        descent_speed,
     )
