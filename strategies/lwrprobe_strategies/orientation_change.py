@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, Observation
+from lwrprobe.contracts import InputError, Observation, Task
 from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
 from lwrprobe_strategies.course import Z
 from lwrprobe_strategies.lines import Line
@@ -15,7 +15,7 @@ from lwrprobe_strategies.states import Plane, State
 
 UP = np.array([0.0, 0.0, 1.0])
 ABOVE = 0.003
-"""m above the lowest height at which an upright probe is safe, where a leaning one is set upright again."""
+"""m above what makes a probe lean, where it is set upright again."""
 
 SPARE = 0.02
 """m further out, where a leaning probe has to be in reach as well: no contour ends at a stretched elbow."""
@@ -53,8 +53,14 @@ class OrientationChange(Contouring):
 
     Config: ClassVar[type] = OrientationChangeConfig
 
+    def start(self, task: Task) -> None:
+        """Take over in free space."""
+        self._leaning_since = -np.inf  # m, the height at which the last threat made it lean
+        super().start(task)
+
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
+        self._leaning_since = -np.inf
         if line.on_surface or line.rim or self.height <= self.lowest + 1e-6:
             return line, self.upright
         low = replace(line, height=self.lowest)
@@ -79,9 +85,11 @@ class OrientationChange(Contouring):
         return np.zeros(3)
 
     def turn_wanted(self, seen: Observation) -> np.ndarray | None:
-        """Upright again as soon as that is safe."""
-        leaning = np.abs(self.rotation - self.upright).max() > 1e-6
-        return self.upright if leaning and seen.pose[Z, 3] > self.height + ABOVE else None
+        """Upright again as soon as that is safe: above where the body is clear, and above what it leaned away from."""
+        if self.rotation is self.upright:
+            return None
+        safe = max(self.height, self._leaning_since) + ABOVE
+        return self.upright if seen.pose[Z, 3] > safe else None
 
     def avoid(self, seen: Observation) -> State:
         """In X_Y: change the motion state. In Z_Y: lean away; give the line up where that has not helped."""
@@ -95,7 +103,7 @@ class OrientationChange(Contouring):
         rotation = self._leaning(self._away(seen), [here], [foot])
         if rotation is None or np.abs(rotation - self.rotation).max() < 0.05:
             return self.give_up_line(seen)
-        self.rotation = rotation
+        self.rotation, self._leaning_since = rotation, float(here[Z])
         return State.TILT
 
     def _away(self, seen: Observation) -> np.ndarray:

@@ -118,7 +118,7 @@ def test_an_end_is_sought_on_the_wall_and_not_on_the_edge_above_it():
     for height, up in ((0.02, 0.0), (0.03, 0.0), (0.05, 0.6)):
         normal = np.sqrt(1.0 - up * up) * out + [0.0, 0.0, up]
         point = 0.024 * out + [0.0, 0.0, height]
-        touched.add(point + RADIUS * normal, point + [1e-5 * up, 0.0, 0.0], normal, np.nan)
+        touched.add(point + RADIUS * normal, point + np.array([1e-5 * up, 0.0, 0.0]), normal, np.nan)
     (line,) = rims(touched.table(), XS, 0.007)
     assert line.height < 0.04
 

@@ -8,7 +8,6 @@ from lwrprobe.contracts import Area, InputError
 from lwrprobe.evaluation.reach import reach
 from lwrprobe.scene.solid import Solid
 
-
 STEEP = float(np.sqrt(0.5))
 """Share of the normal along z, below which a face is a wall."""
 
