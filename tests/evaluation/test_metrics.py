@@ -32,6 +32,11 @@ def block():
     return load_scene("block").solid()
 
 
+@pytest.fixture(scope="module")
+def found(block):
+    return reach(block, RADIUS, LOWEST)
+
+
 def cuboid(lower, upper):
     """A closed box as a mesh, outwards."""
     corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
@@ -72,7 +77,7 @@ def test_no_points_make_no_error(block):
         assert set(error.as_dict().values()) == {0.0}
 
 
-def test_bad_arrays_are_refused(block):
+def test_bad_arrays_are_refused(block, found):
     with pytest.raises(InputError, match="estimated"):
         point_error(np.zeros(3), np.zeros((1, 3)))
     with pytest.raises(InputError, match="true"):
@@ -80,11 +85,11 @@ def test_bad_arrays_are_refused(block):
     with pytest.raises(InputError, match="NaN"):
         surface_error(np.array([[np.nan, 0, 0]]), block)
     with pytest.raises(InputError, match="pitch"):
-        coverage(np.zeros((1, 3)), block, RADIUS, LOWEST, 0.0)
+        coverage(np.zeros((1, 3)), found, 0.0)
     with pytest.raises(InputError, match="contour_speed"):
-        lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.0)
+        lower_bound_time(found, PITCH, 0.0)
     with pytest.raises(InputError, match="times"):
-        coverage_over_time(np.zeros((2, 3)), np.zeros(1), np.zeros(1), block, RADIUS, LOWEST, PITCH)
+        coverage_over_time(np.zeros((2, 3)), np.zeros(1), np.zeros(1), found, PITCH)
 
 
 def test_the_sphere_reaches_five_faces_of_a_block_above_its_lowest_height(block):
@@ -93,7 +98,7 @@ def test_the_sphere_reaches_five_faces_of_a_block_above_its_lowest_height(block)
     assert found.area == pytest.approx(0.1 * 0.05 + sides, rel=0.01)
     assert found.footprint == pytest.approx(0.1 * 0.05, rel=0.02)
     assert found.points[:, 2].min() >= LOWEST
-    assert lower_bound_path(block, RADIUS, LOWEST, PITCH) == pytest.approx((0.1 * 0.05 + sides) / PITCH, rel=0.01)
+    assert lower_bound_path(found, PITCH) == pytest.approx((0.1 * 0.05 + sides) / PITCH, rel=0.01)
 
 
 def test_the_sphere_reaches_into_a_wide_slot_and_not_into_a_narrow_one():
@@ -124,67 +129,67 @@ def test_the_surface_under_an_overhang_is_reachable_for_the_bare_sphere():
     assert (found.normals[:, 2] < -0.9).any()
 
 
-def test_coverage_counts_what_lies_near_a_contact(block):
+def test_coverage_counts_what_lies_near_a_contact(block, found):
     points, _ = block.sample_surface(6000, seed=5)
-    assert coverage(points, block, RADIUS, LOWEST, PITCH).share == 1.0
-    half = coverage(points[points[:, 0] < 0], block, RADIUS, LOWEST, PITCH)
+    assert coverage(points, found, PITCH).share == 1.0
+    half = coverage(points[points[:, 0] < 0], found, PITCH)
     assert half.share == pytest.approx(0.5 + 0.006 * 0.138 / 0.0182, abs=0.01)  # and a stripe of half a pitch + 1 mm
     assert half.share_5mm == pytest.approx(0.5 + 0.005 * 0.188 / 0.0182 - 0.05 * 0.05 * 0, abs=0.03)
-    assert coverage(np.empty((0, 3)), block, RADIUS, LOWEST, PITCH).share == 0.0
-    wide = coverage(np.array([[0.0, 0.0, 0.05]]), block, RADIUS, LOWEST, 0.018)
+    assert coverage(np.empty((0, 3)), found, PITCH).share == 0.0
+    wide = coverage(np.array([[0.0, 0.0, 0.05]]), found, 0.018)
     assert wide.share == pytest.approx(np.pi * 0.010**2 / 0.0182, rel=0.1)
     assert wide.share_5mm == pytest.approx(np.pi * 0.005**2 / 0.0182, rel=0.25)
     assert json.dumps(wide.as_dict())
 
 
-def test_coverage_inside_an_area_leaves_out_what_the_area_does_not_hold(block):
+def test_coverage_inside_an_area_leaves_out_what_the_area_does_not_hold(block, found):
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.0, 0.2, 0.2]))
     points, _ = block.sample_surface(6000, seed=5)
-    inside = coverage(points[points[:, 0] < 0], block, RADIUS, LOWEST, PITCH, area)
+    inside = coverage(points[points[:, 0] < 0], found.within(area), PITCH)
     assert inside.share == pytest.approx(1.0, abs=0.001)
     assert inside.reachable_area == pytest.approx(0.0182 / 2, rel=0.02)
 
 
 def test_coverage_of_nothing_is_complete():
-    empty = load_scene("empty").solid()
-    assert coverage(np.empty((0, 3)), empty, RADIUS, LOWEST, PITCH).share == 1.0
+    nothing = reach(load_scene("empty").solid(), RADIUS, LOWEST)
+    assert coverage(np.empty((0, 3)), nothing, PITCH).share == 1.0
 
 
-def test_coverage_over_time_ends_at_the_coverage_and_never_falls(block):
+def test_coverage_over_time_ends_at_the_coverage_and_never_falls(block, found):
     points, _ = block.sample_surface(500, seed=6)
     times = np.linspace(0.0, 10.0, len(points))
     at = np.linspace(-1.0, 11.0, 25)
-    share = coverage_over_time(points, times, at, block, RADIUS, LOWEST, PITCH)
+    share = coverage_over_time(points, times, at, found, PITCH)
     assert share[0] == 0.0
     assert (np.diff(share) >= 0).all()
     for time, one in zip(at, share):
         known = points[times <= time]
-        assert one == pytest.approx(coverage(known, block, RADIUS, LOWEST, PITCH).share, abs=1e-12)
+        assert one == pytest.approx(coverage(known, found, PITCH).share, abs=1e-12)
 
 
-def test_ends_that_were_missed_are_measured(block):
+def test_ends_that_were_missed_are_measured(found):
     points = np.array([[-0.045, 0.0, 0.05], [0.05, 0.0, 0.03]])
     outward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    assert end_errors(points, outward, block, RADIUS, LOWEST) == pytest.approx((0.005, 0.0), abs=1e-9)
+    assert end_errors(points, outward, found) == pytest.approx((0.005, 0.0), abs=1e-9)
     sideways = outward[:, [1, 0, 2]]
-    assert end_errors(points, sideways, block, RADIUS, LOWEST, axis=1) == pytest.approx((0.025, 0.025), abs=1e-9)
-    assert end_errors(points, sideways, block, RADIUS, LOWEST) == (np.inf, np.inf), "felt from the side alone"
-    assert end_errors(np.empty((0, 3)), np.empty((0, 3)), block, RADIUS, LOWEST) == (np.inf, np.inf)
+    assert end_errors(points, sideways, found, axis=1) == pytest.approx((0.025, 0.025), abs=1e-9)
+    assert end_errors(points, sideways, found) == (np.inf, np.inf), "felt from the side alone"
+    assert end_errors(np.empty((0, 3)), np.empty((0, 3)), found) == (np.inf, np.inf)
 
 
-def test_the_lower_bound_is_path_over_speed_and_grows_with_what_it_counts(block):
-    path = lower_bound_path(block, RADIUS, LOWEST, PITCH)
-    assert lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02) == pytest.approx(path / 0.02)
+def test_the_lower_bound_is_path_over_speed_and_grows_with_what_it_counts(found):
+    path = lower_bound_path(found, PITCH)
+    assert lower_bound_time(found, PITCH, 0.02) == pytest.approx(path / 0.02)
     area = Area(np.array([-0.085, -0.06, 0.006]), np.array([0.085, 0.06, 0.058]))
     free = (0.17 * 0.12 - 0.1 * 0.05) / PITCH / 0.1
-    with_free = lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, area, 0.1)
+    with_free = lower_bound_time(found, PITCH, 0.02, area, 0.1)
     assert with_free == pytest.approx(path / 0.02 + free, rel=0.02)
-    with_turns = lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, area, 0.1, 1.0)
+    with_turns = lower_bound_time(found, PITCH, 0.02, area, 0.1, 1.0)
     assert with_turns - with_free == pytest.approx(18 * 2 * 0.1 / 1.0)
     walls = path - 0.1 * 0.05 / PITCH
-    down = lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, descent_speed=0.01)
+    down = lower_bound_time(found, PITCH, 0.02, descent_speed=0.01)
     assert down == pytest.approx(path / 0.02 + 0.5 * walls * (100.0 - 50.0), rel=0.01)
-    assert lower_bound_time(block, RADIUS, LOWEST, PITCH, 0.02, descent_speed=0.1) == pytest.approx(path / 0.02)
+    assert lower_bound_time(found, PITCH, 0.02, descent_speed=0.1) == pytest.approx(path / 0.02)
 
 
 def test_the_true_shape_as_a_mesh_has_no_error(block):
@@ -277,11 +282,11 @@ def test_a_mesh_or_a_solid_that_cannot_be_compared_is_refused(block):
         mesh_error(broken, block, LOWEST)
 
 
-def test_metrics_repeat_bit_for_bit(block):
+def test_metrics_repeat_bit_for_bit(block, found):
     mesh = cuboid([-0.048, -0.025, 0.0], [0.052, 0.025, 0.05])
     assert mesh_error(mesh, block, LOWEST) == mesh_error(mesh, block, LOWEST)
     points, _ = block.sample_surface(100, 3)
-    assert coverage(points, block, RADIUS, LOWEST, PITCH) == coverage(points, block, RADIUS, LOWEST, PITCH)
+    assert coverage(points, found, PITCH) == coverage(points, found, PITCH)
 
 
 def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
@@ -291,14 +296,15 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     body = LinkShape("body", "cylinder", (0.02, 0.04), behind)
     down = np.diag([1.0, -1.0, -1.0])
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.2, 0.2, 0.2]))
+    within = reach(block, RADIUS, LOWEST, area, 4000)
     points, _ = block.sample_surface(8000, seed=2)
     low = points[(points[:, 2] < 0.0495) & (points[:, 2] > LOWEST)]
     high = points[points[:, 2] > 0.0185]
 
     def share(contacts):
-        return upright_coverage(contacts, block, RADIUS, LOWEST, PITCH, area, [body], down, 0.0)
+        return upright_coverage(contacts, within, PITCH, block, [body], down, 0.0)
 
     assert share(high) == 1.0
-    assert coverage(high, block, RADIUS, LOWEST, PITCH, area).share < 1.0
+    assert coverage(high, within, PITCH).share < 1.0
     assert share(low[low[:, 2] < 0.01]) < 0.2
-    assert upright_coverage(high, block, RADIUS, LOWEST, PITCH, area, [], down, 0.0) < 1.0
+    assert upright_coverage(high, within, PITCH, block, [], down, 0.0) < 1.0

@@ -77,7 +77,7 @@ def _read(subject: Path) -> tuple[Any, Any]:
 
 
 def _cloud_figures(record: Any, solid: Any, above: float) -> dict[str, Any]:
-    from lwrprobe.evaluation import coverage, normal_error, surface_error
+    from lwrprobe.evaluation import coverage, normal_error, reach, surface_error
 
     figures: dict[str, Any] = {"count": len(record.points)}
     if not len(record.points):
@@ -88,7 +88,7 @@ def _cloud_figures(record: Any, solid: Any, above: float) -> dict[str, Any]:
         # From the sphere's centre: on the surface itself the normal jumps at every edge.
         true = solid.nearest(record.points + radius * record.normals).normals
         figures["normal_error_deg"] = normal_error(record.normals, true).as_dict()
-    figures |= coverage(record.points, solid, radius, max(above, radius), 0.010).as_dict()
+    figures |= coverage(record.points, reach(solid, radius, max(above, radius)), 0.010).as_dict()
     return figures
 
 

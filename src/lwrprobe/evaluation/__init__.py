@@ -1,6 +1,13 @@
 """Error metrics, error against run time, reports."""
 
-from lwrprobe.evaluation.coverage import Coverage, coverage, coverage_over_time, end_errors, upright_coverage
+from lwrprobe.evaluation.coverage import (
+    Coverage,
+    coverage,
+    coverage_over_time,
+    end_errors,
+    gap_over_time,
+    upright_coverage,
+)
 from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
 from lwrprobe.evaluation.mesh_error import MeshError, deviation, face_deviation, is_watertight, mesh_error
 from lwrprobe.evaluation.point_error import NormalError, PointError, normal_error, point_error, surface_error
@@ -17,6 +24,7 @@ __all__ = [
     "deviation",
     "end_errors",
     "face_deviation",
+    "gap_over_time",
     "is_watertight",
     "lower_bound_path",
     "lower_bound_time",

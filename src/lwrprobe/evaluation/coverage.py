@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from lwrprobe.contracts import Area, InputError, LinkShape
+from lwrprobe.contracts import InputError, LinkShape
 from lwrprobe.evaluation.point_error import rows
-from lwrprobe.evaluation.reach import SAMPLES, Reach, reach, upright
+from lwrprobe.evaluation.reach import Reach, upright
 from lwrprobe.scene.solid import Solid
 
 _CLOSE = 0.005  # m
-UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _FACING = 0.7071  # share of the normal along the axis
 
 
@@ -43,91 +43,66 @@ class Coverage:
         }
 
 
-def coverage(
-    contacts: np.ndarray,
-    solid: Solid,
-    radius: float,
-    lowest: float,
-    pitch: float,
-    area: Area | None = None,
-    samples: int = SAMPLES,
-    seed: int = 0,
-) -> Coverage:
+def coverage(contacts: np.ndarray, found: Reach, pitch: float) -> Coverage:
     """Share of the reachable true surface near a contact.
 
     Parameters
     ----------
     contacts : (n, 3) m
-    radius : m, of the sphere
-    lowest : m, lowest height of its centre
+    found : what the sphere can reach
     pitch : m, between grid lines
-    area : count only what the sphere can reach with its centre in this box, None = anywhere above `lowest`
     """
-    if not pitch > 0.0:
-        raise InputError("pitch", pitch, "a positive length in metres")
-    found = reach(solid, radius, lowest, area, samples, seed)
-    gap = _gaps(found, rows("contacts", contacts))
-    whole = 0.0 if solid.empty else solid.area(seed)
-    return Coverage(_share(gap, 0.5 * pitch + 0.001), _share(gap, _CLOSE), found.area, whole)
+    gap = _gaps(found.points, rows("contacts", contacts))
+    return Coverage(_share(gap, _near(pitch)), _share(gap, _CLOSE), found.area, found.whole_area)
 
 
 def upright_coverage(
     contacts: np.ndarray,
-    solid: Solid,
-    radius: float,
-    lowest: float,
+    found: Reach,
     pitch: float,
-    area: Area,
+    solid: Solid,
     links: Sequence[LinkShape],
     rotation: np.ndarray,
     keep: float,
 ) -> float:
     """The share as in `coverage`, of what the probe reaches without being turned; 1 where that is nothing.
 
-    `links` [tip frame] must keep `keep` m from the object, the tip held at `rotation` (3, 3).
+    `links` [tip frame] must keep `keep` m from the object `solid`, the tip held at `rotation` (3, 3).
     """
-    found = reach(solid, radius, lowest, area, UPRIGHT_SAMPLES)
-    free = upright(found, solid, radius, links, rotation, keep)
-    return _share(_gaps(found, rows("contacts", contacts))[free], 0.5 * pitch + 0.001)
+    free = upright(found, solid, links, rotation, keep)
+    return _share(_gaps(found.points[free], rows("contacts", contacts)), _near(pitch))
 
 
 def coverage_over_time(
-    contacts: np.ndarray,
-    times: np.ndarray,
-    at: np.ndarray,
-    solid: Solid,
-    radius: float,
-    lowest: float,
-    pitch: float,
-    area: Area | None = None,
-    samples: int = SAMPLES,
-    seed: int = 0,
+    contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach, pitch: float
 ) -> np.ndarray:
-    """(m,) share as in `coverage` at the times `at` (m,) s, for contacts (n, 3) made at `times` (n,) s."""
+    """(m,) share as in `coverage` at the rising times `at` (m,) s, for contacts (n, 3) made at `times` (n,) s."""
     contacts, times = rows("contacts", contacts), np.asarray(times, dtype=np.float64)
     if times.shape != (len(contacts),):
         raise InputError("times", times.shape, f"one time a contact, {(len(contacts),)}")
-    found = reach(solid, radius, lowest, area, samples, seed)
-    first = _first_covered(found, contacts, times, 0.5 * pitch + 0.001)
-    return np.searchsorted(np.sort(first), at, side="right") / max(len(first), 1)
+    share, left, all_samples = np.empty(len(at)), found.points, max(len(found.points), 1)
+    for k, made in enumerate(_between(contacts, times, at)):
+        left = left[_gaps(left, made, _near(pitch)) > _near(pitch)]
+        share[k] = 1.0 - len(left) / all_samples
+    return share
 
 
-def end_errors(
-    contacts: np.ndarray,
-    normals: np.ndarray,
-    solid: Solid,
-    radius: float,
-    lowest: float,
-    axis: int = 0,
-    samples: int = SAMPLES,
-) -> tuple[float, float]:
+def gap_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
+    """(m,) m from the reachable surface to the nearest contact, mean over the surface; arguments as above."""
+    mean, gap = np.empty(len(at)), np.full(len(found.points), np.inf)
+    for k, made in enumerate(_between(contacts, times, at)):
+        gap = np.minimum(gap, _gaps(found.points, made))
+        mean[k] = gap.mean() if len(gap) else 0.0
+    return mean
+
+
+def end_errors(contacts: np.ndarray, normals: np.ndarray, found: Reach, axis: int = 0) -> tuple[float, float]:
     """m by which the contacts fall short of (positive) or pass (negative) the reachable surface's two ends on an axis.
 
     A contact (n, 3) counts for the end that its normal (n, 3) faces within 45 degrees: what has been felt from its side
     alone has not been found. Infinite without such a contact.
     """
     contacts, normals = rows("contacts", contacts), rows("normals", normals)
-    found = reach(solid, radius, lowest, samples=samples)
     if not len(contacts) or not len(found.points):
         return np.inf, np.inf
     true = found.points[:, axis]
@@ -138,26 +113,27 @@ def end_errors(
     )
 
 
-def _gaps(found: Reach, contacts: np.ndarray) -> np.ndarray:
-    """(n,) m from each reachable sample to the nearest contact."""
-    if not len(contacts) or not len(found.points):
-        return np.full(len(found.points), np.inf)
+def _near(pitch: float) -> float:
+    """m, how far from a contact the surface counts as touched."""
+    if not pitch > 0.0:
+        raise InputError("pitch", pitch, "a positive length in metres")
+    return 0.5 * pitch + 0.001
+
+
+def _gaps(points: np.ndarray, contacts: np.ndarray, most: float = np.inf) -> np.ndarray:
+    """(n,) m from points (n, 3) to the nearest contact, inf where that is farther than `most`."""
+    if not len(contacts) or not len(points):
+        return np.full(len(points), np.inf)
     from scipy.spatial import cKDTree
 
-    return cKDTree(contacts).query(found.points)[0]
+    return cKDTree(contacts).query(points, distance_upper_bound=np.nextafter(most, np.inf))[0]
 
 
-def _first_covered(found: Reach, contacts: np.ndarray, times: np.ndarray, near: float) -> np.ndarray:
-    """(n,) s at which each reachable sample got its first contact within `near`, inf for never."""
-    first = np.full(len(found.points), np.inf)
-    if not len(contacts) or not len(found.points):
-        return first
-    from scipy.spatial import cKDTree
-
-    covered = cKDTree(found.points).query_ball_point(contacts, near)
-    for time, samples in zip(times, covered):
-        np.minimum.at(first, samples, time)
-    return first
+def _between(contacts: np.ndarray, times: np.ndarray, at: np.ndarray) -> Iterator[np.ndarray]:
+    """The contacts made since the time before, for each of the rising times `at`."""
+    order = np.argsort(times, kind="stable")
+    ends = np.searchsorted(times[order], at, side="right")
+    return (contacts[order[begin:end]] for begin, end in pairwise([0, *ends]))
 
 
 def _share(gap: np.ndarray, near: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.mesh_error import deviation, face_deviation
+from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import View, render_mesh
 from lwrprobe.scene.solid import Solid
 
@@ -17,23 +18,14 @@ VIEWS = ((np.radians(-58.0), np.radians(28.0)), (np.radians(122.0), np.radians(2
 
 def deviation_colours(signed: np.ndarray, limit: float) -> np.ndarray:
     """(n, 3): blue where the surface lies too deep, red where too far out, saturated at `limit` m."""
-    from matplotlib import colormaps
-
-    return colormaps["RdYlBu_r"](np.clip(0.5 + 0.5 * signed / limit, 0.0, 1.0))[:, :3]
-
-
-def error_colours(error: np.ndarray, limit: float) -> np.ndarray:
-    """(n, 3): dark where little error is expected, bright where much, saturated at `limit` m."""
-    from matplotlib import colormaps
-
-    return colormaps["viridis"](np.clip(error / limit, 0.0, 1.0))[:, :3]
+    return DEVIATION.colours(0.5 + 0.5 * signed / limit)
 
 
 def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: float, limit: float = 0.002) -> Path:
     """PNG of the mesh from two sides, coloured by its deviation, with the scale and a histogram."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure
 
     path, signed = Path(path), deviation(mesh, solid)
@@ -46,7 +38,8 @@ def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: fl
             render_mesh(mesh, deviation_colours(signed, limit), View(azimuth, elevation, lower, upper, 720, 560))
         )
         axes.set_axis_off()
-    scale = ScalarMappable(Normalize(-1e3 * limit, 1e3 * limit), "RdYlBu_r")
+    ramp = LinearSegmentedColormap.from_list("deviation", DEVIATION.rgb())
+    scale = ScalarMappable(Normalize(-1e3 * limit, 1e3 * limit), ramp)
     figure.colorbar(scale, ax=panels[:2], location="bottom", shrink=0.5, label="mm, positive outside the true shape")
     high = signed[mesh.vertices[:, 2] > above]
     panels[2].hist(1e3 * high, bins=80, color="#4a7ba6")

@@ -5,24 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Area, InputError
-from lwrprobe.evaluation.reach import reach
-from lwrprobe.scene.solid import Solid
+from lwrprobe.evaluation.reach import Reach
 
 STEEP = float(np.sqrt(0.5))
 """Share of the normal along z, below which a face is a wall."""
 
 
-def lower_bound_path(solid: Solid, radius: float, lowest: float, pitch: float, area: Area | None = None) -> float:
+def lower_bound_path(found: Reach, pitch: float) -> float:
     """m of contact: a line leaves a stripe of one pitch behind, so the path is at least reachable area over pitch."""
     if not pitch > 0.0:
         raise InputError("pitch", pitch, "a positive length in metres")
-    return reach(solid, radius, lowest, area).area / pitch
+    return found.area / pitch
 
 
 def lower_bound_time(
-    solid: Solid,
-    radius: float,
-    lowest: float,
+    found: Reach,
     pitch: float,
     contour_speed: float,
     area: Area | None = None,
@@ -30,7 +27,7 @@ def lower_bound_time(
     acceleration: float | None = None,
     descent_speed: float | None = None,
 ) -> float:
-    """s that an exploration takes at least: the contact path at `contour_speed` m/s.
+    """s that an exploration of what is within reach takes at least: the contact path at `contour_speed` m/s.
 
     With `area`, the stripes that pass the object by are added, at `free_speed` m/s, and with `acceleration` m/s^2 the
     stop and start at both ends of every line, 2 v/a a line. With `descent_speed`, m/s, half of what is steeper than
@@ -45,10 +42,7 @@ def lower_bound_time(
     ):
         if value is not None and not value > 0.0:
             raise InputError(name, value, "a positive number")
-    if not pitch > 0.0:
-        raise InputError("pitch", pitch, "a positive length in metres")
-    found = reach(solid, radius, lowest, area)
-    seconds = found.area / pitch / contour_speed
+    seconds = lower_bound_path(found, pitch) / contour_speed
     if descent_speed is not None and len(found.normals):
         steep = float((np.abs(found.normals[:, 2]) < STEEP).mean()) * found.area
         seconds += 0.5 * steep / pitch * (1.0 / min(descent_speed, contour_speed) - 1.0 / contour_speed)

@@ -3,95 +3,123 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
+from lwrprobe.evaluation.charts import ticks
+from lwrprobe.evaluation.ramps import ERROR
+from lwrprobe.evaluation.render import View, png, render_mesh, render_points
 
-_INK = "#22303c"
-_FAINT = "#7b8794"
-_MESH = (0.93, 0.60, 0.26)
-_TRUTH = (0.42, 0.56, 0.70)
-_LIGHT = np.array([-0.45, -0.65, 0.75])
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+_INK, _FAINT, _RULE, _WALL = "#22303c", "#7b8794", "#e0e4e8", "#f7f9fa"
+_MESH, _TRUTH = (0.98, 0.66, 0.32), (0.47, 0.62, 0.78)
+_AZIMUTH, _ELEVATION = np.radians(-58.0), np.radians(26.0)
+_MOST_POINTS = 20_000
+_BALL = 7e-4  # m, radius of a contact in the picture
+_WIDTH, _HEIGHT = 500, 440  # of one panel
+_TOP, _SIDE = 90, 20
+_FINER = 2  # the frame and the words are drawn larger and then reduced
 
 
 def draw_preview(
     path: Path, title: str, points: np.ndarray, mesh: TriangleMesh | None, truth: TriangleMesh | None, facts: list[str]
 ) -> None:
     """Draw contact points (n, 3), mesh and true shape side by side, from one viewpoint and in one scale, to a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from PIL import Image, ImageDraw
 
-    figure = Figure(figsize=(13.0, 5.2), dpi=120, facecolor="white")
-    FigureCanvasAgg(figure)
-    low, high = _bounds(points, mesh, truth)
-    panels = (
-        ("touched", _draw_points, points),
-        ("reconstructed", _draw_mesh, mesh),
-        ("true shape", _draw_truth, truth),
-    )
-    for i, (name, draw, what) in enumerate(panels):
-        axes = figure.add_axes((0.005 + i * 0.332, 0.02, 0.326, 0.86), projection="3d", computed_zorder=False)
-        _frame(axes, low, high)
-        if what is None or len(getattr(what, "vertices", what)) == 0:
-            axes.text2D(0.5, 0.45, "nothing", ha="center", color=_FAINT, fontsize=13, transform=axes.transAxes)
-        else:
-            draw(axes, what)
-        figure.text(0.168 + i * 0.332, 0.855, name, ha="center", color=_INK, fontsize=13, weight="bold")
-    figure.text(0.02, 0.95, title, color=_INK, fontsize=15, weight="bold", va="center")
-    figure.text(0.98, 0.95, "   ".join(facts), color=_FAINT, fontsize=11, ha="right", va="center")
-    figure.savefig(path, facecolor="white")
-
-
-def _draw_points(axes: Any, points: np.ndarray) -> None:
-    shown = points if len(points) < 20_000 else points[:: len(points) // 20_000 + 1]
-    millimetres = 1e3 * shown
-    axes.scatter(*millimetres.T, c=millimetres[:, 2], cmap="viridis", s=4.0, linewidths=0.0, depthshade=False)
+    view = View(_AZIMUTH, _ELEVATION, *_bounds(points, mesh, truth), _WIDTH, _HEIGHT)
+    panels = (("touched", _points(points, view)), ("reconstructed", _shape(mesh, _MESH, view)))
+    panels += (("true shape", _shape(truth, _TRUTH, view)),)
+    size = (3 * (_WIDTH + _SIDE) + _SIDE, _TOP + _HEIGHT + _SIDE)
+    sheet = Image.new("RGB", (_FINER * size[0], _FINER * size[1]), "white")
+    pen = ImageDraw.Draw(sheet)
+    _write(pen, (_SIDE, 28), title, 21, _INK, "lm")
+    _write(pen, (size[0] - _SIDE, 28), "    ".join(facts), 15, _FAINT, "rm")
+    corners = [(_SIDE + i * (_WIDTH + _SIDE), _TOP) for i in range(len(panels))]
+    for (name, picture), corner in zip(panels, corners):
+        _write(pen, (corner[0] + _WIDTH // 2, 68), name, 18, _INK, "mm")
+        _frame(pen, view, corner)
+        if picture is None:
+            _write(pen, (corner[0] + _WIDTH // 2, _TOP + _HEIGHT // 2), "nothing", 16, _FAINT, "mm")
+    sheet = sheet.reduce(_FINER)
+    for (_, picture), corner in zip(panels, corners):
+        if picture is not None:
+            layer = Image.fromarray(picture)
+            sheet.paste(layer, corner, layer)
+    path.write_bytes(png(np.asarray(sheet)))
 
 
-def _draw_mesh(axes: Any, mesh: TriangleMesh) -> None:
-    _shade(axes, mesh, _MESH, edges=len(mesh.faces) < 3000)
+def _points(points: np.ndarray, view: View) -> np.ndarray | None:
+    if not len(points):
+        return None
+    shown = points[:: len(points) // _MOST_POINTS + 1]
+    low, high = points[:, 2].min(), points[:, 2].max()
+    return render_points(shown, ERROR.colours((shown[:, 2] - low) / max(high - low, 1e-9)), view, _BALL)
 
 
-def _draw_truth(axes: Any, mesh: TriangleMesh) -> None:
-    _shade(axes, mesh, _TRUTH, edges=False)
+def _shape(mesh: TriangleMesh | None, colour: tuple[float, float, float], view: View) -> np.ndarray | None:
+    if mesh is None or not len(mesh.faces):
+        return None
+    return render_mesh(mesh, np.tile(colour, (len(mesh.vertices), 1)), view)
 
 
-def _shade(axes: Any, mesh: TriangleMesh, colour: tuple[float, float, float], edges: bool) -> None:
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+def _frame(pen: ImageDraw, view: View, corner: tuple[int, int]) -> None:
+    """Floor and the two walls behind, ruled at round millimetres, with the numbers along the near edges."""
+    low, high = view.lower, view.upper
 
-    corners = 1e3 * mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    light = 0.35 + 0.65 * np.clip(normals @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
-    shades = np.clip(np.outer(light, colour) + 0.08, 0.0, 1.0)
-    lines = (
-        {"edgecolors": (0.2, 0.2, 0.2, 0.35), "linewidths": 0.3} if edges else {"edgecolors": shades, "linewidths": 0.2}
-    )
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=shades, **lines))
+    def place(x: float, y: float, z: float) -> tuple[float, float]:
+        across, down, _ = view.place(np.array([[x, y, z]]))[0][0]
+        return _FINER * (corner[0] + across), _FINER * (corner[1] + down)
+
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    for quad in (
+        ((x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)),
+        ((x0, y0, z0), (x0, y1, z0), (x0, y1, z1), (x0, y0, z1)),
+        ((x0, y1, z0), (x1, y1, z0), (x1, y1, z1), (x0, y1, z1)),
+    ):
+        pen.polygon([place(*point) for point in quad], fill=_WALL, outline=_RULE)
+    for x in _rules(x0, x1):
+        pen.line([place(x, y0, z0), place(x, y1, z0), place(x, y1, z1)], fill=_RULE, width=_FINER)
+        _number(pen, place(x, y0, z0), x, (-6, 11))
+    for y in _rules(y0, y1):
+        pen.line([place(x1, y, z0), place(x0, y, z0), place(x0, y, z1)], fill=_RULE, width=_FINER)
+        _number(pen, place(x1, y, z0), y, (13, 7))
+    for z in _rules(z0, z1):
+        pen.line([place(x0, y0, z), place(x0, y1, z), place(x1, y1, z)], fill=_RULE, width=_FINER)
+        _number(pen, place(x1, y1, z), z, (14, 0))
+    for axis, at, shift in (
+        ("x mm", place(0.5 * (x0 + x1), y0, z0), (-22, 26)),
+        ("y mm", place(x1, 0.5 * (y0 + y1), z0), (38, 20)),
+        ("z mm", place(x1, y1, z1), (0, -12)),
+    ):
+        _write(pen, (at[0] / _FINER + shift[0], at[1] / _FINER + shift[1]), axis, 12, _FAINT, "mm")
 
 
-def _frame(axes: Any, low: np.ndarray, high: np.ndarray) -> None:
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_zlim(0.0, high[2])
-    axes.set_box_aspect((high[0] - low[0], high[1] - low[1], high[2]), zoom=0.92)
-    axes.view_init(elev=26.0, azim=-58.0)
-    axes.tick_params(labelsize=7, colors=_FAINT, pad=-2)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
-        axis.line.set_color((0.8, 0.82, 0.84, 1.0))
-        axis._axinfo["grid"].update(color=(0.88, 0.9, 0.92, 1.0), linewidth=0.5)
-    axes.set_xlabel("x mm", fontsize=8, color=_FAINT, labelpad=-6)
-    axes.set_ylabel("y mm", fontsize=8, color=_FAINT, labelpad=-6)
-    axes.set_zlabel("z mm", fontsize=8, color=_FAINT, labelpad=-8)
+def _rules(low: float, high: float) -> np.ndarray:
+    """m, round millimetres between two heights."""
+    return 1e-3 * ticks(1e3 * low, 1e3 * high, 6)
+
+
+def _number(pen: ImageDraw, at: tuple[float, float], metres: float, shift: tuple[int, int]) -> None:
+    _write(pen, (at[0] / _FINER + shift[0], at[1] / _FINER + shift[1]), f"{1e3 * metres:.0f}", 11, _FAINT, "mm")
+
+
+def _write(pen: ImageDraw, at: tuple[float, float], text: str, size: int, colour: str, anchor: str) -> None:
+    from PIL import ImageFont
+
+    pen.text((_FINER * at[0], _FINER * at[1]), text, colour, ImageFont.load_default(_FINER * size), anchor)
 
 
 def _bounds(points: np.ndarray, mesh: TriangleMesh | None, truth: TriangleMesh | None) -> tuple[np.ndarray, np.ndarray]:
-    """Millimetres, a margin around all that is drawn."""
+    """m, from the table up, with a margin around all that is drawn."""
     clouds = [c for c in (points, *(m.vertices for m in (mesh, truth) if m is not None)) if len(c)]
     if not clouds:
-        return np.array([-50.0, -50.0, 0.0]), np.array([50.0, 50.0, 50.0])
-    everything = 1e3 * np.vstack(clouds)
-    return everything.min(axis=0) - 8.0, everything.max(axis=0) + 4.0
+        return np.array([-0.05, -0.05, 0.0]), np.array([0.05, 0.05, 0.05])
+    everything = np.vstack(clouds)
+    low, high = everything.min(axis=0) - 0.008, everything.max(axis=0) + 0.004
+    low[2] = min(0.0, low[2] + 0.008)
+    return low, high

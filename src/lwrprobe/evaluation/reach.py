@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,23 +21,45 @@ class Reach:
     Attributes
     ----------
     points, normals : (n, 3)
-    area : m^2 that the sphere can reach
-    footprint : m^2 of it seen from above
+    radius : m, of the sphere
+    each : m^2 that one sample stands for
+    whole_area : m^2 of the whole surface, within reach or not
     """
 
     points: np.ndarray
     normals: np.ndarray
-    area: float
-    footprint: float
+    radius: float
+    each: float
+    whole_area: float
+
+    @property
+    def area(self) -> float:
+        """m^2 that the sphere can reach."""
+        return self.each * len(self.points)
+
+    @property
+    def footprint(self) -> float:
+        """m^2 of it seen from above."""
+        return self.each * float(np.maximum(self.normals[:, 2], 0.0).sum())
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(n, 3) m, where the sphere's centre is while it touches the samples."""
+        return self.points + self.radius * self.normals
+
+    def within(self, area: Area) -> Reach:
+        """What of it the sphere reaches with its centre in a box."""
+        inside = ((self.centres >= area.lower - _TOUCH) & (self.centres <= area.upper + _TOUCH)).all(axis=1)
+        return replace(self, points=self.points[inside], normals=self.normals[inside])
 
 
-def upright(found: Reach, solid: Solid, radius: float, links: Sequence[LinkShape], rotation: np.ndarray, keep: float):
+def upright(found: Reach, solid: Solid, links: Sequence[LinkShape], rotation: np.ndarray, keep: float) -> np.ndarray:
     """(n,) bool: where the links keep `keep` m from the true object while the sphere touches and the tip is not turned.
 
     `rotation` (3, 3) is the tip's. The links are looked at in some points of their surface: the answer is for judging a
     strategy, not for avoiding a collision.
     """
-    centres = found.points + radius * found.normals
+    centres = found.centres
     free = np.ones(len(centres), dtype=bool)
     for offset in np.concatenate([_surface(link) for link in links] or [np.empty((0, 3))]) @ rotation.T:
         left = np.flatnonzero(free)
@@ -67,13 +89,12 @@ def reach(
     inside that box as well. Inner edges, slots narrower than the sphere and what is too low are left out.
     """
     if solid.empty:
-        return Reach(np.empty((0, 3)), np.empty((0, 3)), 0.0, 0.0)
+        return Reach(np.empty((0, 3)), np.empty((0, 3)), radius, 0.0, 0.0)
     points, normals = solid.sample_surface(samples, seed)
-    centres = points + radius * normals
-    free = centres[:, 2] >= lowest
+    whole = solid.area(seed)
+    high = points[:, 2] + radius * normals[:, 2] >= lowest
+    found = Reach(points[high], normals[high], radius, whole / samples, whole)
     if area is not None:
-        free &= ((centres >= area.lower - _TOUCH) & (centres <= area.upper + _TOUCH)).all(axis=1)
-    free[free] = solid.signed_distance(centres[free]) >= radius - _TOUCH
-    each = solid.area(seed) / samples
-    points, normals = points[free], normals[free]
-    return Reach(points, normals, each * len(points), each * float(np.maximum(normals[:, 2], 0.0).sum()))
+        found = found.within(area)
+    free = solid.signed_distance(found.centres) >= radius - _TOUCH
+    return replace(found, points=found.points[free], normals=found.normals[free])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 
 import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
-from lwrprobe.evaluation.render_kernels import draw_faces, draw_points
+from lwrprobe.evaluation.render_kernels import draw_faces, draw_points, smooth
 
 _FINER = 2  # pixels of the buffer for one of the picture, each way
 _LIGHT = np.array([-0.35, 0.55, 0.75])  # from the left, above and the viewer
@@ -74,8 +75,15 @@ def _buffers(view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth(image: np.ndarray, view: View) -> np.ndarray:
-    """Mean over the finer pixels, colours weighted by their cover."""
-    parts = image.reshape(view.height, _FINER, view.width, _FINER, 4)
-    cover = parts[..., 3].mean(axis=(1, 3))
-    mixed = (parts[..., :3] * parts[..., 3:]).mean(axis=(1, 3)) / np.maximum(cover, 1e-9)[..., None]
-    return np.round(255.0 * np.dstack([mixed, cover])).astype(np.uint8)
+    out = np.empty((view.height, view.width, 4), dtype=np.uint8)
+    smooth(image, _FINER, out)
+    return out
+
+
+def png(image: np.ndarray) -> bytes:
+    """An image (height, width, 3 or 4) uint8 as a PNG file."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(image).save(stream, "png")
+    return stream.getvalue()

@@ -57,3 +57,21 @@ def draw_points(places, colours, radius, image, depth):
                     for m in range(3):
                         image[y, x, m] = colours[p, m] * (0.55 + 0.45 * bulge)
                     image[y, x, 3] = 1.0
+
+
+@kernel
+def smooth(image, finer, out):
+    """Means over `finer` by `finer` pixels of image (h, w, 4), colours weighted by their cover, into out, uint8."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            cover, red, green, blue = 0.0, 0.0, 0.0, 0.0
+            for j in range(finer * y, finer * y + finer):
+                for i in range(finer * x, finer * x + finer):
+                    share = image[j, i, 3]
+                    cover += share
+                    red += share * image[j, i, 0]
+                    green += share * image[j, i, 1]
+                    blue += share * image[j, i, 2]
+            whole = 255.0 / max(cover, 1e-9)
+            out[y, x, 0], out[y, x, 1] = np.uint8(red * whole + 0.5), np.uint8(green * whole + 0.5)
+            out[y, x, 2], out[y, x, 3] = np.uint8(blue * whole + 0.5), np.uint8(255.0 * cover / finer**2 + 0.5)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lwrprobe.contracts import LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.charts import Line, bars, histogram, line_chart
-from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours, error_colours
+from lwrprobe.evaluation.coverage import coverage_over_time, gap_over_time
+from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
 from lwrprobe.evaluation.facings import facing_errors
-from lwrprobe.evaluation.mesh_error import MeshError, deviation, mean_error, mesh_error, sample_mesh
+from lwrprobe.evaluation.mesh_error import deviation, mean_error, mesh_error, sample_mesh
+from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
-from lwrprobe.evaluation.render import View, render_mesh, render_points
+from lwrprobe.evaluation.render import View, png, render_mesh, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
@@ -36,7 +38,7 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
     FormatError for a folder that is no run's.
     """
     run = read_run(folder)
-    page = _Page(run, surface or _surface(run, run.record))
+    page = _Page(run, surface or _surface(run, run.record), None if surface is None else run.summary["mesh_error_mm"])
     path = run.folder / "report.html"
     part = path.with_name(path.name + ".part")
     part.write_text(page.html(), encoding="utf-8")
@@ -55,7 +57,8 @@ def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
 class _Page:
     """The sections of one report, each a piece of HTML, empty where the run has nothing for it."""
 
-    def __init__(self, run: RunFolder, surface: Reconstruction | None) -> None:
+    def __init__(self, run: RunFolder, surface: Reconstruction | None, error: dict[str, Any] | None) -> None:
+        """`error` is the mesh's, as `MeshError.as_dict` gives it, where it is known already."""
         self.run, self.surface = run, surface
         self.summary = run.summary
         self.mesh = surface.mesh if surface is not None and len(surface.mesh.faces) else None
@@ -65,10 +68,10 @@ class _Page:
         self.solid: Solid | None = run.scene.solid() if simulated and run.scene.objects else None
         self.signed = deviation(self.mesh, self.solid) if self.mesh is not None and self.solid is not None else None
 
-        self.error: MeshError | None = None
-        if self.signed is not None:
+        self.error = error
+        if self.signed is not None and error is None:
             try:
-                self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES)
+                self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES).as_dict()
             except LwrprobeError:  # a scrap of a mesh, too low or too small to be compared
                 self.signed = None
 
@@ -98,10 +101,10 @@ class _Page:
             tiles.append(("touched of what can be", f"{100 * s['coverage']:.1f}", "%"))
         if self.signed is not None:
             error = self.error
-            tiles.append(("mesh error, mean", f"{1e3 * error.mean:.2f}", "mm"))
-            tiles.append(("mesh error, largest", f"{1e3 * error.hausdorff:.1f}", "mm"))
-            if error.volume_error is not None:
-                tiles.append(("volume error", f"{100 * error.volume_error:+.1f}", "%"))
+            tiles.append(("mesh error, mean", f"{error['mean']:.2f}", "mm"))
+            tiles.append(("mesh error, largest", f"{error['hausdorff']:.1f}", "mm"))
+            if error["volume_error"] is not None:
+                tiles.append(("volume error", f"{100 * error['volume_error']:+.1f}", "%"))
         if s:
             tiles.append(("peak force", f"{s['peak_force_n']:.2f}", "N"))
         cells = "".join(
@@ -149,10 +152,10 @@ class _Page:
             )
             paints["beyond reach"] = (np.where(beyond[:, None], _BEYOND, _PLAIN), text)
         if self.mesh.vertex_error is not None:
-            ramp = _ramp("#440154,#31688e,#35b779,#fde725", "0", "1.5 mm or more")
-            paints["expected error"] = (error_colours(self.mesh.vertex_error, 0.0015), f"Error to expect: {ramp}")
+            ramp = _legend(ERROR, "0", "1.5 mm or more")
+            paints["expected error"] = (ERROR.colours(self.mesh.vertex_error / 0.0015), f"Error to expect: {ramp}")
         if self.signed is not None:
-            ramp = _ramp("#313695,#74add1,#ffffbf,#f46d43,#a50026", "−2 mm, too deep", "+2 mm, too far out")
+            ramp = _legend(DEVIATION, "−2 mm, too deep", "+2 mm, too far out")
             paints["deviation"] = (deviation_colours(self.signed, 0.002), f"Against the truth: {ramp}")
         return paints
 
@@ -162,11 +165,9 @@ class _Page:
             return "<h2>Nothing was touched</h2><p>There is no shape to show.</p>"
         both = points if self.mesh is None else np.vstack([points, self.mesh.vertices])
         views = [View(a, e, both.min(axis=0), both.max(axis=0)) for a, e in VIEWS]
-        from matplotlib import colormaps
-
         shown = points[:: len(points) // 20_000 + 1]
         height = shown[:, 2] / max(float(points[:, 2].max()), 1e-9)
-        paint = colormaps["cividis"](0.15 + 0.85 * np.clip(height, 0.0, 1.0))[:, :3]
+        paint = HEIGHT.colours(0.15 + 0.85 * np.clip(height, 0.0, 1.0))
         images = [render_points(shown, paint, view, 6e-4) for view in views]
         figures = [_figure("touched", images, f"{len(points)} contacts, brighter the higher.")]
         if self.mesh is not None:
@@ -206,29 +207,19 @@ class _Page:
 
     def _learning(self) -> list[str]:
         """Coverage and errors against the robot's time."""
-        from scipy.spatial import cKDTree
-
         record, scene = self.run.record, self.run.scene
-        goal = reach(self.solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES)
-        if not len(goal.points):
+        found = reach(self.solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES // 2)
+        if not len(found.points):
             return []
-        pitch = record.pitch or 0.010
         times = np.linspace(0.0, float(record.times.max()), 41)[1:]
-        gap, covered, away = np.full(len(goal.points), np.inf), [], []
-        begin = 0
-        for until in times:
-            end = int(np.searchsorted(record.times, until, side="right"))
-            if end > begin:
-                gap = np.minimum(gap, cKDTree(record.points[begin:end]).query(goal.points)[0])
-            begin = end
-            covered.append(100.0 * float(np.mean(gap < 0.5 * pitch + 0.001)))
-            away.append(1e3 * float(gap.mean()) if np.isfinite(gap).all() else np.nan)
+        covered = 100.0 * coverage_over_time(record.points, record.times, times, found, record.pitch or 0.010)
+        away = 1e3 * gap_over_time(record.points, record.times, times, found)
         at, error = self._meshes_on_the_way()
         charts = [
-            line_chart([Line(times, np.array(covered), "touched", "c")], "robot time, s", "touched, %", top=105.0),
+            line_chart([Line(times, covered, "touched", "c")], "robot time, s", "touched, %", top=105.0),
             line_chart(
                 [
-                    Line(times, np.array(away), "from the true surface to the nearest contact", "a"),
+                    Line(times, away, "from the true surface to the nearest contact", "a"),
                     Line(at, error, "mesh made of the contacts so far", "b", dots=True),
                 ],
                 "robot time, s", "mean distance, mm",
@@ -254,7 +245,7 @@ class _Page:
                 error.append(self._mean_error(made.mesh))
         if self.mesh is not None:
             at.append(last)
-            error.append(1e3 * self.error.mean)
+            error.append(self.error["mean"])
         return np.array(at), np.array(error)
 
     def _mean_error(self, mesh: TriangleMesh) -> float:
@@ -320,20 +311,15 @@ def _peaks(time: np.ndarray, value: np.ndarray, most: int = 700) -> tuple[np.nda
 
 
 def _figure(name: str, images: list[np.ndarray], text: str) -> str:
-    pictures = "".join(f'<img alt="{name}" width="560" height="420" src="{_png(image)}">' for image in images)
+    pictures = "".join(
+        f'<img alt="{name}" width="560" height="420" src="data:image/png;base64,{_base64(png(image))}">'
+        for image in images
+    )
     return f"<figure>{pictures}<figcaption><b>{name.capitalize()}.</b> {text}</figcaption></figure>"
 
 
-def _png(image: np.ndarray) -> str:
-    from matplotlib.image import imsave
-
-    stream = io.BytesIO()
-    imsave(stream, image, format="png")
-    return "data:image/png;base64," + _base64(stream.getvalue())
-
-
-def _ramp(colours: str, low: str, high: str) -> str:
-    return f'{low}<span class="ramp" style="background:linear-gradient(90deg,{colours})"></span>{high}'
+def _legend(ramp: Ramp, low: str, high: str) -> str:
+    return f'{low}<span class="ramp" style="background:{ramp.css()}"></span>{high}'
 
 
 def _base64(content: bytes) -> str:

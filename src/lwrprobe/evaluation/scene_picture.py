@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
-from lwrprobe.evaluation.render import View, render_mesh
+from lwrprobe.evaluation.render import View, png, render_mesh
 from lwrprobe.scene import Scene
 
 WIDTH, HEIGHT = 360, 250
@@ -19,8 +19,6 @@ EDGE = 0.0004
 
 def draw_scene(path: Path, scene: Scene) -> Path:
     """Draw a scene's true shapes, its table and the edges of its area to a PNG; the path as written."""
-    from matplotlib.image import imsave
-
     low, high = np.array(scene.area.lower), np.array(scene.area.upper)
     parts = [(_edges(low, high), BOX)]
     if scene.table.present:
@@ -35,7 +33,7 @@ def draw_scene(path: Path, scene: Scene) -> Path:
     picture = render_mesh(TriangleMesh(vertices, faces), colours, view)
     cover = picture[..., 3:] / 255.0
     path.parent.mkdir(parents=True, exist_ok=True)
-    imsave(path, np.round(picture[..., :3] * cover + 255.0 * (1.0 - cover)).astype(np.uint8))
+    path.write_bytes(png(np.round(picture[..., :3] * cover + 255.0 * (1.0 - cover)).astype(np.uint8)))
     return path
 
 

@@ -217,12 +217,13 @@ def _reconstruct(
 
 def _against_truth(scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool) -> dict[str, Any]:
     """Coverage and errors against the first run's true shape, where a simulator knew it."""
-    from lwrprobe.evaluation import coverage, mesh_error, surface_error
+    from lwrprobe.evaluation import coverage, mesh_error, reach, surface_error
 
     if not (known and scene.objects):
         return dict.fromkeys(("coverage", "coverage_5mm", "surface_error_mm", "mesh_error_mm"))
     solid, pitch = scene.solid(), float(scene.strategy.options.get("step", 0.010))
-    share = coverage(record.points, solid, scene.probe.radius, scene.area.lower[2], pitch, scene.area.as_area())
+    found = reach(solid, scene.probe.radius, scene.area.lower[2], scene.area.as_area())
+    share = coverage(record.points, found, pitch)
     mesh = None
     if surface is not None:
         mesh = {"method": surface.report["method"], **mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()}

@@ -9,6 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import Judge, Reconstruction
 from lwrprobe.evaluation import (
+    Reach,
     coverage,
     coverage_over_time,
     end_errors,
@@ -16,6 +17,7 @@ from lwrprobe.evaluation import (
     mesh_error,
     normal_error,
     point_error,
+    reach,
     surface_error,
     upright_coverage,
 )
@@ -27,6 +29,7 @@ from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.scene import Scene
 from lwrprobe.scene.table import Pose
 
+_UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 
 
@@ -43,7 +46,7 @@ def summarise(
     points, normals = recorder.points(), recorder.normals()
     clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
     pitch = float(getattr(pipeline.options, "step", 0.010))
-    summary = {
+    return {
         "scene": scene.name,
         "strategy": scene.strategy.name,
         "estimator": scene.contact.estimator,
@@ -63,8 +66,6 @@ def summarise(
         "force_guard_interventions": outcome.guard_interventions,
         "slowed_cycles": outcome.slowed_cycles,
         **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
-        "lower_bound_time_s": None,
-        "lower_bound_descending_s": None,
         "cycle_us": outcome.cycle_us,
         "force_control": pipeline.force.report(),
         "stages": outcome.stages,
@@ -73,11 +74,6 @@ def summarise(
         "versions": versions(*_PACKAGES),
         "machine": machine(),
     }
-    if judge is not None and scene.objects:
-        summary["lower_bound_time_s"] = round(_lower_bound(scene, pitch), 2)
-        safe = pipeline.force.report().get("safe_approach_mm_s")
-        if safe:
-            summary["lower_bound_descending_s"] = round(_lower_bound(scene, pitch, 1e-3 * safe), 2)
     return summary
 
 
@@ -93,13 +89,20 @@ def _against_truth(
 ) -> dict[str, Any]:
     keys = (
         "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
-        "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
+        "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm", "lower_bound_time_s",
+        "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if judge is None or not scene.objects:
         return found
-    solid, lowest = scene.solid(), scene.area.lower[2]
-    share = coverage(points, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
+    solid, lowest, area = scene.solid(), scene.area.lower[2], scene.area.as_area()
+    everywhere = reach(solid, scene.probe.radius, lowest)
+    within = everywhere.within(area)
+    found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch), 2)
+    safe = pipeline.force.report().get("safe_approach_mm_s")
+    if safe:
+        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, 1e-3 * safe), 2)
+    share = coverage(points, within, pitch)
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
@@ -108,7 +111,7 @@ def _against_truth(
         rotation = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
         found["coverage_upright"] = round(
             upright_coverage(
-                points, solid, scene.probe.radius, lowest, pitch, scene.area.as_area(), body, rotation,
+                points, reach(solid, scene.probe.radius, lowest, area, _UPRIGHT_SAMPLES), pitch, solid, body, rotation,
                 scene.clearance.threshold,
             ),
             4,
@@ -117,9 +120,9 @@ def _against_truth(
         found["coverage_upright"] = found["coverage"]
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
-    shares = coverage_over_time(points, times, at, solid, scene.probe.radius, lowest, pitch, scene.area.as_area())
+    shares = coverage_over_time(points, times, at, within, pitch)
     found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
-    ends = end_errors(points, normals, solid, scene.probe.radius, lowest)
+    ends = end_errors(points, normals, everywhere)
     found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]
     truth = [judge.contact_at(sequence) for sequence in recorder.sequences]
     known = np.array([true is not None for true in truth])
@@ -136,16 +139,10 @@ def _against_truth(
     return found
 
 
-def _lower_bound(scene: Scene, pitch: float, descent_speed: float | None = None) -> float:
+def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float | None = None) -> float:
     """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
+    motion = scene.motion
     return lower_bound_time(
-        scene.solid(),
-        scene.probe.radius,
-        scene.area.lower[2],
-        pitch,
-        scene.motion.contour_speed,
-        scene.area.as_area(),
-        scene.motion.approach_speed,
-        scene.motion.acceleration,
+        within, pitch, motion.contour_speed, scene.area.as_area(), motion.approach_speed, motion.acceleration,
         descent_speed,
-    )
+    )  # fmt: skip

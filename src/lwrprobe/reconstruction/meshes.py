@@ -1,4 +1,7 @@
-"""Mesh files by ending: STL (binary, ASCII), PLY with the vertices' errors, OBJ and GLB, through trimesh."""
+"""Mesh files by ending: STL (binary, ASCII), PLY with the vertices' errors, OBJ and GLB.
+
+All but the writing of binary STL goes through trimesh; a run leaves nothing but that, and need not wait for the import.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
     kind = encodings[encoding]
     if len(mesh.faces) == 0 and kind == "obj":
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
-    content = _as_trimesh(mesh).export(file_type=kind)
+    content = _binary_stl(mesh) if kind == "stl" else _as_trimesh(mesh).export(file_type=kind)
     partial = path.with_name(path.name + ".part")
     partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
     os.replace(partial, path)
@@ -68,6 +71,15 @@ def _ending(path: Path) -> str:
     if ending not in WRITERS:
         raise UnknownNameError("mesh file ending", ending, WRITERS)
     return ending
+
+
+def _binary_stl(mesh: TriangleMesh) -> bytes:
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3, 3)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    facets = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets["normal"], facets["corners"] = normals, corners
+    return bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
 
 
 def _as_trimesh(mesh: TriangleMesh) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import SceneError
 from lwrprobe.scene import program
+from lwrprobe.scene.box_tree_kernels import halve
 from lwrprobe.scene.shape import Mesh
 
 _LEAF = 4  # faces
@@ -118,26 +119,10 @@ def pack_bodies(numbers: np.ndarray, indices: np.ndarray, bodies: list[MeshBody]
 def box_tree(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Boxes halved at the median of the longest side; returns the faces in leaf order, node boxes and nodes."""
     corners = vertices[faces]
-    lower, upper, centre = corners.min(axis=1), corners.max(axis=1), corners.mean(axis=1)
     order = np.arange(len(faces))
-    boxes: list[np.ndarray] = [np.empty(6)]
-    nodes: list[tuple[int, int]] = [(0, 0)]
-    todo = [(0, 0, len(faces))]
-    while todo:
-        node, begin, end = todo.pop()
-        mine = order[begin:end]
-        boxes[node] = np.concatenate([lower[mine].min(axis=0), upper[mine].max(axis=0)])
-        if end - begin <= _LEAF:
-            nodes[node] = (begin, end - begin)
-            continue
-        axis = np.argmax(np.ptp(centre[mine], axis=0))
-        middle = (end - begin) // 2
-        order[begin:end] = mine[np.argpartition(centre[mine, axis], middle)]
-        nodes[node] = (len(nodes), 0)
-        todo += [(len(nodes), begin, begin + middle), (len(nodes) + 1, begin + middle, end)]
-        nodes += [(0, 0), (0, 0)]
-        boxes += [np.empty(6), np.empty(6)]
-    return np.ascontiguousarray(faces[order]), np.array(boxes), np.array(nodes, dtype=np.int64)
+    boxes, nodes = np.empty((2 * len(faces) + 1, 6)), np.empty((2 * len(faces) + 1, 2), dtype=np.int64)
+    count = halve(corners.min(axis=1), corners.max(axis=1), corners.mean(axis=1), _LEAF, order, boxes, nodes)
+    return np.ascontiguousarray(faces[order]), boxes[:count].copy(), nodes[:count].copy()
 
 
 def _neighbours(faces: np.ndarray) -> np.ndarray:
