@@ -12,6 +12,7 @@ from lwrprobe.evaluation import (
     deviation,
     end_errors,
     face_deviation,
+    gap_over_time,
     is_watertight,
     lower_bound_path,
     lower_bound_time,
@@ -308,3 +309,11 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     assert coverage(high, within, PITCH).share < 1.0
     assert share(low[low[:, 2] < 0.01]) < 0.2
     assert upright_coverage(high, within, PITCH, block, [], down, 0.0) < 1.0
+
+
+def test_the_gap_to_the_nearest_contact_shrinks_as_contacts_come(found):
+    points = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.05]])
+    gap = gap_over_time(points, np.array([2.0, 1.0]), np.array([0.5, 1.0, 2.0]), found)
+    far = np.linalg.norm(found.points[:, None] - points, axis=2)
+    assert gap[0] == np.inf
+    assert gap[1:] == pytest.approx([far[:, 1].mean(), far.min(axis=1).mean()], abs=1e-12)

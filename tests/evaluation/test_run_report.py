@@ -158,6 +158,8 @@ def test_charts_put_values_where_they_belong():
     assert "a&lt;b" in line_chart(two, "x", "y")
     dots = line_chart([Line(np.array([0.0]), np.array([0.1]), "d", dots=True)] * 2, "x", "y", decades=True)
     assert 'cy="206.0"' in dots
+    late = line_chart([Line(np.arange(3.0), np.array([np.inf, 2.0, np.nan]), "late")], "x", "y", top=4.0)
+    assert "M281.0 112.0" in late
 
 
 def test_a_histogram_counts_what_lies_beyond_in_its_last_bins():

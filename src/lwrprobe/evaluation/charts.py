@@ -40,14 +40,15 @@ def line_chart(
     top: float | None = None,
     decades: bool = False,
 ) -> str:
-    """Lines from zero up, or over decades, with horizontal `levels` (height, name)."""
+    """Lines from zero up, or over decades, with horizontal `levels` (height, name); places that are not finite are left out."""
     lines = [line for line in lines if np.isfinite(line.y).any()]
     x_low = min((float(line.x.min()) for line in lines), default=0.0)
     x_high = max((float(line.x.max()) for line in lines), default=1.0)
-    highest = max([float(np.nanmax(line.y)) for line in lines] + [height for height, _ in levels] + [1e-9])
+    finite = [line.y[np.isfinite(line.y)] for line in lines]
+    highest = max([float(y.max()) for y in finite] + [height for height, _ in levels] + [1e-9])
     y_low, y_high = 0.0, top if top is not None else 1.08 * highest
     if decades:
-        lowest = min((float(np.nanmin(line.y)) for line in lines), default=highest)
+        lowest = min((float(y.min()) for y in finite), default=highest)
         first = np.floor(np.log10(max(lowest, 1e-9)))
         y_low, y_high = 10.0**first, 10.0 ** max(np.ceil(np.log10(highest)), first + 1.0)
     frame = _Frame(x_low, max(x_high, x_low + 1e-9), y_low, y_high, decades)

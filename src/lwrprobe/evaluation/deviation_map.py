@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.mesh_error import deviation, face_deviation
 from lwrprobe.evaluation.ramps import DEVIATION
-from lwrprobe.evaluation.render import View, render_mesh
+from lwrprobe.evaluation.render import Sight, View
 from lwrprobe.scene.solid import Solid
 
 VIEWS = ((np.radians(-58.0), np.radians(28.0)), (np.radians(122.0), np.radians(28.0)))
@@ -34,9 +34,8 @@ def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: fl
     panels = figure.subplots(1, 3, width_ratios=[1.3, 1.3, 1.0])
     lower, upper = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     for axes, (azimuth, elevation) in zip(panels, VIEWS):
-        axes.imshow(
-            render_mesh(mesh, deviation_colours(signed, limit), View(azimuth, elevation, lower, upper, 720, 560))
-        )
+        sight = Sight(mesh, View(azimuth, elevation, lower, upper, 720, 560))
+        axes.imshow(sight.paint(deviation_colours(signed, limit)))
         axes.set_axis_off()
     ramp = LinearSegmentedColormap.from_list("deviation", DEVIATION.rgb())
     scale = ScalarMappable(Normalize(-1e3 * limit, 1e3 * limit), ramp)

@@ -10,7 +10,7 @@ import numpy as np
 from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.charts import ticks
 from lwrprobe.evaluation.ramps import ERROR
-from lwrprobe.evaluation.render import View, png, render_mesh, render_points
+from lwrprobe.evaluation.render import Sight, View, png, render_points
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -64,7 +64,7 @@ def _points(points: np.ndarray, view: View) -> np.ndarray | None:
 def _shape(mesh: TriangleMesh | None, colour: tuple[float, float, float], view: View) -> np.ndarray | None:
     if mesh is None or not len(mesh.faces):
         return None
-    return render_mesh(mesh, np.tile(colour, (len(mesh.vertices), 1)), view)
+    return Sight(mesh, view).paint(np.tile(colour, (len(mesh.vertices), 1)))
 
 
 def _frame(pen: ImageDraw, view: View, corner: tuple[int, int]) -> None:

@@ -8,11 +8,11 @@ from lwrprobe.compiled import kernel
 
 
 @kernel
-def draw_faces(places, faces, colours, light, image, depth):
-    """Draw triangles over what is nearer.
+def cover(places, faces, face, share, depth):
+    """Which triangle is nearest in each pixel.
 
-    places (n, 3) are pixels across, pixels down and depth (larger is nearer); colours (n, 3) of the vertices,
-    light (m,) of the faces; image (h, w, 4) and depth (h, w) are written, depth comes in as -inf.
+    places (n, 3) are pixels across, pixels down and depth (larger is nearer). Written: `face` (h, w), which comes in as
+    -1, `share` (h, w, 2) of the triangle's first two corners, and `depth` (h, w), which comes in as -inf.
     """
     height, width = depth.shape
     for f in range(faces.shape[0]):
@@ -33,15 +33,30 @@ def draw_faces(places, faces, colours, light, image, depth):
                 near = u * places[a, 2] + v * places[b, 2] + w * places[c, 2]
                 if near > depth[y, x]:
                     depth[y, x] = near
-                    for m in range(3):
-                        value = (u * colours[a, m] + v * colours[b, m] + w * colours[c, m]) * light[f]
-                        image[y, x, m] = min(max(value, 0.0), 1.0)
-                    image[y, x, 3] = 1.0
+                    face[y, x] = f
+                    share[y, x, 0], share[y, x, 1] = u, v
+
+
+@kernel
+def paint(face, share, faces, colours, light, image):
+    """Colour what `cover` found: colours (n, 3) of the vertices, light (m,) of the faces; image (h, w, 4)."""
+    height, width = face.shape
+    for y in range(height):
+        for x in range(width):
+            f = face[y, x]
+            if f < 0:
+                continue
+            u, v = share[y, x, 0], share[y, x, 1]
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            for m in range(3):
+                value = (u * colours[a, m] + v * colours[b, m] + (1.0 - u - v) * colours[c, m]) * light[f]
+                image[y, x, m] = min(max(value, 0.0), 1.0)
+            image[y, x, 3] = 1.0
 
 
 @kernel
 def draw_points(places, colours, radius, image, depth):
-    """Draw points as little balls of `radius` pixels; arguments as in `draw_faces`."""
+    """Draw points, placed as in `cover`, with colours (n, 3) as balls of `radius` pixels into image (h, w, 4)."""
     height, width = depth.shape
     for p in range(places.shape[0]):
         px, py = places[p, 0], places[p, 1]

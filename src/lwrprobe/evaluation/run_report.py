@@ -18,7 +18,7 @@ from lwrprobe.evaluation.facings import facing_errors
 from lwrprobe.evaluation.mesh_error import deviation, mean_error, mesh_error, sample_mesh
 from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
-from lwrprobe.evaluation.render import View, png, render_mesh, render_points
+from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
@@ -171,8 +171,9 @@ class _Page:
         images = [render_points(shown, paint, view, 6e-4) for view in views]
         figures = [_figure("touched", images, f"{len(points)} contacts, brighter the higher.")]
         if self.mesh is not None:
+            sights = [Sight(self.mesh, view) for view in views]
             for name, (paint, text) in self._paints().items():
-                figures.append(_figure(name, [render_mesh(self.mesh, paint, view) for view in views], text))
+                figures.append(_figure(name, [sight.paint(paint) for sight in sights], text))
         return f'<h2>From two sides</h2><div class="grid">{"".join(figures)}</div>'
 
     def _errors(self) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
-from lwrprobe.evaluation.render import View, png, render_mesh
+from lwrprobe.evaluation.render import Sight, View, png
 from lwrprobe.scene import Scene
 
 WIDTH, HEIGHT = 360, 250
@@ -30,7 +30,7 @@ def draw_scene(path: Path, scene: Scene) -> Path:
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in parts[:-1])])
     faces = np.concatenate([mesh.faces + start for (mesh, _), start in zip(parts, starts)])
     view = View(AZIMUTH, ELEVATION, vertices.min(axis=0), vertices.max(axis=0), WIDTH, HEIGHT)
-    picture = render_mesh(TriangleMesh(vertices, faces), colours, view)
+    picture = Sight(TriangleMesh(vertices, faces), view).paint(colours)
     cover = picture[..., 3:] / 255.0
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(png(np.round(picture[..., :3] * cover + 255.0 * (1.0 - cover)).astype(np.uint8)))

@@ -18,7 +18,7 @@ from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 
 _SHARE = 0.97  # of the contacts that a warranted shape explains
 _TURNED = np.cos(np.radians(15.0))  # normals that differ by more do not agree
-_MOST = 2000  # contacts used in a fit
+_MOST = 1000  # contacts used in a fit
 _FLOOR = 2e-5  # m, no dimension is claimed to be known better
 
 Kind = Literal["plane", "box", "cylinder", "sphere"]
