@@ -40,7 +40,7 @@ def line_chart(
     top: float | None = None,
     decades: bool = False,
 ) -> str:
-    """Lines from zero up, or over decades, with horizontal `levels` (height, name); places that are not finite are left out."""
+    """Lines from zero up, or over decades, with horizontal `levels` (height, name), without what is not finite."""
     lines = [line for line in lines if np.isfinite(line.y).any()]
     x_low = min((float(line.x.min()) for line in lines), default=0.0)
     x_high = max((float(line.x.max()) for line in lines), default=1.0)
