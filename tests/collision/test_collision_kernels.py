@@ -8,7 +8,7 @@ from naive_collision import project, reach
 from scipy.spatial.transform import Rotation
 
 from lwrprobe.collision import clearance_kernels, shape_kernels, sweep_kernels
-from lwrprobe.collision.clearance import _row
+from lwrprobe.collision.link_rows import link_rows
 from lwrprobe.contracts import LinkShape
 
 KINDS = [("cylinder", (0.01, 0.05)), ("capsule", (0.01, 0.05)), ("box", (0.02, 0.03, 0.05))]
@@ -22,7 +22,7 @@ def random_pose(rng):
 
 
 def placed(link, frame):
-    rows = _row(link)[None]
+    rows = link_rows([link])
     out = np.empty(rows.shape)
     shape_kernels.place(rows, frame, np.empty((0, 4, 4)), out)
     return out

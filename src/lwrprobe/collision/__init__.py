@@ -1,5 +1,7 @@
 """Clearance between the robot's links and what must not be touched."""
 
-from lwrprobe.collision.clearance import NO_FRAMES, ClearanceQuery
+from lwrprobe.collision.clearance import ClearanceQuery
+from lwrprobe.collision.link_rows import NO_FRAMES
+from lwrprobe.collision.watch import ClearanceWatch
 
-__all__ = ["NO_FRAMES", "ClearanceQuery"]
+__all__ = ["NO_FRAMES", "ClearanceQuery", "ClearanceWatch"]

@@ -9,13 +9,10 @@ import numpy as np
 
 from lwrprobe.collision import clearance_kernels as kernels
 from lwrprobe.collision import shape_kernels
+from lwrprobe.collision.link_rows import NO_FRAMES, link_rows
 from lwrprobe.collision.sweep import MotionStep, smallest_along
 from lwrprobe.contracts import Clearance, InputError, LinkShape, UnknownNameError, as_pose
 from lwrprobe.mapping import VoxelMap
-
-_KINDS = {"cylinder": shape_kernels.CYLINDER, "capsule": shape_kernels.CAPSULE, "box": shape_kernels.BOX}
-NO_FRAMES = np.empty((0, 4, 4))
-"""Link frames of a robot whose links all ride on the tip."""
 
 
 class ClearanceQuery:
@@ -46,7 +43,7 @@ class ClearanceQuery:
         self.links = tuple(links)
         self.voxels = voxels
         self.table = table
-        self._rows = np.array([_row(link) for link in links]).reshape(-1, shape_kernels.ROW)
+        self._rows = link_rows(links)
         self._frames_needed = int(self._rows[:, shape_kernels.CARRIER].max(initial=0.0))
         self._names = [link.name for link in links]
         self._obstacles = _obstacles(self.links, obstacles) if obstacles else None
@@ -163,7 +160,7 @@ class ClearanceQuery:
         answer = np.empty(kernels.ANSWER)
         kernels.nearest_among(self._placed(tip, frames), numbers, answer)
         which = int(answer[kernels.WHO])
-        return float(answer[kernels.DISTANCE]), tuple(pairs[which]) if which >= 0 else None
+        return float(answer[kernels.DISTANCE]), pairs[which] if which >= 0 else None
 
     def _step(self, pose_a: Any, pose_b: Any, frames_a: Any, frames_b: Any) -> MotionStep:
         first, last = (
@@ -195,23 +192,6 @@ class ClearanceQuery:
     def _require(self, frames: int) -> None:
         if frames < self._frames_needed:
             raise InputError("link_frames", f"{frames} frames", f"at least {self._frames_needed}, one a link frame")
-
-
-def _row(link: LinkShape) -> np.ndarray:
-    """The link as the kernels read it."""
-    if link.kind not in _KINDS:
-        raise UnknownNameError(f"link {link.name}.kind", link.kind, _KINDS)
-    pose = as_pose(link.pose, f"link {link.name}.pose")
-    size = [0.5 * edge for edge in link.size] if link.kind == "box" else [link.size[0], 0.5 * link.size[1], 0.0]
-    return np.concatenate([[_KINDS[link.kind], *size, _carrier(link)], pose[:3, :3].ravel(), pose[:3, 3]])
-
-
-def _carrier(link: LinkShape) -> float:
-    if link.carrier == "tip":
-        return 0.0
-    if not (link.carrier.isascii() and link.carrier.isdigit() and len(link.carrier) < 4):
-        raise InputError(f"link {link.name}.carrier", link.carrier, "'tip' or the number of a link frame as text")
-    return 1.0 + int(link.carrier)
 
 
 def _pose(value: Any, field: str) -> np.ndarray:

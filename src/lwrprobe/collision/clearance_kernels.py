@@ -30,7 +30,7 @@ from lwrprobe.mapping.kernels import (
 
 DISTANCE, ON_ROBOT, ON_MAP, WHO, ANSWER = 0, 1, 4, 7, 8  # places in an answer, and its length
 PENDING = 64 * (TOP + 1)
-MOST_PROJECTIONS = 6
+PROJECTIONS, MOST_STEPS = 2, 8  # of the steps from a cube towards a link
 
 
 @kernel
@@ -103,14 +103,23 @@ def extents(mask):
 
 
 @kernel
+def zero_of(x, g, before, slope, low, high):
+    """Where a growing function is zero that is g at x and was `slope` at `before`; the end it points to where flat."""
+    if (g - slope) * (x - before) > 0.0:
+        return x - g * (x - before) / (g - slope)
+    return low if g > 0.0 else high
+
+
+@kernel
 def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pair, answer):
     """Measure a link and a cube, given the link's signed distance and its gradient at the cube's centre.
 
-    Back and forth between the nearest point of the link and that point's nearest in the cube: a few steps are enough
-    unless edges or faces are nearly parallel; then GJK goes on from there.
+    Back and forth between the nearest point of the link and that point's nearest in the cube; where the two are nearly
+    parallel that crawls, and the gradient's zero is sought along each axis by itself. What is left goes on to GJK.
     """
     x0, x1, y0, y1, z0, z1 = x - half, x + half, y - half, y + half, z - half, z + half
-    for _ in range(MOST_PROJECTIONS):
+    ox, oy, oz, hx, hy, hz = x, y, z, gx, gy, gz  # the place and the gradient before
+    for step in range(MOST_STEPS):
         if s <= 0.0:
             record(answer, who, 0.0, x, y, z, x, y, z)
             return
@@ -123,6 +132,9 @@ def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pai
         if s - low <= TOLERANCE:
             record(answer, who, s, px, py, pz, x, y, z)
             return
+        if step >= PROJECTIONS:
+            px, py, pz = zero_of(x, gx, ox, hx, x0, x1), zero_of(y, gy, oy, hy, y0, y1), zero_of(z, gz, oz, hz, z0, z1)
+        ox, oy, oz, hx, hy, hz = x, y, z, gx, gy, gz
         x, y, z = min(max(px, x0), x1), min(max(py, y0), y1), min(max(pz, z0), z1)
         s, gx, gy, gz = distance_to(shape, x, y, z)
     back = s + margin(shape)
@@ -219,17 +231,23 @@ def expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, 
 @kernel
 def nearest(words, rows, tip, frames, answer):
     """Nearest pair of links, given as rows in their carriers' frames, and voxels at a tip pose and link frames."""
+    shapes = np.empty(rows.shape)
+    place(rows, tip, frames, shapes)
     forget(answer)
+    search(words, shapes, answer)
+
+
+@kernel
+def search(words, shapes, answer):
+    """Nearest pair of links that stand in the world and voxels, if it is nearer than what the answer holds."""
     if words[COUNT] == 0:
         return
-    edge = real(words[EDGE])
-    shapes, cube = np.empty(rows.shape), np.empty(ROW)
+    edge, cube = real(words[EDGE]), np.empty(ROW)
     simplex, work, pair = np.empty((4, 6)), np.empty((16, 4)), np.empty(6)
-    bounds, stack = np.empty(PENDING + rows.shape[0]), np.empty((PENDING + rows.shape[0], 2), np.int64)
-    place(rows, tip, frames, shapes)
+    bounds, stack = np.empty(PENDING + shapes.shape[0]), np.empty((PENDING + shapes.shape[0], 2), np.int64)
     depth = 0
     x, y, z, hx, hy, hz = box_around(words, edge, ROOT, TOP + 1, 0, 0, 0)
-    for who in range(rows.shape[0]):
+    for who in range(shapes.shape[0]):
         s, gx, gy, gz = distance_to(shapes[who], x, y, z)
         bound = s - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)
         push(bounds, stack, depth, 0, bound, who, ROOT, TOP + 1, 0, 0, 0)

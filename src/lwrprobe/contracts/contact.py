@@ -44,8 +44,9 @@ class Clearance:
 
     Attributes
     ----------
-    distance : m, 0 in collision, `inf` while the map is empty
-    on_robot, on_map : (3,) m, world frame, the witness points
+    distance : m, 0 in collision, `inf` while the map is empty; never too large, and exact below `required`. Farther
+        off, where a run has no need to measure, it may be as little as a third of the true distance
+    on_robot, on_map : (3,) m, world frame, the witness points; a moment old where the distance is not exact
     link : name of the link shape
     required : m, the distance that this link has to keep
     """

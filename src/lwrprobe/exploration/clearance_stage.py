@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lwrprobe.collision import ClearanceQuery
+from lwrprobe.collision import ClearanceQuery, ClearanceWatch
 from lwrprobe.contracts import Clearance, LinkShape
 from lwrprobe.mapping import VoxelMap
 
@@ -26,9 +26,14 @@ class ClearanceStage:
     def __init__(self, links: Sequence[LinkShape], voxels: VoxelMap, body: float, stick: float) -> None:
         behind = [link for link in links if link.name != STICK]
         sticks = [link for link in links if link.name == STICK]
-        groups = ((behind, body), (sticks, stick))
-        self._queries = [(ClearanceQuery(group, voxels), keep) for group, keep in groups if group]
-        self.smallest = np.inf
+        groups = [(group, keep) for group, keep in ((behind, body), (sticks, stick)) if group]
+        self._queries = [(ClearanceQuery(group, voxels), keep) for group, keep in groups]
+        self._watch = ClearanceWatch(groups, voxels)
+
+    @property
+    def smallest(self) -> float:
+        """m, the smallest distance so far."""
+        return self._watch.smallest
 
     def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the links keep their distance all the way from one tip pose (4, 4) to another.
@@ -43,12 +48,4 @@ class ClearanceStage:
 
     def nearest(self, pose: np.ndarray) -> Clearance:
         """The most urgent pair at a tip pose (4, 4); `required` says how far that link has to keep."""
-        urgent: Clearance | None = None
-        for query, keep in self._queries:
-            found = query.nearest(pose)
-            found.required = keep
-            if urgent is None or found.distance - keep < urgent.distance - urgent.required:
-                urgent = found
-            self.smallest = min(self.smallest, found.distance)
-        assert urgent is not None
-        return urgent
+        return self._watch.nearest(pose)
