@@ -129,7 +129,6 @@ class Explorer:
         self._force = 0.0
         self._touched_last = -np.inf
         self._touch_age = 0
-        self._swept: np.ndarray | None = None
 
     # Before the strategy
 
@@ -256,6 +255,8 @@ class Explorer:
 
     def outcome(self, status: str, reason: str) -> Outcome:
         """What has happened so far, under a status and a reason."""
+        if self.pipe.sweep is not None:
+            self.pipe.sweep.leave()
         return Outcome(
             status,
             reason,
@@ -354,13 +355,11 @@ class Explorer:
                 clock.lap("record")
         else:
             self._touch_age = 0
-            if self.scene.map.free_space:
-                if self._swept is not None:
-                    pipe.voxels.carve(self._swept, pose[:3, 3], pipe.probe.radius)
-                self._swept = pose[:3, 3]
+            if pipe.sweep is not None:
+                pipe.sweep.move_to(pose[:3, 3])
                 clock.lap("carve")
-        if contact is not None:
-            self._swept = None
+        if contact is not None and pipe.sweep is not None:
+            pipe.sweep.leave()
         pipe.force.heed(wrench, pose, contact)
         near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
         clock.lap("clearance")

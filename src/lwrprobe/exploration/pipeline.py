@@ -23,7 +23,7 @@ from lwrprobe.exploration.clearance_stage import ClearanceStage
 from lwrprobe.exploration.force_stage import ForceStage
 from lwrprobe.exploration.joint_space import JointSpaceTip
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
-from lwrprobe.mapping import VoxelMap
+from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.options import configure
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
 
@@ -46,6 +46,7 @@ class Pipeline:
     deflection: Deflection | None
     force: ForceStage
     voxels: VoxelMap
+    sweep: SweptSphere | None
     clearance: ClearanceStage | None
     strategy: Strategy
     reconstructor: Reconstructor
@@ -146,6 +147,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
         voxels=voxels,
+        sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
         strategy=choices.strategy(),
         reconstructor=choices.reconstructor(choices.reconstructor_options),

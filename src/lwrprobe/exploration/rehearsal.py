@@ -37,8 +37,10 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
         wrench = pipe.conditioner.condition(sample, rotation)
         contact = pipe.estimator.estimate(wrench, pose[:3, 3], rotation, np.zeros(3))
     pipe.voxels.insert_point(contact.point)
-    if scene.map.free_space:
-        pipe.voxels.carve(pose[:3, 3], pose[:3, 3], pipe.probe.radius)
+    if pipe.sweep is not None:
+        for _ in range(2):
+            pipe.sweep.move_to(pose[:3, 3])
+        pipe.sweep.leave()
     if pipe.clearance is not None:
         pipe.clearance.nearest(pose)
     pipe.place_tip(pose, q)

@@ -1,0 +1,47 @@
+"""A way gathered place by place, as long as it is straight (kernels, private).
+
+Row 0 of a way holds the number of its places and the map's voxel edge, the rows below the places.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.compiled import kernel
+
+MOST_PLACES = 32
+LONGEST = 8.0
+"""Voxels: longer pieces would be carved in parts anyway."""
+STRAIGHT = 0.005
+"""Voxels, as far as a place may lie beside the line: 10 um for voxels of 2 mm, a fifth of the arm's repeatability."""
+
+
+@kernel
+def extend(way, x, y, z):
+    """Add a place, unless the way would no longer be one straight piece; whether it was added.
+
+    A place where the sphere already is, is not added once there are two.
+    """
+    count, edge = np.int64(way[0, 0]), way[0, 1]
+    if count >= 2:
+        if abs(x - way[count, 0]) + abs(y - way[count, 1]) + abs(z - way[count, 2]) <= STRAIGHT * edge:
+            return True
+        if count == MOST_PLACES:
+            return False
+        dx, dy, dz = x - way[1, 0], y - way[1, 1], z - way[1, 2]
+        length2 = dx * dx + dy * dy + dz * dz
+        if not length2 <= (LONGEST * edge) ** 2:
+            return False
+        done = 0.0
+        for i in range(2, count + 1):
+            ux, uy, uz = way[i, 0] - way[1, 0], way[i, 1] - way[1, 1], way[i, 2] - way[1, 2]
+            share = (ux * dx + uy * dy + uz * dz) / length2 if length2 > 0.0 else 0.0
+            if not done <= share <= 1.0:
+                return False  # it has turned back
+            done = share
+            off2 = (ux - share * dx) ** 2 + (uy - share * dy) ** 2 + (uz - share * dz) ** 2
+            if off2 > (STRAIGHT * edge) ** 2:
+                return False
+    way[count + 1, 0], way[count + 1, 1], way[count + 1, 2] = x, y, z
+    way[0, 0] = count + 1
+    return True
