@@ -74,7 +74,6 @@ def summarise(
         "versions": versions(*_PACKAGES),
         "machine": machine(),
     }
-    return summary
 
 
 def _against_truth(
