@@ -1,13 +1,16 @@
-"""What lines along y leave out: steep faces that lie along the lines, and the object's ends in x.
+"""What lines along y leave out: steep faces that lie along the lines, feet of near sides, the object's ends in x.
 
 Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
 line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
+A line over a tall object comes in at a height at which the body above the stick clears whatever may be there, and goes
+up; what lies below is felt afterwards, from the top down, when it is known what the body has to clear.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from lwrprobe.contracts import Area
 from lwrprobe_strategies.lines import Line
 
 ROUGH = 0.002
@@ -18,6 +21,8 @@ BELOW = 0.003
 """m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
 FACING = 0.5
 """Share of the normal along x, from which on a touch is one of an end in x."""
+OVER = 0.8
+"""Share of the normal along z, from which on a touch is one of the top."""
 UPWARD = 0.3
 """Share of the normal along z, up to which a touch is one of a wall."""
 BENT = 0.06
@@ -56,6 +61,25 @@ def lines_across(
                 lines.append(Line(0, float(y), begin, end, float(heights[ends[0]]), True, float(stood)))
             else:
                 lines.append(Line(0, float(y), begin, end, height))
+    return lines
+
+
+def near_sides(touches: np.ndarray, way: np.ndarray, area: Area, pitch: float) -> list[Line]:
+    """Lines along y down every wall that a line met well above the area's floor, from where it came over the top.
+
+    `touches` and `way` as above, those of one line in the order in which they were made; `pitch` m, between two lines.
+    """
+    lines: list[Line] = []
+    for x in np.unique(touches[~np.isnan(touches[:, 9]), 9]):
+        own = touches[touches[:, 9] == x]
+        over = own[own[:, 8] > OVER]
+        met_above = own[0, 2] - area.lower[2] > 0.5 * pitch
+        if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
+            continue
+        top = over[0]
+        stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - top[1]) < NEAR), 2].max()
+        out = area.lower[1] if own[0, 7] < 0.0 else area.upper[1]
+        lines.append(Line(1, float(x), float(top[1]), float(out), float(top[2]), True, float(stood)))
     return lines
 
 

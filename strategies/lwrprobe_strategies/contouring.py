@@ -6,6 +6,7 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
   hold; the source leaves that height to the operator.
 - A lost contact is sought on an arc around the point last touched, not on the straight line against the last
   force: past an edge that line leads over the top without a touch.
+- Where a line came in above the lowest height, the near side is felt from the top down afterwards.
 - The return to the first contact runs along the area's border, where nothing stands.
 - Faces that lie along the lines are crossed by lines of their own afterwards, and the object's ends in x are sought
   (`across.py`); the source misses up to a line's distance at each end.
@@ -32,7 +33,7 @@ from lwrprobe.contracts import (
     Progress,
     Task,
 )
-from lwrprobe_strategies.across import lines_across, rims
+from lwrprobe_strategies.across import lines_across, near_sides, rims
 from lwrprobe_strategies.course import Course, Z
 from lwrprobe_strategies.following import Follower, rolling
 from lwrprobe_strategies.lines import Grid, Line
@@ -68,6 +69,7 @@ class ContouringConfig:
         the first contact for the other side
     reapproach : m, way along which a lost contact is sought before the grid takes over
     retreat : m, way off a collision threat
+    near_sides : feel walls that a line met above the lowest height down to their foot
     across : cross the faces that lie along the lines by lines along x
     find_ends : follow the object around its ends in x to where it reaches furthest
     """
@@ -76,6 +78,7 @@ class ContouringConfig:
     first_line: str = "middle"
     reapproach: float = 0.025
     retreat: float = 0.010
+    near_sides: bool = True
     across: bool = True
     find_ends: bool = True
 
@@ -177,16 +180,20 @@ class Contouring(ABC):
     def _further_passes(self) -> list[Callable[[], list[Line]]]:
         """Asked in turn for more lines when those known are done."""
         asked: list[Callable[[], list[Line]]] = []
+        if self.options.near_sides:
+            asked.append(lambda: near_sides(*self._felt(), self.task.area, self.options.step))
         if self.options.across:
             asked.append(self._lines_across)
         if self.options.find_ends:
             asked.append(lambda: rims(self.touched.table(), self.grid.x, self.height))
         return asked
 
+    def _felt(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.touched.table(), self.touched.way()
+
     def _lines_across(self) -> list[Line]:
         floor = float(self.task.area.lower[Z])
-        touches, way = self.touched.table(), self.touched.way()
-        return lines_across(touches, way, self.grid.x, self.options.step, floor, self.height)
+        return lines_across(*self._felt(), self.grid.x, self.options.step, floor, self.height)
 
     def _grid_line(self, here: np.ndarray) -> Line:
         """The present line of the grid, from the border that is nearer."""

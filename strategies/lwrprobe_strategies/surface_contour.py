@@ -31,6 +31,8 @@ class SurfaceContour(Contouring):
         self._aborts += 1
         plane = self.course.plane
         around_the_end = plane is Plane.X_Y and abs(self.follower.normal[Y]) < 0.5
-        if self._aborts > 4 or around_the_end or self.course.line.axis != Y:
+        line = self.course.line
+        # Beside the foot of a near side nothing is known of what the body would meet on its way around.
+        if self._aborts > 4 or around_the_end or line.axis != Y or line.on_surface:
             return self.give_up_line(seen)
         return self.follow_in(Plane.X_Y if plane is Plane.Z_Y else Plane.Z_Y)

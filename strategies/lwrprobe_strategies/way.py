@@ -64,7 +64,7 @@ def way_to(line: Line, here: np.ndarray, turn: np.ndarray, task: Task, touched: 
     `turn` (3, 3) is the orientation in which the line is to be driven.
     """
     start, top = line.start, float(task.area.upper[Z])
-    if line.axis == Y and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
+    if line.axis == Y and not line.on_surface and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
         # Nothing should stand on the border; where something does, the area is cut through an object.
         beside = np.array([start[X], start[Y], here[Z]])
         down = Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE
@@ -72,15 +72,15 @@ def way_to(line: Line, here: np.ndarray, turn: np.ndarray, task: Task, touched: 
     if line.axis == X and not line.on_surface and _met_nothing(touched, here, start, task.probe.radius):
         return [Waypoint(start, rotation=turn)]
     way = [Waypoint(np.array([here[X], here[Y], top]))]
+    if line.on_surface:
+        way.append(Waypoint(np.array([start[X], start[Y], top]), rotation=turn))
+        known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
+        return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
     if line.axis == Y:
         way += [Waypoint(np.array([here[X], line.begin, top]), rotation=turn)]
         way += [Waypoint(np.array([start[X], line.begin, top]))]
         return [*way, Waypoint(start, Pace.FEELING)]
-    way.append(Waypoint(np.array([start[X], start[Y], top]), rotation=turn))
-    if line.on_surface:
-        known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
-    return [*way, Waypoint(start)]
+    return [*way, Waypoint(np.array([start[X], start[Y], top]), rotation=turn), Waypoint(start)]
 
 
 def _met_nothing(touched: Touched, here: np.ndarray, there: np.ndarray, spare: float) -> bool:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from naive_across import steep_between
 
-from lwrprobe_strategies.across import lines_across, rims
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.across import lines_across, near_sides, rims
 from lwrprobe_strategies.touched import Touched
 
 FLOOR, RADIUS = 0.006, 0.005
@@ -145,3 +146,22 @@ def test_near_touches_are_remembered_once():
     for k in range(11):
         touched.add(np.array([0.0, 1e-4 * k, 0.05]), np.array([0.0, 1e-4 * k, 0.045]), up, 0.0)
     assert len(touched) == 3
+
+
+@pytest.mark.parametrize("travel", [1.0, -1.0])
+def test_a_near_side_that_was_met_above_its_foot_is_felt_from_the_top_down(travel):
+    touched = Touched()
+    wall, up = np.array([0.0, -travel, 0.0]), np.array([0.0, 0.0, 1.0])
+    for z in np.arange(0.03, 0.05, 0.001):
+        centre = np.array([0.0, -0.03 * travel, z])
+        touched.add(centre, centre - RADIUS * wall, wall, 0.0)
+    for y in np.arange(-0.025, 0.0251, 0.001) * travel:
+        centre = np.array([0.0, y, 0.055])
+        touched.add(centre, centre - RADIUS * up, up, 0.0)
+    area = Area(np.array([-0.08, -0.06, FLOOR]), np.array([0.08, 0.06, 0.06]))
+    (line,) = near_sides(touched.table(), touched.way(), area, 0.01)
+    assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.055, True)
+    assert line.begin == pytest.approx(-0.025 * travel)
+    assert line.end == pytest.approx(-0.06 * travel)
+    low = Area(area.lower + np.array([0.0, 0.0, 0.022]), area.upper)
+    assert near_sides(touched.table(), touched.way(), low, 0.01) == []
