@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+_MOST_ZONES = 3  # the widest, which are told one by one
+
 
 def explore(
     scene: Annotated[str, typer.Argument(help="A built-in scene (`lwrprobe list scenes`) or a scene file.")],
@@ -92,6 +94,11 @@ def _show(summary: dict[str, Any], folder: Path) -> None:
     console.print(f"run folder: {folder}", highlight=False)
 
 
+def _zone(zone: dict[str, Any]) -> str:
+    middle = ", ".join(f"{0.5 * (low + high):.1f}" for low, high in zip(*zone["box_mm"]))
+    return f"{zone['kind']} at ({middle}) mm, {zone['width_mm']:.1f} mm wide: narrower than the probe, not reached"
+
+
 def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     parts = summary["wall_time_parts_s"]
     rows = [
@@ -115,5 +122,11 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["mesh_error_mm"] is not None:
         mesh = summary["mesh_error_mm"]
         rows.append(("mesh error", f"{mesh['method']}: mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
+    rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MOST_ZONES]]
+    if len(summary["bridged"]) > _MOST_ZONES:
+        rows.append(("bridged", f"{len(summary['bridged']) - _MOST_ZONES} more, narrower ones"))
+    if summary["open_borders"]:
+        sides = ", ".join(side["side"] for side in summary["open_borders"])
+        rows.append(("open border", f"{sides}: the object goes on beyond the area, the mesh is closed there"))
     rows += [("left out", f"{item['stage']}: {item['why']}") for item in summary["left_out"]]
     return rows

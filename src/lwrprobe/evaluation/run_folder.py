@@ -27,7 +27,7 @@ class RunFolder:
     folder : where it lies
     scene : as it was run
     summary : content of summary.json, empty when the run did not get that far
-    record : contacts and free path, for the reconstructors
+    record : contacts and free path, for the reconstructors; without what was touched after the object had moved
     force : (n,) N, of each contact
     trace : (k, 7) time s, x y z m, force N, touching 0 or 1, clearance m
     """
@@ -51,6 +51,10 @@ def read_run(folder: str | Path) -> RunFolder:
         raise FormatError(f"{folder}: not a run folder: it has no scene.toml")
     scene = load_scene(str(scene_file))
     contacts = _table(folder / "contacts.csv", _CONTACTS)
+    summary = _summary(folder / "summary.json")
+    moved = (summary.get("stillness") or {}).get("moved_since_s")
+    if moved is not None:  # what was touched from then on was somewhere else
+        contacts = contacts[contacts[:, 0] < moved]
     trace = _table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
     record = TouchRecord(
         points=contacts[:, 1:4],
@@ -63,7 +67,7 @@ def read_run(folder: str | Path) -> RunFolder:
         lowest=scene.area.lower[2],
         pitch=_pitch(scene),
     )
-    return RunFolder(folder, scene, _summary(folder / "summary.json"), record, contacts[:, 7], trace)
+    return RunFolder(folder, scene, summary, record, contacts[:, 7], trace)
 
 
 def _pitch(scene: Scene) -> float | None:

@@ -116,7 +116,28 @@ class _Page:
         )
         ended = f"{s['status']}: {s['reason']}" if s else "the run did not get to its end; this is what it left behind"
         mark = "" if s.get("status") == "done" else ' class="warn"'
-        return f'<h1>{title}</h1><p class="lead">{lead}.</p><p{mark}>{escape(ended)}.</p><dl class="tiles">{cells}</dl>'
+        unknown = "".join(f'<p class="warn">{escape(sentence)}.</p>' for sentence in self._unknown())
+        return (
+            f'<h1>{title}</h1><p class="lead">{lead}.</p><p{mark}>{escape(ended)}.</p>{unknown}'
+            f'<dl class="tiles">{cells}</dl>'
+        )
+
+    def _unknown(self) -> list[str]:
+        """Where the mesh says something that no touch has said."""
+        found = []
+        zones, sides = self.summary.get("bridged", []), self.summary.get("open_borders", [])
+        if zones:
+            widest = zones[0]
+            places = "1 place" if len(zones) == 1 else f"{len(zones)} places"
+            found.append(
+                f"Bridged in {places}, narrower than the probe, where no surface is claimed; "
+                f"the widest is a{'n' if widest['kind'] == 'inner edge' else ''} {widest['kind']} of "
+                f"{widest['width_mm']:.1f} mm"
+            )
+        if sides:
+            names = ", ".join(side["side"] for side in sides)
+            found.append(f"Open border {names}: the object goes on beyond the area, and the mesh is closed there")
+        return found
 
     def _viewer(self) -> str:
         if self.mesh is None or len(self.mesh.vertices) > _MOST_VERTICES:

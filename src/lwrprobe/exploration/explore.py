@@ -78,6 +78,8 @@ def explore(
         begin = perf_counter()
         outcome = refused or explorer.run(scene.run.time_limit)
     recorder.close()
+    if pipeline.stillness is not None and pipeline.stillness.moved_since is not None:
+        recorder.withhold(pipeline.stillness.moved_since)
     seconds["explore"] = perf_counter() - begin
 
     tell("reconstructing and comparing")

@@ -33,6 +33,7 @@ from lwrprobe.exploration.recent import Recent
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.stage_clock import StageClock
+from lwrprobe.exploration.stillness import ObjectMoved
 from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
@@ -284,7 +285,7 @@ class Explorer:
                 return
             self.pipe.trajectory.stop()
             self._follow(1.0)
-            if isinstance(error, SensorLost):
+            if isinstance(error, SensorLost | ObjectMoved):
                 self._go_back()
             self.rig.arm.stop()
         except (DriverError, SafetyStop):
@@ -361,6 +362,9 @@ class Explorer:
         if contact is not None and pipe.sweep is not None:
             pipe.sweep.leave()
         pipe.force.heed(wrench, pose, contact)
+        if pipe.stillness is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
+            time = sample.time - self._zero_time
+            pipe.stillness.see(time, pose[:3, 3], wrench.world_force, contact, pipe.force.compliance)
         near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(

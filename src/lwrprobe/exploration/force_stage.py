@@ -86,6 +86,11 @@ class ForceStage:
         """Contacts may be stored: the first touch has told whether the surface is soft."""
         return self._touch.settled
 
+    @property
+    def compliance(self) -> float:
+        """m/N of the object as far as the first touches told; 0 where it is too stiff to tell."""
+        return self._touch.compliance
+
     def heed(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
         """One sample.
 

@@ -22,6 +22,7 @@ from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.clearance_stage import ClearanceStage
 from lwrprobe.exploration.force_stage import ForceStage
 from lwrprobe.exploration.joint_space import JointSpaceTip
+from lwrprobe.exploration.stillness import Stillness
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.options import configure
@@ -45,6 +46,7 @@ class Pipeline:
     estimator: Any
     deflection: Deflection | None
     force: ForceStage
+    stillness: Stillness | None
     voxels: VoxelMap
     sweep: SweptSphere | None
     clearance: ClearanceStage | None
@@ -146,6 +148,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         estimator=estimator,
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
+        stillness=_stillness(scene, probe),
         voxels=voxels,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
@@ -160,6 +163,8 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
                 ("clearance", no_clearance),
                 ("deflection", no_deflection),
                 ("governor", no_governor),
+                ("stillness", "" if scene.safety.shift > 0.0 else "switched off in the scene"),
+                ("stillness", "" if scene.safety.shift > 0.0 else "switched off in the scene"),
                 ("free space", "" if scene.map.free_space else "switched off in the scene"),
             )
             if why
@@ -195,6 +200,11 @@ def _clearance(scene: Any, probe: Probe, area: Area, voxels: VoxelMap) -> tuple[
         return None, "the probe has no link shapes"
     stage = ClearanceStage(probe.links, voxels, scene.clearance.threshold, scene.clearance.stick_threshold)
     return stage, ""
+
+
+def _stillness(scene: Any, probe: Probe) -> Stillness | None:
+    tolerance, knows_friction = scene.safety.shift, scene.contact.estimator != "force_direction"
+    return Stillness(probe.radius, tolerance, scene.contact.threshold, knows_friction) if tolerance > 0.0 else None
 
 
 def _deflection(scene: Any, probe: Probe) -> tuple[Deflection | None, str]:

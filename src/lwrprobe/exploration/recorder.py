@@ -59,6 +59,11 @@ class Recorder:
         if self._state_file is not None:
             self._state_file.write(f"{time:.4f},{state},{event},{following}\n")
 
+    def withhold(self, since: float) -> None:
+        """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
+        left = sum(contact.time < since for contact in self.contacts)
+        del self.contacts[left:], self.sequences[left:]
+
     def points(self) -> np.ndarray:
         """(n, 3) m."""
         return np.array([c.point for c in self.contacts]).reshape(-1, 3)

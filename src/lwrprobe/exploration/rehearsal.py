@@ -41,6 +41,8 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
         for _ in range(2):
             pipe.sweep.move_to(pose[:3, 3])
         pipe.sweep.leave()
+    if pipe.stillness is not None:
+        pipe.stillness.see(1.0, pose[:3, 3], wrench.world_force, contact)
     if pipe.clearance is not None:
         pipe.clearance.nearest(pose)
     pipe.place_tip(pose, q)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import Judge, Reconstruction
+from lwrprobe.contracts import InputError, Judge, Reconstruction
 from lwrprobe.evaluation import (
     Reach,
     coverage,
@@ -22,8 +22,10 @@ from lwrprobe.evaluation import (
     upright_coverage,
 )
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.exploration.bridged import Bridged, bridged
 from lwrprobe.exploration.clearance_stage import STICK
 from lwrprobe.exploration.explorer import Outcome
+from lwrprobe.exploration.open_border import open_borders
 from lwrprobe.exploration.pipeline import Pipeline
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.scene import Scene
@@ -65,6 +67,9 @@ def summarise(
         "min_clearance_m": round(float(clearance), 5) if np.isfinite(clearance) else None,
         "force_guard_interventions": outcome.guard_interventions,
         "slowed_cycles": outcome.slowed_cycles,
+        "bridged": [zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
+        "open_borders": [side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
+        "stillness": pipeline.stillness.report() if pipeline.stillness is not None else None,
         **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
         "cycle_us": outcome.cycle_us,
         "force_control": pipeline.force.report(),
@@ -133,9 +138,17 @@ def _against_truth(
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
     if surface is not None:
-        error = mesh_error(surface.mesh, solid, lowest).as_dict()
-        found["mesh_error_mm"] = {"method": surface.report["method"], **error}
+        try:
+            error = mesh_error(surface.mesh, solid, lowest).as_dict()
+            found["mesh_error_mm"] = {"method": surface.report["method"], **error}
+        except InputError as error:  # a scrap of a mesh, too low or too small to be compared
+            pipeline.left_out.append({"stage": "mesh error", "why": str(error)})
     return found
+
+
+def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
+    times = np.array([contact.time for contact in recorder.contacts])
+    return bridged(recorder.points(), recorder.normals(), times, scene.probe.radius, pitch)
 
 
 def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float | None = None) -> float:

@@ -24,6 +24,8 @@ class SafetyTable(Table):
     """m by which the sphere may be commanded into the table."""
     following: Length = 0.15
     """rad (m) between a joint's set point and where it is: the arm has hit something, or no longer follows."""
+    shift: NonNegative = 0.0006
+    """m by which touches may contradict each other before the object counts as moved and the run ends; 0: unwatched."""
     silence: Length = 0.1
     """s of the arm's own time without a usable sensor sample, at least five of its periods; then stop and retreat."""
     arm_silence: Length = 1.0

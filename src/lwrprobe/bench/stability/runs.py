@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.exploration.explore import explore
 from lwrprobe.scene import Scene, load_scene
 from lwrprobe.scene.solid import Solid
@@ -76,16 +76,9 @@ def explored(name: str, settings: list[str]) -> Run:
     scene = load_scene(name, ["run.time_limit=600.0", *settings])
     with tempfile.TemporaryDirectory() as folder:
         summary = explore(scene, Path(folder))
-        contacts = _table(Path(folder) / "contacts.csv", 9)
-        way = _table(Path(folder) / "trace.csv", 7)
+        left = read_run(folder)
     solid = scene.solid()
-    points = contacts[:, 1:4]
+    points, normals, way = left.record.points, left.record.normals, left.trace
+    assert normals is not None
     distance = solid.signed_distance(points) if len(points) and scene.objects else np.full(len(points), np.nan)
-    return Run(scene, summary, points, contacts[:, 4:7], distance, way[:, 1:4], way[:, 4], way[:, 5] > 0.0)
-
-
-def _table(path: Path, width: int) -> np.ndarray:
-    """(n, width) of the numeric columns from the left."""
-    with path.open() as file:
-        rows = [[float(cell) for cell in row[:width]] for row in list(csv.reader(file))[1:]]
-    return np.array(rows).reshape(-1, width)
+    return Run(scene, summary, points, normals, distance, way[:, 1:4], way[:, 4], way[:, 5] > 0.0)

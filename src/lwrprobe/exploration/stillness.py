@@ -1,0 +1,156 @@
+"""Whether the object stays where it is, told by the touches themselves, at no cost in robot time.
+
+Two signs, both exact for whatever stands still:
+
+- The sphere cannot be where the object is. A place of its centre behind an earlier touch, or a touch before a place
+  where it has been, says that one of the two is no longer true. Lines that cross tell it.
+- A sphere that slides moves across the normal. Its way into the surface is summed up, less an allowance for normals
+  that are wrong (a cumulative sum as in Page 1954): that grows while the object is being pushed, and stays below 0.1 mm
+  over whole runs on objects that stand.
+
+What is moved by something else, along its own face, between two lines that never cross, is not seen.
+
+Centres are compared, not contact points: what is wrong with a normal moves the point along the surface by up to
+2 mm at an edge, and the centre not at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contact import TRUSTED
+from lwrprobe.contracts import Contact, SafetyStop
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.exploration.stillness_kernels import deepest
+
+SPACING = 0.0005
+"""m between two places that are remembered."""
+ASIDE = 0.001
+"""m off the line of a touch's normal, up to which a place tells something about it."""
+REACH = 1.5
+"""Radii along that line; at two the sphere may be on the other side of something thin."""
+AGREED = 3
+"""Contradictions in a row, a place each, that make a movement."""
+GIVES_WAY = 0.0006
+"""m into the surface, beyond what wrong normals explain, that make a movement."""
+WRONG_NORMAL, WRONG_FORCE = 0.15, 0.7
+"""Shares of the way that seem to lead into the surface: by a normal that is wrong by 8.6 degrees, and by the direction
+of a force with friction up to 1."""
+GAP = 0.05
+"""s between two samples, from which on the way between them is not known."""
+LET_GO = 12
+"""Samples without a force after which a push has come to its end."""
+
+_NOT_TOUCHING = np.zeros(3)
+
+
+class ObjectMoved(SafetyStop):
+    """The object is no longer where it was touched; what was touched before and after must not be put together."""
+
+
+class Stillness:
+    """Remembers where the sphere was, touching or not, and looks for contradictions.
+
+    Parameters
+    ----------
+    radius : m, of the sphere
+    tolerance : m, by which places may contradict each other
+    threshold : N, above it a touch is declared; half of it is a force all the same
+    knows_friction : the contacts' normals are free of it
+    """
+
+    def __init__(self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True) -> None:
+        self._radius, self._tolerance, self._threshold = radius, tolerance, threshold
+        self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
+        self._places, self._normals = np.empty((1024, 3)), np.zeros((1024, 3))
+        self._count = self._agreed = 0
+        self._last = np.full(3, np.inf)
+        self._before: tuple[float, Vector, Vector] | None = None
+        self._pushed, self._let_go = 0.0, 0
+        self._push_began = self._doubt_began = 0.0
+        self.moved_since: float | None = None
+        """s, from which on the object was no longer where it had been; None while it stands."""
+        self._worst = self._most_pushed = 0.0
+
+    def see(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float = 0.0) -> None:
+        """Heed where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
+
+        `time` counts in s, `compliance` is how far, in m/N, the surface is known to give way. Raises ObjectMoved.
+        """
+        trusted = contact is not None and contact.trust >= TRUSTED
+        centre = contact.centre if contact is not None else place
+        self._push(time, centre, force, contact if trusted else None, compliance)
+        dent = self._threshold * compliance
+        if contact is None:
+            self._compare(time, place, _NOT_TOUCHING, dent)
+        elif trusted:
+            # The contact point is corrected for what the surface gives way, the place is not.
+            self._compare(time, contact.point + self._radius * contact.normal, contact.normal, dent)
+
+    def report(self) -> dict[str, float | None]:
+        """For the summary."""
+        return {
+            "moved_since_s": self.moved_since,
+            "contradiction_mm": round(1e3 * self._worst, 4),
+            "pushed_mm": round(1e3 * self._most_pushed, 4),
+        }
+
+    def _push(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float) -> None:
+        """Sum up the way into the surface."""
+        size = float(np.sqrt(force @ force))
+        self._let_go = self._let_go + 1 if size < 0.25 * self._threshold else 0
+        if self._let_go >= LET_GO:
+            self._pushed = 0.0
+        if size < 0.5 * self._threshold:
+            self._before = None
+            return
+        normal, slope = (contact.normal, self._slope) if contact is not None else (force / size, WRONG_FORCE)
+        before, self._before = self._before, (time, place, normal)
+        if before is None or not 0.0 < time - before[0] < GAP:
+            return
+        if self._pushed == 0.0:
+            self._push_began = time
+        way = place - before[1]
+        # The mean of both normals: along a curve the chord leads into the surface as seen from one of its ends alone.
+        self._pushed = max(
+            0.0, self._pushed - 0.5 * float(way @ (before[2] + normal)) - slope * float(np.sqrt(way @ way))
+        )
+        self._most_pushed = max(self._most_pushed, self._pushed)
+        if self._pushed > GIVES_WAY + 2.0 * compliance * size:
+            told = f"it gave way at {_told(place)} m, under a force of {size:.2g} N"
+            self._moved(told, self._push_began)
+
+    def _compare(self, time: float, centre: Vector, normal: Vector, dent: float) -> None:
+        if abs(centre - self._last).max() < SPACING:
+            return
+        self._last = centre
+        touching = normal is not _NOT_TOUCHING
+        reach = REACH * self._radius
+        found = deepest(self._places, self._normals, self._count, centre, normal, touching, ASIDE, reach)
+        self._worst = max(self._worst, found)
+        if found > self._tolerance + dent:
+            self._agreed += 1
+            if self._agreed == 1:
+                self._doubt_began = time
+            if self._agreed >= AGREED:
+                told = f"at {_told(centre)} m the touches contradict each other by {1e3 * found:.1f} mm"
+                self._moved(told, self._doubt_began)
+            return  # a place in doubt speaks for neither
+        if touching:
+            self._agreed = 0
+        self._remember(centre, normal)
+
+    def _moved(self, told: str, since: float) -> None:
+        self.moved_since = since
+        raise ObjectMoved(f"the object has moved: {told}; contacts from {since:.2f} s on are left out")
+
+    def _remember(self, place: Vector, normal: Vector) -> None:
+        if self._count == len(self._places):
+            self._places = np.concatenate([self._places, np.empty_like(self._places)])
+            self._normals = np.concatenate([self._normals, np.zeros_like(self._normals)])
+        self._places[self._count], self._normals[self._count] = place, normal
+        self._count += 1
+
+
+def _told(place: Vector) -> str:
+    return "(" + ", ".join(f"{value:.3f}" for value in place) + ")"
