@@ -23,6 +23,7 @@ from lwrprobe.cli import (
     reconstruct,
     repeat,
     report,
+    resume,
     weigh,
 )
 from lwrprobe.contracts.errors import LwrprobeError
@@ -36,6 +37,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("explore")(explore.explore)
+app.command("resume")(resume.resume)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("fit")(reconstruct.fit)
 app.command("evaluate")(evaluate.evaluate)

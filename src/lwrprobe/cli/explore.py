@@ -56,6 +56,11 @@ def explore(
         folder = out if out is not None else Path("runs") / loaded.name
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
         summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
+    finish(summary, folder, as_json, quiet)
+
+
+def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) -> None:
+    """Show how a run ended; exit code 1 where that was early."""
     if not quiet:
         _show(summary, folder)
     if as_json:

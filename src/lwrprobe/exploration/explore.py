@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord
+from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.explorer import Explorer, Outcome, WatchFunction
+from lwrprobe.exploration.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rehearsal import rehearse, settled_memory
+from lwrprobe.exploration.resumed import Resumed
 from lwrprobe.exploration.rig import Rig
 from lwrprobe.exploration.summary import summarise
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
@@ -35,6 +38,7 @@ def explore(
     tell: Tell = lambda text: None,
     choices: Choices | None = None,
     confirm: Confirm | None = None,
+    earlier: RunFolder | None = None,
 ) -> dict[str, Any]:
     """Explore a scene and return its summary; with `out`, leave a run folder.
 
@@ -47,6 +51,7 @@ def explore(
     tell : called with a sentence at each new phase
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
+    earlier : a run that was cut off, in the folder `out`, which is taken up; see `resume`
 
     Raises InputError and its kin for a scene that cannot be run; once the arm moves nothing is raised any more: what
     ends the run early stands in the summary's `status` and `reason`.
@@ -58,7 +63,7 @@ def explore(
     beyond = unreachable_part(scene, robot, pose, q)
     if beyond:
         tell(beyond)
-    recorder = Recorder(out)
+    recorder = Recorder(out, earlier)
     if out is not None:
         write_scene(scene, out / "scene.toml")
     seconds = {"prepare": perf_counter() - begin}
@@ -71,13 +76,22 @@ def explore(
         pipeline.left_out += getattr(driver, "left_out", [])
     rehearse(scene, choices, rig.arm.cycle, rig.sensor.rate, pose, q)
     explorer = Explorer(scene, pipeline, rig, recorder, watch, confirm)
+    log = _logged(pipeline, out, earlier)
+    if isinstance(pipeline.strategy, Resumed):
+        tell("going through what was done")
+        pipeline.place_tip(pose, q)
+        pipeline.strategy.recall(explorer.task(), pipeline, recorder)
+    elapsed = max(0.0, *earlier.trace[-1:, 0], *earlier.record.times[-1:]) if earlier is not None else 0.0
+    before = len(recorder.contacts)
     with settled_memory(), rig:
-        refused = _make_ready(explorer, pose, q)
+        refused = _make_ready(explorer, pose, q, elapsed)
         seconds["compile"] = perf_counter() - begin
         tell("exploring")
         begin = perf_counter()
         outcome = refused or explorer.run(scene.run.time_limit)
     recorder.close()
+    if log is not None:
+        log.close()
     if pipeline.stillness is not None and pipeline.stillness.moved_since is not None:
         recorder.withhold(pipeline.stillness.moved_since)
     seconds["explore"] = perf_counter() - begin
@@ -91,6 +105,7 @@ def explore(
     summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])
     summary["limits_used"] = explorer.motion_guard.peaks
     summary["devices"] = rig.account()
+    summary["resumed"] = {"from_s": round(elapsed, 3), "contacts_before": before} if earlier is not None else None
     if out is not None:
         _write(out, scene, pipeline, recorder, surface, summary)
     seconds["finish"] = perf_counter() - begin
@@ -98,6 +113,8 @@ def explore(
     summary["wall_time_s"] = round(sum(seconds.values()), 3)
     summary["wall_time_parts_s"] = {name: round(value, 3) for name, value in seconds.items()}
     recorder.write_json("summary.json", summary)
+    if log is not None and outcome.status == "done":
+        log.discard()
     if out is not None:
         from lwrprobe.evaluation.run_report import write_report
 
@@ -175,12 +192,35 @@ def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap) -> TouchRec
     )
 
 
-def _make_ready(explorer: Explorer, pose: np.ndarray, q: np.ndarray) -> Outcome | None:
+def resume(folder: Path, **given: Any) -> dict[str, Any]:
+    """Take up a run that was cut off, in its own folder, and return its summary; options as those of `explore`.
+
+    Raises FormatError for a folder that has nothing to take up.
+    """
+    earlier = read_run(folder)
+    return explore(earlier.scene, folder, earlier=earlier, **given)
+
+
+def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> Logbook | None:
+    """Put the log before the pipeline's strategy, and the strategy's past, where there is one."""
+    if out is None:
+        return None
+    if earlier is None:
+        log = Logbook(out)
+        pipeline.strategy = Logged(pipeline.strategy, log)
+        return log
+    past = read_log(out, 0.5 * earlier.scene.contact.threshold)
+    log = Logbook(out, keep=past.last + 2)  # the task's row, and those up to the last one shown
+    pipeline.strategy = Resumed(pipeline.strategy, log, past)
+    return log
+
+
+def _make_ready(explorer: Explorer, pose: np.ndarray, q: np.ndarray, elapsed: float) -> Outcome | None:
     """Arm at its start, bias taken, strategy started; the outcome when that is refused."""
     try:
         explorer.take_place(pose, q)
         explorer.take_bias(BIAS_SECONDS)
-        explorer.start()
+        explorer.start(elapsed)
     except LwrprobeError as error:
         explorer.come_to_rest(error)
         return explorer.outcome("ended early", str(error))

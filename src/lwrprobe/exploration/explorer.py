@@ -197,15 +197,20 @@ class Explorer:
         if np.linalg.norm(trajectory.pose[:3, 3] - start) < 0.5 * STEP_BACK:
             raise SafetyStop("the bias cannot be taken at the start: the arm cannot step back")
 
-    def start(self) -> None:
-        """Hand the task to the strategy; the run's time begins."""
+    def start(self, elapsed: float = 0.0) -> None:
+        """Hand the task to the strategy; the run's time begins, `elapsed` s after its zero."""
         scene, pipe = self.scene, self.pipe
         self.motion_guard.confine(pipe.area.lower - scene.safety.margin, pipe.area.upper + scene.safety.margin)
-        delay = reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate)
-        pipe.force.begin(delay)
-        self._zero_time = self._time
+        task = self.task()
+        pipe.force.begin(task.delay)
+        self._zero_time = self._time - elapsed
+        self._of_plugin(pipe.strategy.start, task)
+
+    def task(self) -> Task:
+        """What is to be done, from where the tip stands."""
+        scene, pipe = self.scene, self.pipe
         pose = pipe.trajectory.pose
-        task = Task(
+        return Task(
             area=pipe.area,
             table=scene.table.height,
             probe=pipe.probe,
@@ -220,13 +225,12 @@ class Explorer:
             force_limit=scene.contact.limit,
             clearance_threshold=scene.clearance.threshold,
             stiffness=scene.contact.stiffness,
-            delay=delay,
+            delay=reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate),
             map=pipe.voxels,
             options=pipe.options,
             reachable=self._can_follow,
             clear=self._is_clear,
         )
-        self._of_plugin(pipe.strategy.start, task)
 
     # The loop
 

@@ -9,10 +9,14 @@ from typing import Any, TextIO
 import numpy as np
 
 from lwrprobe.contracts import Contact, InputError
+from lwrprobe.evaluation.run_folder import RunFolder
 
 CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,trust"
 TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
 STATE_COLUMNS = "time,state,event,next"
+
+NO_SAMPLE = -1
+"""Sequence number of a contact whose wrench sample belongs to an earlier part of the run."""
 
 
 class Recorder:
@@ -21,18 +25,21 @@ class Recorder:
     Parameters
     ----------
     folder : the run folder, made when missing; None records in memory alone
+    earlier : what an earlier part of the run left there, to go on after; None begins anew
 
     Raises InputError when the folder cannot be made or written to.
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, earlier: RunFolder | None = None) -> None:
         self.folder = folder
         self.contacts: list[Contact] = []
         self.sequences: list[int] = []
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
-        self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS)
-        self._trace_file = self._open("trace.csv", TRACE_COLUMNS)
-        self._state_file = self._open("states.csv", STATE_COLUMNS)
+        if earlier is not None:
+            self._take_over(earlier)
+        self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS, earlier is not None)
+        self._trace_file = self._open("trace.csv", TRACE_COLUMNS, earlier is not None)
+        self._state_file = self._open("states.csv", STATE_COLUMNS, earlier is not None)
 
     def contact(self, contact: Contact, sequence: int) -> None:
         """One trusted contact and the wrench sample it comes from."""
@@ -90,14 +97,33 @@ class Recorder:
             if stream is not None:
                 stream.close()
 
-    def _open(self, name: str, header: str) -> TextIO | None:
+    def _take_over(self, earlier: RunFolder) -> None:
+        """Contacts and way; no true contact is known of them any more."""
+        record, radius = earlier.record, earlier.scene.probe.radius
+        for row in zip(record.times, record.points, record.normals, earlier.force, record.trust):
+            time, point, normal, force, trust = row
+            contact = Contact(float(time), point, normal, force * normal, point + radius * normal, float(trust))
+            self.contacts.append(contact)
+            self.sequences.append(NO_SAMPLE)
+        self._trace += [(*row[:5], bool(row[5]), row[6]) for row in earlier.trace.tolist()]
+
+    def _open(self, name: str, header: str, go_on: bool) -> TextIO | None:
         if self.folder is None:
             return None
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             # Line buffering: a line is on its way to the disk as soon as it is written.
+            if go_on and (self.folder / name).is_file():
+                _cut_to_whole_lines(self.folder / name)
+                return open(self.folder / name, "a", buffering=1)
             stream = open(self.folder / name, "w", buffering=1)  # noqa: SIM115
         except OSError as error:
             raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
         stream.write(header + "\n")
         return stream
+
+
+def _cut_to_whole_lines(path: Path) -> None:
+    """What was being written when the run was cut off is no line."""
+    with path.open("r+b") as file:
+        file.truncate(file.read().rfind(b"\n") + 1)

@@ -87,6 +87,18 @@ class Stillness:
             # The contact point is corrected for what the surface gives way, the place is not.
             self._compare(time, contact.point + self._radius * contact.normal, contact.normal, dent)
 
+    def recall(self, place: Vector, contact: Contact | None) -> None:
+        """Remember a place of an earlier part of the run, as `see` would have."""
+        if contact is None:
+            centre, normal = place, _NOT_TOUCHING
+        elif contact.trust >= TRUSTED:
+            centre, normal = contact.point + self._radius * contact.normal, contact.normal
+        else:
+            return
+        if abs(centre - self._last).max() >= SPACING:
+            self._last = centre
+            self._remember(centre, normal)
+
     def report(self) -> dict[str, float | None]:
         """For the summary."""
         return {

@@ -1,0 +1,219 @@
+"""Everything that a strategy was shown and answered while it ran, so that a run cut off in the middle can be taken up.
+
+A strategy has no clock and no I/O: shown the same observations again, it is where it was. The log is written sample by
+sample beside contacts and way, and taken away when all is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lwrprobe.contracts import (
+    Clearance,
+    Contact,
+    FormatError,
+    InputError,
+    Motion,
+    Observation,
+    Progress,
+    Strategy,
+    Task,
+)
+
+OBSERVATIONS, WORDS = "observations.f64", "observations.words"
+WIDTH = 48
+"""Numbers a row: kind, time, then what the kind says; little-endian float64."""
+TASK, SEEN, ANSWER = 0.0, 1.0, 2.0
+
+FREE = 10
+"""Samples in a row without a force, after which the probe is away from the surface."""
+
+Question = Callable[[Sequence[np.ndarray]], bool]
+
+
+class Logbook:
+    """Writes rows, each on its way to the disk when the call returns.
+
+    Parameters
+    ----------
+    folder : of the run
+    keep : rows of an earlier part of the run that stay, None = begin anew
+
+    Raises InputError when the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, keep: int | None = None) -> None:
+        self._paths = folder / OBSERVATIONS, folder / WORDS
+        known = [] if keep is None else _read_words(self._paths[1])
+        try:
+            self._rows = open(self._paths[0], "wb" if keep is None else "r+b", buffering=0)  # noqa: SIM115
+            self._words = open(self._paths[1], "wb", buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise InputError("out", str(folder), f"a folder that can be written to ({error.strerror})") from None
+        self._row = np.zeros(WIDTH)
+        self._code: dict[str, float] = {"": 0.0}
+        for word in known:
+            self._of(word)
+        if keep is not None:
+            self._rows.truncate(keep * self._row.nbytes)
+            self._rows.seek(0, 2)
+
+    def begin(self, task: Task) -> None:
+        """Where the strategy takes over."""
+        row = self._empty(TASK, 0.0)
+        row[2:11], row[11:14], row[14] = task.orientation.ravel(), task.start, task.delay
+        self._rows.write(row)
+
+    def answer(self, answer: bool) -> bool:
+        """What the strategy was told when it asked for the arm's reach or for the links' clearance."""
+        row = self._empty(ANSWER, 0.0)
+        row[2] = answer
+        self._rows.write(row)
+        return answer
+
+    def note(self, seen: Observation) -> None:
+        """One observation."""
+        row = self._empty(SEEN, seen.time)
+        row[2:14], row[14:17], row[17:20] = seen.pose[:3].ravel(), seen.velocity, seen.force
+        row[20], row[21] = seen.goal_reached, self._of(seen.blocked)
+        contact, near = seen.contact, seen.clearance
+        if contact is not None:
+            row[22], row[23], row[24] = 1.0, contact.time, contact.trust
+            row[25:28], row[28:31] = contact.point, contact.normal
+            row[31:34], row[34:37], row[37] = contact.force, contact.centre, self._of(contact.reason)
+        if near is not None:
+            row[38], row[39], row[40] = 1.0, near.distance, near.required
+            row[41:44], row[44:47], row[47] = near.on_robot, near.on_map, self._of(near.link)
+        self._rows.write(row)
+
+    def close(self) -> None:
+        """The run was cut off, and may be taken up."""
+        self._rows.close()
+        self._words.close()
+
+    def discard(self) -> None:
+        """The run has come to its end; there is nothing to take up."""
+        self.close()
+        for path in self._paths:
+            path.unlink(missing_ok=True)
+
+    def _empty(self, kind: float, time: float) -> np.ndarray:
+        self._row[:] = 0.0
+        self._row[0], self._row[1] = kind, time
+        return self._row
+
+    def _of(self, word: str) -> float:
+        code = self._code.get(word)
+        if code is None:
+            code = self._code[word] = float(len(self._code))
+            self._words.write(word.replace("\n", " ").encode() + b"\n")
+        return code
+
+
+class Logged:
+    """A strategy whose observations and answers are written down on their way to it."""
+
+    def __init__(self, strategy: Strategy, log: Logbook) -> None:
+        self.strategy, self._log = strategy, log
+
+    @property
+    def trace(self) -> Sequence[tuple[float, str, str, str]]:
+        """The strategy's own."""
+        return getattr(self.strategy, "trace", ())
+
+    def start(self, task: Task) -> None:
+        """Take over, and ask through the log."""
+        self._log.begin(task)
+        self.strategy.start(self.asking(task))
+
+    def step(self, seen: Observation) -> Motion:
+        """What the strategy answers."""
+        self._log.note(seen)
+        return self.strategy.step(seen)
+
+    def progress(self) -> Progress:
+        """The strategy's own."""
+        return self.strategy.progress()
+
+    def asking(self, task: Task) -> Task:
+        """The task with its questions going through `asked`."""
+
+        def through(ask: Question) -> Question:
+            return lambda poses: self.asked(ask, poses)
+
+        return replace(task, reachable=through(task.reachable), clear=through(task.clear))
+
+    def asked(self, ask: Question, poses: Sequence[np.ndarray]) -> bool:
+        """The answer to a question of the strategy, written down."""
+        return self._log.answer(ask(poses))
+
+
+@dataclass(slots=True)
+class Past:
+    """A log read back.
+
+    Attributes
+    ----------
+    orientation, start, delay : of the task, (3, 3), (3,) m, s
+    rows : (n, WIDTH) after the task's
+    words : by their codes
+    last : index of the row up to which the past is shown again: the probe had been free for a while
+    """
+
+    orientation: np.ndarray
+    start: np.ndarray
+    delay: float
+    rows: np.ndarray
+    words: list[str]
+    last: int
+
+    def observation(self, k: int) -> Observation:
+        """That of row k, whose kind is SEEN."""
+        row = self.rows[k].copy()
+        pose = np.eye(4)
+        pose[:3] = row[2:14].reshape(3, 4)
+        contact = near = None
+        if row[22]:
+            contact = Contact(
+                row[23], row[25:28], row[28:31], row[31:34], row[34:37], float(row[24]), self.words[int(row[37])]
+            )
+        if row[38]:
+            near = Clearance(float(row[39]), row[41:44], row[44:47], self.words[int(row[47])], float(row[40]))
+        blocked = self.words[int(row[21])]
+        return Observation(float(row[1]), pose, row[14:17], row[17:20], contact, near, bool(row[20]), blocked)
+
+
+def read_log(folder: Path, quiet: float) -> Past:
+    """The log of a run that was cut off; a row that was not written to its end is left out.
+
+    Below `quiet` N the probe is free. Raises FormatError where there is no log, or none that can be taken up.
+    """
+    path = folder / OBSERVATIONS
+    if not path.is_file():
+        raise FormatError(f"{folder}: nothing to take up: the run has come to its end, or left no {OBSERVATIONS}")
+    numbers = np.fromfile(path)
+    rows = numbers[: len(numbers) // WIDTH * WIDTH].reshape(-1, WIDTH)
+    words = ["", *_read_words(folder / WORDS)]
+    if not len(rows) or rows[0, 0] != TASK or (rows[1:, 0] == TASK).any() or rows[:, [21, 37, 47]].max() >= len(words):
+        raise FormatError(f"{path}: not a log of observations")
+    first = rows[0]
+    last = _last_free(rows[1:], quiet)
+    if last is None:
+        raise FormatError(f"{folder}: nothing to take up: the run was cut off before the probe had moved freely")
+    return Past(first[2:11].reshape(3, 3).copy(), first[11:14].copy(), float(first[14]), rows[1:], words, last)
+
+
+def _last_free(rows: np.ndarray, quiet: float) -> int | None:
+    """Index of the last observation at the end of at least FREE without a force and not blocked."""
+    seen = np.flatnonzero(rows[:, 0] == SEEN)
+    free = (np.linalg.norm(rows[seen, 17:20], axis=1) < quiet) & (rows[seen, 22] == 0.0) & (rows[seen, 21] == 0.0)
+    ends = np.flatnonzero(np.convolve(free, np.ones(FREE))[: len(seen)] >= FREE)
+    return int(seen[ends[-1]]) if len(ends) else None
+
+
+def _read_words(path: Path) -> list[str]:
+    return path.read_text().split("\n")[:-1] if path.is_file() else []

@@ -1,0 +1,171 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import (
+    Area,
+    Clearance,
+    Contact,
+    Done,
+    Feed,
+    FormatError,
+    Goal,
+    Observation,
+    Probe,
+    Progress,
+    Task,
+)
+from lwrprobe.exploration.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
+from lwrprobe.exploration.resumed import Resumed
+
+NOTHING = np.zeros(3)
+
+
+def seen(k: int, force: float = 0.0, **more) -> Observation:
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = 0.0, 1e-3 * k, 0.02
+    return Observation(0.008 * k, pose, np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, force]), **more)
+
+
+def touching(k: int) -> Observation:
+    n = np.array([0.0, 0.6, 0.8])
+    contact = Contact(0.008 * k, np.array([1.0, 2.0, 3.0]), n, 0.8 * n, np.array([4.0, 5.0, 6.0]), 0.7, "imprecise")
+    near = Clearance(0.01, np.array([7.0, 8.0, 9.0]), np.array([1.5, 2.5, 3.5]), "sensor", 0.02)
+    return seen(k, 0.8, contact=contact, clearance=near, goal_reached=True, blocked="out of reach: joint limit")
+
+
+class Counting:
+    """Answers with how many observations it was shown, and asks for its reach at every fifth."""
+
+    def start(self, task: Task) -> None:
+        self.task, self.shown, self.answers, self.trace = task, [], [], []
+
+    def step(self, observation: Observation) -> Feed:
+        self.shown.append(observation)
+        if len(self.shown) % 5 == 0:
+            self.answers.append(self.task.reachable([observation.pose]))
+            self.trace.append((observation.time, "a", "fifth", "b"))
+        return Feed(np.array([float(len(self.shown)), 0.0, 0.0]))
+
+    def progress(self) -> Progress:
+        return Progress("counting")
+
+
+class Room:
+    """Stands in for the pipeline and the recorder."""
+
+    sweep = stillness = None
+
+    def __init__(self) -> None:
+        self.voxels, self.contacts, self.inserted = self, [], []
+
+    def insert_point(self, point: np.ndarray) -> None:
+        self.inserted.append(point)
+
+
+def a_task(**more) -> Task:
+    area = Area(np.array([-0.1, -0.1, 0.005]), np.array([0.1, 0.1, 0.06]))
+    return Task(
+        area, 0.0, Probe(), np.eye(3), np.array([0.0, 0.0, 0.06]), 0.1, 0.02, 0.03, 1.0, 0.2, 0.8, 3.0, 0.01, 1e5, 0.01,
+        Room(), **more,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def cut_off(tmp_path: Path) -> Counting:
+    """A log in the folder: 40 free samples, then a touch that was not finished; the strategy as it was."""
+    strategy, log = Counting(), Logbook(tmp_path)
+    logged = Logged(strategy, log)
+    asked = iter([True, False] * 20)
+    logged.start(replace(a_task(), start=np.array([0.0, -0.1, 0.05]), delay=0.017, reachable=lambda _: next(asked)))
+    for k in range(40):
+        logged.step(seen(k))
+    for k in range(40, 47):
+        logged.step(touching(k))
+    log.close()
+    return strategy
+
+
+def test_a_log_gives_back_what_was_shown(cut_off, tmp_path):
+    past = read_log(tmp_path, 0.1)
+    assert past.start == pytest.approx([0.0, -0.1, 0.05])
+    assert past.delay == 0.017
+    k = int(np.flatnonzero(past.rows[:, 22])[0])
+    back, was = past.observation(k), touching(40)
+    for name in ("time", "goal_reached", "blocked"):
+        assert getattr(back, name) == getattr(was, name)
+    for mine, own in ((back, was), (back.contact, was.contact), (back.clearance, was.clearance)):
+        for name in ("pose", "velocity", "point", "normal", "force", "centre", "on_robot", "on_map"):
+            if hasattr(own, name):
+                assert (getattr(mine, name) == getattr(own, name)).all()
+    assert (back.contact.trust, back.contact.reason) == (0.7, "imprecise")
+    assert (back.clearance.link, back.clearance.required, back.clearance.distance) == ("sensor", 0.02, 0.01)
+    assert past.observation(0).contact is None
+    assert past.observation(0).clearance is None
+
+
+def test_a_row_cut_in_the_middle_is_left_out(cut_off, tmp_path):
+    whole = read_log(tmp_path, 0.1).rows
+    path = tmp_path / OBSERVATIONS
+    path.write_bytes(path.read_bytes()[:-100])
+    assert (read_log(tmp_path, 0.1).rows == whole[:-1]).all()
+
+
+def resumed(folder: Path) -> tuple[Resumed, Counting, Logbook]:
+    past = read_log(folder, 0.1)
+    strategy, log = Counting(), Logbook(folder, keep=past.last + 2)
+    again, room = Resumed(strategy, log, past), Room()
+    again.recall(a_task(reachable=lambda _: True), room, room)
+    return again, strategy, log
+
+
+def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_path):
+    again, strategy, _ = resumed(tmp_path)
+    assert len(strategy.shown) == 40
+    assert strategy.answers == cut_off.answers[:8]
+    assert (strategy.task.start == [0.0, -0.1, 0.05]).all()
+    assert list(again.trace) == []  # what is in the run folder already is not said again
+    again.start(a_task())
+    top = again.step(seen(0))
+    assert isinstance(top, Goal)
+    assert top.pose[:3, 3] == pytest.approx([0.0, 0.039, 0.06])
+    assert top.speed == 0.1
+    there = seen(39, goal_reached=True)
+    above = replace(there, pose=top.pose)
+    down = again.step(above)
+    assert down.pose[:3, 3] == pytest.approx(there.pose[:3, 3])
+    assert down.speed == 0.02
+    assert again.step(there).velocity[0] == 40.0  # what it had answered last
+    assert again.step(there).velocity[0] == 41.0
+    assert len(strategy.shown) == 41
+
+
+def test_it_can_be_taken_up_twice(cut_off, tmp_path):
+    again, _, log = resumed(tmp_path)
+    for pose in [*again._way]:
+        again.step(replace(seen(39), pose=pose, goal_reached=True))
+    for k in range(60, 75):
+        again.step(seen(k))
+    log.close()
+    assert (tmp_path / OBSERVATIONS).stat().st_size % (8 * WIDTH) == 0
+    _, strategy, _ = resumed(tmp_path)
+    assert [o.time for o in strategy.shown] == pytest.approx([0.008 * k for k in [*range(40), *range(60, 75)]])
+
+
+def test_what_stands_in_the_way_back_ends_the_run(cut_off, tmp_path):
+    again, _, _ = resumed(tmp_path)
+    answer = again.step(replace(touching(3), blocked=""))
+    assert isinstance(answer, Done)
+    assert not answer.complete
+    assert "stands in the way" in answer.reason
+
+
+def test_a_finished_run_and_a_run_that_never_moved_freely_cannot_be_taken_up(cut_off, tmp_path):
+    with pytest.raises(FormatError, match="moved freely"):
+        read_log(tmp_path, -1.0)
+    Logbook(tmp_path, keep=1).discard()
+    with pytest.raises(FormatError, match="come to its end"):
+        read_log(tmp_path, 0.1)
