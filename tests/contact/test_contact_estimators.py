@@ -7,7 +7,7 @@ import pytest
 from lwrprobe.contact import ESTIMATORS, REASONS, TRUSTED, UNCONFIRMED, Settings, Wrench, WrenchNoise, make_estimator
 from lwrprobe.contact import fused_kernels as fk
 from lwrprobe.contact import kernels as kk
-from lwrprobe.contact.estimator import fill, shared_params
+from lwrprobe.contact.estimator import Given, shared_params
 from lwrprobe.contracts import InputError, Probe, SampleStatus, UnknownNameError
 
 PROBE = Probe(compliance=np.array([4e-4, 4e-4, 1e-6]))
@@ -22,7 +22,7 @@ def random_contact(rng, mu, magnitude):
 
 
 def given_array(wrench, centre=STILL, rotation=LEVEL, velocity=STILL):
-    return fill(np.zeros(kk.INPUT), wrench, centre, rotation, velocity)
+    return Given().fill(wrench, centre, rotation, velocity)
 
 
 # Exactness

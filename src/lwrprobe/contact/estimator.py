@@ -8,6 +8,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from lwrprobe.compiled import entry
 from lwrprobe.contact import fused_kernels, kernels
 from lwrprobe.contact.wrench import Wrench, WrenchNoise
 from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
@@ -117,15 +118,15 @@ class SampleEstimator:
 
     def __init__(self, name: str, kernel: Callable, params: np.ndarray) -> None:
         self.name = name
-        self._kernel = kernel
         self._params = params
-        self._given = np.zeros(kernels.INPUT)
+        self._given = Given()
+        self._kernel = entry(kernel, self._given.row, params, np.empty(kernels.OUTPUT))
 
     def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
         """See `Estimator.estimate`."""
         out = np.empty(kernels.OUTPUT)
-        reason = self._kernel(fill(self._given, wrench, centre, rotation, velocity), self._params, out)
-        return as_contact(self._given, out, reason)
+        reason = self._kernel(self._given.fill(wrench, centre, rotation, velocity), self._params, out)
+        return self._given.contact(out, reason)
 
     def reset(self) -> None:
         """Nothing is remembered."""
@@ -171,30 +172,31 @@ def shared_params(probe: Probe, settings: Settings, size: int = kernels.P_OWN) -
     return params
 
 
-def fill(given: np.ndarray, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> np.ndarray:
-    """One estimate's input as the kernels want it, in place."""
-    given[0:3] = wrench.force
-    given[3:6] = wrench.torque
-    given[6:9] = centre
-    given[9:12] = velocity
-    given[12:21].reshape(3, 3)[:] = rotation
-    given[21] = wrench.status
-    given[22] = wrench.time
-    given[23] = wrench.zeroing
-    return given
+class Given:
+    """One estimate's input as the kernels want it: `row` (INPUT,), and the parts of it that are filled.
 
+    Made once: to cut a part out of an array takes longer than to fill it.
+    """
 
-def as_contact(given: np.ndarray, out: np.ndarray, reason: int) -> Contact:
-    """The kernels' output in the house's words."""
-    return Contact(
-        given[kernels.I_TIME].item(),
-        out[0:3],
-        out[3:6],
-        out[6:9],
-        given[6:9].copy(),
-        out[kernels.O_TRUST].item(),
-        REASONS[reason],
-    )
+    def __init__(self) -> None:
+        self.row = np.zeros(kernels.INPUT)
+        self._force, self._torque = self.row[0:3], self.row[3:6]
+        self._centre, self._velocity = self.row[6:9], self.row[9:12]
+        self._rotation, self._stamp = self.row[12:21].reshape(3, 3), self.row[21:24]
+
+    def fill(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> np.ndarray:
+        """The row, with these in it."""
+        self._force[:], self._torque[:] = wrench.force, wrench.torque
+        self._centre[:], self._velocity[:] = centre, velocity
+        self._rotation[:] = rotation
+        self._stamp[:] = wrench.status, wrench.time, wrench.zeroing
+        return self.row
+
+    def contact(self, out: np.ndarray, reason: int) -> Contact:
+        """The kernels' output for it in the house's words."""
+        trust = out.item(kernels.O_TRUST)
+        time = self.row.item(kernels.I_TIME)
+        return Contact(time, out[0:3], out[3:6], out[6:9], self._centre.copy(), trust, REASONS[reason])
 
 
 class FusedEstimator:
@@ -222,14 +224,15 @@ class FusedEstimator:
         self._state = np.zeros(fused_kernels.STATE)
         self._state[fused_kernels.S_FRICTION] = 0.3
         self._state[fused_kernels.S_FRICTION_VAR] = 0.3**2
-        self._given = np.zeros(kernels.INPUT)
+        self._given = Given()
+        out = np.empty(kernels.OUTPUT)
+        self._kernel = entry(fused_kernels.fused, self._given.row, self._params, self._state, out)
 
     def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
         """See `Estimator.estimate`."""
         out = np.empty(kernels.OUTPUT)
-        given = fill(self._given, wrench, centre, rotation, velocity)
-        reason = fused_kernels.fused(given, self._params, self._state, out)
-        return as_contact(given, out, reason)
+        reason = self._kernel(self._given.fill(wrench, centre, rotation, velocity), self._params, self._state, out)
+        return self._given.contact(out, reason)
 
     def reset(self) -> None:
         """Forget the surface; what was learnt of friction stays."""
