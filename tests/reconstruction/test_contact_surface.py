@@ -9,10 +9,15 @@ import pytest
 from lwrprobe.bench.sampled_lines import sample_lines, voxelised
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation import mesh_error
+from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
-from lwrprobe.reconstruction.touches import line_pitch
+from lwrprobe.reconstruction.touches import line_pitch, prepare
+from lwrprobe.reconstruction.undersides import find_undersides
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.shape import Box
+from lwrprobe.scene.solid import Solid
+from lwrprobe.scene.table import Pose
 
 ABOVE = 0.006
 
@@ -148,6 +153,11 @@ def test_the_pitch_of_the_lines_is_found(scenes, name, pitch):
     assert line_pitch(centres) == pytest.approx(pitch, rel=0.05)
 
 
+def test_heaps_that_a_shape_makes_are_no_lines(scenes):
+    _, record = scenes("jaw_chuck", 0.01, 0.375)
+    assert line_pitch(record.points + record.probe_radius * record.normals) == pytest.approx(0.01, rel=0.05)
+
+
 def test_low_trust_counts_little(scenes):
     solid, record = scenes("polystyrene_2")
     rng = np.random.default_rng(7)
@@ -252,4 +262,47 @@ def test_normals_that_were_turned_over_are_outvoted(scenes):
 
 def test_both_sides_of_a_thin_plate_stay(scenes):
     _, record = scenes("thin_plate")
-    assert surface(record).report["left_out"] <= 0.01 * len(record.points)
+    assert surface(record, step=0.002).report["left_out"] <= 0.01 * len(record.points)
+
+
+def test_a_wall_thinner_than_the_usual_cell_is_not_lost():
+    plate = Solid.from_shapes([Box(shape="box", size=(0.02, 0.0006, 0.014), at=Pose(xyz=(0.0, 0.0, 0.007)))])
+    result = surface(sample_lines(plate, 0.005, 0.25), pitch=0.005)
+    found = mesh_error(result.mesh, plate, ABOVE, samples=2000)
+    assert found.watertight
+    assert found.mean < 2e-4
+    assert abs(found.volume_error) < 0.2
+    assert 4e-4 < result.report["step"] < 7e-4
+
+
+def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
+    """Below its axis a lying cylinder is touched at the rims of its end faces only."""
+    solid, record = scenes("cylinder_horizontal", 0.01, 0.375)
+    result = surface(record)
+    found = error(result.mesh, solid)
+    assert found.mean < 3.3e-4
+    assert found.hausdorff < 4e-3
+    low = (result.mesh.vertices[:, 2] < 0.012) & (result.mesh.vertices[:, 2] > ABOVE)
+    between = low & (np.abs(result.mesh.vertices[:, 1]) < 0.015)
+    assert np.mean(result.unreachable[between]) > 0.7, "nobody was there"
+
+
+def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
+    def inferred(name):
+        solid, record = scenes(name, 0.01, 0.375)
+        touches = prepare(record, 0.002)
+        clusters = cluster(touches.centres, touches.normals, touches.trust, 0.0033)
+        below = find_undersides(touches, clusters, 0.01)
+        return solid, below.points - touches.radius * below.normals, below.normals, below.value_sd
+
+    solid, places, normals, deviation = inferred("cylinder_horizontal")
+    assert len(places) > 10
+    assert np.abs(solid.signed_distance(places)).max() < 1.5e-3
+    assert (np.abs(solid.signed_distance(places)) < 3.0 * deviation).mean() > 0.95
+    assert np.einsum("ij,ij->i", solid.nearest(places).normals, normals).min() > 0.95
+    solid, places, normals, _ = inferred("overhang")
+    under_the_top = np.abs(places[:, :2]).max(axis=1) > 0.016  # beside the post, which nobody can touch
+    assert np.abs(places[under_the_top, 2] - 0.03).max() < 1.5e-3
+    assert normals[:, 2].max() < -0.9
+    for name in ("block", "polystyrene_1", "jaw_chuck"):
+        assert len(inferred(name)[1]) == 0

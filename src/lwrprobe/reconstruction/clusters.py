@@ -18,6 +18,9 @@ _WITH = 0.3
 _OUTVOTED = 3.0
 """Weight against a contact over the weight for it from which on it is left out."""
 
+_WALL = 8
+"""Pairs that make a wall: fewer are chance."""
+
 _PORTION = 50_000
 """Points between two looks at the progress callback."""
 
@@ -74,3 +77,17 @@ def outvoted(clusters: Clusters, feet: np.ndarray, reach: float) -> np.ndarray:
         own += np.bincount(pairs[:, here], weight * (facing > _WITH), minlength=len(feet))
         against += np.bincount(pairs[:, here], weight * (facing < -_WITH), minlength=len(feet))
     return against > _OUTVOTED * own
+
+
+def thinnest_wall(clusters: Clusters, feet: np.ndarray, reach: float) -> float:
+    """m between contacts that face apart within `reach` m, a quarter of the pairs being nearer; inf without such walls.
+
+    `feet` (k, 3) are the clusters' places on the object.
+    """
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(feet).query_pairs(reach, output_type="ndarray")
+    one, other = clusters.normals[pairs[:, 0]], clusters.normals[pairs[:, 1]]
+    apart = np.einsum("ij,ij->i", feet[pairs[:, 0]] - feet[pairs[:, 1]], 0.5 * (one - other))
+    walls = apart[(np.einsum("ij,ij->i", one, other) < -_AGREEMENT) & (apart > 0.0)]
+    return float(np.percentile(walls, 25.0)) if len(walls) >= _WALL else np.inf

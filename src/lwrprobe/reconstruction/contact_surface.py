@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
-from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted
+from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.distance_kernels import (
     corner_lists,
@@ -31,6 +31,7 @@ from lwrprobe.reconstruction.evidence_kernels import mark_near, nearest_planes
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
+from lwrprobe.reconstruction.undersides import find_undersides
 
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _MOST_NODES = 3_000_000
@@ -58,8 +59,8 @@ class ContactSurface:
         Attributes
         ----------
         pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
-        step : m, edge of the grid's cells; None takes 0.4 radii, or more where the object is so large that the
-            grid would have more than 3 000 000 nodes
+        step : m, edge of the grid's cells; None takes 0.4 radii, or less where a wall is thinner, or more where the
+            object is so large that the grid would have more than 3 000 000 nodes
         """
 
         pitch: float | None = None
@@ -88,15 +89,16 @@ class ContactSurface:
         touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
-        evidence = work.run("evidence", lambda: _evidence(grid, touches, pitch))
-        walls = work.run(
-            "walls", lambda: find_walls(evidence, clusters.points, clusters.normals, touches.centres, settings)
-        )
-        process = HermiteField(_hermite_data(clusters, touches) + walls.data, 2.0 * pitch)
-        outer = work.run("field", lambda: _outer_field(evidence, process, touches, pitch))
+        below = work.run("undersides", lambda: find_undersides(touches, clusters, pitch))
+        evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, pitch))
+        known = _hermite_data(clusters, touches) + below
+        contacts = np.vstack([touches.centres, below.points])
+        walls = work.run("walls", lambda: find_walls(evidence, known.points, known.normals, contacts, settings))
+        process = HermiteField(known + walls.data, 2.0 * pitch)
+        outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
-        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, walls, touches))
+        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below, walls, touches))
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
 
@@ -125,7 +127,10 @@ class _Work:
         )
 
     def grid(self, touches: Touches, clusters: Clusters, pitch: float) -> Grid:
-        step = self.config.step or 0.4 * touches.radius
+        feet = clusters.points - touches.radius * clusters.normals
+        # A node within each wall, as far as walls are thicker than what is known of them.
+        thin = max(thinnest_wall(clusters, feet, 0.5 * pitch), 2.0 * touches.noise)
+        step = self.config.step or min(0.4 * touches.radius, thin)
         lower, upper = clusters.points.min(axis=0) - 1.1 * pitch, clusters.points.max(axis=0) + 1.1 * pitch
         if touches.table is not None:
             lower[2] = touches.table - touches.radius
@@ -166,9 +171,11 @@ def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Tou
     )
 
 
-def _evidence(grid: Grid, touches: Touches, pitch: float) -> Evidence:
+def _evidence(grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, pitch: float) -> Evidence:
     visited = np.vstack([touches.centres, touches.visited, _ring(touches, pitch, grid.step)])
-    return gather(grid, touches.points, touches.normals, visited, touches.radius)
+    points = np.vstack([touches.points, below.points - touches.radius * below.normals])
+    normals = np.vstack([clusters.normals[clusters.label], below.normals])  # a single one is too noisy to lean by
+    return gather(grid, points, normals, visited, len(touches.points), touches.radius)
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
@@ -192,7 +199,9 @@ def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
     )
 
 
-def _outer_field(evidence: Evidence, process: HermiteField, touches: Touches, pitch: float) -> np.ndarray:
+def _outer_field(
+    evidence: Evidence, process: HermiteField, below: HermiteData, touches: Touches, pitch: float
+) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
     square, values = np.full(grid.shape, np.inf), np.empty(grid.shape)
@@ -201,10 +210,14 @@ def _outer_field(evidence: Evidence, process: HermiteField, touches: Touches, pi
     # Away from the surface only the sign counts: the nearest tangent plane has it.
     near = np.isfinite(square) & (np.abs(values) < max(_BAND * pitch, 2.0 * grid.step))
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
-    near[:, :, :first] = False
+    overhung = np.zeros(grid.shape, dtype=np.bool_)
+    mark_near(below.points, 0.9 * pitch, grid.origin, grid.step, overhung)
+    near[:, :, :first] &= overhung[:, :, :first]
     found = process.values(grid, near)
     values = np.where(np.isfinite(found), found, values)
-    values[:, :, :first] = values[:, :, first : first + 1]  # walls go straight down to the table and through it
+    # Walls go straight down to the table and through it.
+    lowest = values[:, :, first : first + 1]
+    values[:, :, :first] = np.where(overhung[:, :, :first], values[:, :, :first], lowest)
     for axis in range(3):
         edge = [slice(None)] * 3
         for end in (0, -1):
@@ -257,7 +270,9 @@ class _Shrunk:
         )  # fmt: skip
 
 
-def _judge(body: _Shrunk, hull: TriangleMesh, process: HermiteField, walls: Walls, touches: Touches):
+def _judge(
+    body: _Shrunk, hull: TriangleMesh, process: HermiteField, below: HermiteData, walls: Walls, touches: Touches
+) -> tuple[TriangleMesh, np.ndarray]:
     """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
     from scipy.spatial import cKDTree
 
@@ -274,7 +289,9 @@ def _judge(body: _Shrunk, hull: TriangleMesh, process: HermiteField, walls: Wall
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
     fillet = crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
-    unreachable = fillet | low
+    inferred = np.zeros(len(process.data.points), dtype=bool)
+    inferred[len(inferred) - len(walls) - len(below.points) : len(inferred) - len(walls)] = True
+    unreachable = fillet | low | inferred[source][foot]
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
     error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)

@@ -48,13 +48,18 @@ class Evidence:
     solid_contact: np.ndarray
 
 
-def gather(grid: Grid, points: np.ndarray, normals: np.ndarray, visited: np.ndarray, radius: float) -> Evidence:
-    """Evidence from contacts (n, 3), their normals, and the centres (k, 3) that the sphere visited."""
+def gather(
+    grid: Grid, points: np.ndarray, normals: np.ndarray, visited: np.ndarray, touching: int, radius: float
+) -> Evidence:
+    """Evidence from contacts (n, 3), their normals, and the centres (k, 3) that the sphere visited.
+
+    The first `touching` of the centres are those of contacts.
+    """
     from scipy.ndimage import distance_transform_edt
 
     solid, free = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, -1, dtype=np.int64)
     mark_places(visited, grid.origin, grid.step, free)
-    mark_below(points, normals, grid.origin, grid.step, free, solid)
+    mark_below(points, normals, radius, grid.origin, grid.step, free, touching, solid)
     mark_above(visited, grid.origin, grid.step, solid, free)
     nodes = grid.nodes()
     places = []

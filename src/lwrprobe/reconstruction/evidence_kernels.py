@@ -20,16 +20,38 @@ def mark_places(places, origin, step, marks):
 
 
 @kernel
-def mark_below(points, normals, origin, step, free, solid):
+def freely_below(point, normal, radius, origin, step, free, contacts):
+    """Whether the sphere passed under the place from which it touched `point`, touching nothing.
+
+    Numbers in `free` below `contacts` are of places in contact.
+    """
+    nx, ny, _ = free.shape
+    i = int(np.rint((point[0] + radius * normal[0] - origin[0]) / step))
+    j = int(np.rint((point[1] + radius * normal[1] - origin[1]) / step))
+    if not (0 <= i < nx and 0 <= j < ny):
+        return False
+    for k in range(int(np.floor((point[2] + radius * (normal[2] - 1.0) - origin[2]) / step))):
+        if free[i, j, k] >= contacts:
+            return True
+    return False
+
+
+@kernel
+def mark_below(points, normals, radius, origin, step, free, contacts, solid):
     """Columns under contacts are solid down to the next place that the sphere visited, or to an undercut.
 
-    A contact from below (a normal that points down) says nothing about what lies under it, and ends the columns of
-    the contacts over it, two cells around.
+    A contact from below (a normal that points down, or leans down where the sphere passed freely below) says nothing
+    about what lies under it, and ends the columns of the contacts over it, two cells around.
     """
     nx, ny, nz = solid.shape
     undercut = np.full((nx, ny), -1, np.int64)
+    over = np.zeros(points.shape[0], np.bool_)
     for p in range(points.shape[0]):
-        if normals[p, 2] > -0.25:
+        lean = normals[p, 2]
+        if lean > -0.08:
+            continue
+        over[p] = lean < -0.25 or freely_below(points[p], normals[p], radius, origin, step, free, contacts)
+        if not over[p]:
             continue
         i = int(np.rint((points[p, 0] - origin[0]) / step))
         j = int(np.rint((points[p, 1] - origin[1]) / step))
@@ -44,7 +66,7 @@ def mark_below(points, normals, origin, step, free, solid):
         if not (0 <= i < nx and 0 <= j < ny and k >= 0):
             continue
         lowest = k
-        if normals[p, 2] > -0.2:
+        if normals[p, 2] > -0.2 and not over[p]:
             lowest = undercut[i, j] if 0 <= undercut[i, j] <= k else 0
         while k >= lowest and free[i, j, k] < 0:
             solid[i, j, k] = p

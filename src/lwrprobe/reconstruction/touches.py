@@ -13,6 +13,7 @@ from lwrprobe.reconstruction.record import finite_points, solid_points
 _RAW_NOISE = 1e-4  # m, of a contact point, one standard deviation along the normal
 _NORMAL_NOISE = np.radians(2.0)
 _GUESSED_NORMAL_NOISE = np.radians(10.0)  # where normals had to be estimated
+_IN_LINES = 0.35  # of the points, or there are no lines
 _UNDERSIDE = -0.7  # normals pointing down more than this are contacts from below
 
 
@@ -158,7 +159,8 @@ def _heap_distance(values: np.ndarray, resolution: float) -> float | None:
     busy = excess > 0.2 * np.median(excess[excess > 0.3 * excess.max()])
     change = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(np.int8)))
     heaps = list(zip(change[::2], change[1::2]))
-    if len(heaps) < 3 or busy.mean() > 0.55:
+    # A few points at the same height of a shape make heaps as well; lines hold a good part of all points.
+    if len(heaps) < 3 or busy.mean() > 0.55 or counts[busy].sum() < _IN_LINES * counts.sum():
         return None
     middle = edges[:-1] + 0.5 * width
     apart = np.diff([np.average(middle[a:b], weights=counts[a:b]) for a, b in heaps])

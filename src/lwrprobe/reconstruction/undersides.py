@@ -1,0 +1,122 @@
+"""Undersides that no sphere on an upright stick gets to, from the two ends at which they were touched.
+
+Where the sphere rolls over the lower edges of two faces that look apart, what lies between the edges is taken to
+overhang as they do: a lying cylinder is touched at the rims of its two end faces and nowhere else below its axis.
+Without this, the walls above go straight down. A surface that bends away smoothly says nothing about what it bends to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.reconstruction.clusters import Clusters, cluster
+from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.touches import Touches
+
+_DOWN = -0.2  # of the normal across the chord: less is noise
+_APART = 0.15  # how far both ends must face outwards
+_TURN = 0.2  # rad that the normal must turn over an edge
+_SHARP = 2.0  # radii of the sphere: an edge is rounded less than that
+_ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degrees
+_LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
+_GROWTH = 0.03  # m of standard deviation a metre from the nearer end
+_NORMAL_SD = 0.1  # rad
+_MOST = 600  # contacts that face down, of many
+
+
+def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
+    """Where the sphere's centre would be if it touched the underside, and the surface's normals there.
+
+    `clusters` are those of the touches' centres, `pitch` [m] lies between their lines.
+    """
+    low = np.flatnonzero(touches.normals[:, 2] < 0.7 * _DOWN)
+    low = low[:: len(low) // _MOST + 1]
+    if len(low) < 2:
+        return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+    feet = clusters.points - touches.radius * clusters.normals
+    ends, normals = touches.points[low], touches.normals[low]
+    sharp = _over_edge(ends, normals, feet, clusters.normals, _SHARP * touches.radius)
+    places, facing, deviation = _chords(ends, normals, sharp, pitch, touches.noise)
+    kept = _inside(places, feet, touches.visited, touches.radius, pitch)
+    if not kept.any():
+        return _data(places[kept], facing[kept], deviation[kept])
+    found = cluster(places[kept] + touches.radius * facing[kept], facing[kept], np.ones(kept.sum()), 0.5 * pitch)
+    return _data(found.points, found.normals, np.bincount(found.label, deviation[kept]) / found.weight)
+
+
+def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:
+    return HermiteData(centres, normals, deviation, np.full(len(centres), _NORMAL_SD))
+
+
+def _towards(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Level distance (m, m) and direction (m, m, 3) from each end to each other."""
+    run = ends[None, :, :2] - ends[:, None, :2]
+    length = np.linalg.norm(run, axis=2)
+    unit = np.zeros((*length.shape, 3))
+    unit[..., :2] = run / np.maximum(length, 1e-12)[..., None]
+    return length, unit
+
+
+def _over_edge(
+    ends: np.ndarray, normals: np.ndarray, feet: np.ndarray, facing: np.ndarray, radius: float
+) -> np.ndarray:
+    """(m, m) bool: the first of the ends (m, 3) is on an edge of a face that looks away from the second.
+
+    The face shows in feet (k, 3) that are `facing` (k, 3) that way; the edge is rounded by less than `radius` m.
+    """
+    from scipy.spatial import cKDTree
+
+    _, unit = _towards(ends)
+    sharp = np.zeros(unit.shape[:2], dtype=bool)
+    for i, rows in enumerate(cKDTree(feet).query_ball_point(ends, 0.7 * radius)):
+        away = np.arccos(np.clip(-unit[i] @ facing[rows].T, -1.0, 1.0))
+        own = np.arccos(np.clip(-unit[i] @ normals[i], -1.0, 1.0))
+        turn = own[:, None] - away
+        sharp[i] = ((turn > _TURN) & (turn * radius > np.linalg.norm(feet[rows] - ends[i], axis=1))).any(axis=1)
+    return sharp
+
+
+def _chords(
+    ends: np.ndarray, normals: np.ndarray, sharp: np.ndarray, pitch: float, noise: float
+) -> tuple[np.ndarray, ...]:
+    """Places along the chords between ends that match, the normals there, and the deviation to expect."""
+    length, unit = _towards(ends)
+    across = [_without(normals[:, None], unit), _without(normals[None], unit)]
+    apart = (np.einsum("ik,ijk->ij", normals, unit) < -_APART) & (np.einsum("jk,ijk->ij", normals, unit) > _APART)
+    alike = np.einsum("ijk,ijk->ij", *across)
+    miss = np.abs(np.einsum("ijk,ijk->ij", ends[None] - ends[:, None], across[0] + across[1])) * 0.5
+    fits = apart & sharp & sharp.T & (alike > _ALIKE) & (length > pitch) & (miss < _LEVEL * length)
+    fits &= (across[0][..., 2] < _DOWN) & (across[1][..., 2] < _DOWN)
+    cost = np.where(fits, miss / np.maximum(length, 1e-12) + 1.0 - alike, np.inf)
+    partner = cost.argmin(axis=1)
+    places, facing, deviation = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    for i in np.flatnonzero(np.isfinite(cost.min(axis=1, initial=np.inf))):
+        j = partner[i]
+        steps = int(np.ceil(length[i, j] / (0.5 * pitch)))
+        share = (np.arange(1, steps) / steps)[:, None]
+        places.append((1.0 - share) * ends[i] + share * ends[j])
+        mixed = (1.0 - share) * across[0][i, j] + share * across[1][i, j]
+        facing.append(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
+        end = np.minimum(share, 1.0 - share)[:, 0] * length[i, j]
+        deviation.append(np.hypot(noise, _GROWTH * end))
+    return np.concatenate(places), np.concatenate(facing), np.concatenate(deviation)
+
+
+def _without(normals: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Unit normals with their part along `unit` taken out."""
+    across = normals - np.einsum("...k,...k->...", normals, unit)[..., None] * unit
+    return across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
+
+
+def _inside(places: np.ndarray, feet: np.ndarray, visited: np.ndarray, radius: float, pitch: float) -> np.ndarray:
+    """(n,) bool: nothing that was passed freely is in the way, and something was touched above."""
+    from scipy.spatial import cKDTree
+
+    if not len(places):
+        return np.zeros(0, dtype=bool)
+    free = np.ones(len(places), dtype=bool)
+    if len(visited):
+        free = cKDTree(visited).query(places)[0] > 0.8 * radius
+    above = cKDTree(feet[:, :2]).query_ball_point(places[:, :2], 0.75 * pitch)
+    covered = [bool((feet[rows, 2] > place[2] + radius).any()) for rows, place in zip(above, places)]
+    return free & np.array(covered)
