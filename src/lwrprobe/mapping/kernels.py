@@ -259,12 +259,12 @@ def holds_key(words, kx, ky, kz):
 
 @kernel
 def holds_point(words, x, y, z):
-    """1 where the voxel of a point is set, 0 where not, or OUTSIDE."""
+    """Whether the voxel of a point is set, None outside: Python is handed the answer itself, with nothing to compare."""
     scale = real(words[SCALE])
     kx, ky, kz = key_of(x, scale), key_of(y, scale), key_of(z, scale)
     if kx < 0 or ky < 0 or kz < 0:
-        return OUTSIDE
-    return 1 if holds_key(words, kx, ky, kz) else 0
+        return None
+    return holds_key(words, kx, ky, kz)
 
 
 @kernel

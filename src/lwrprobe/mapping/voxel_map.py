@@ -129,12 +129,13 @@ class VoxelMap:
     def occupied(self, point: Vector) -> bool:
         """Whether something was touched in the voxel of a point (3,) [m]."""
         try:
-            status = self._holds(self._occupied.words, *point.tolist())
+            x, y, z = point.tolist()
+            found = self._holds(self._occupied.words, x, y, z)
         except (AttributeError, TypeError, ValueError):
             return self.occupied(_triple(point, "point"))
-        if status >= 0:
-            return status == 1
-        raise self._refused("point", point)
+        if found is None:
+            raise self._refused("point", point)
+        return found
 
     def state(self, point: Vector) -> VoxelState:
         """What is known about the voxel of a point (3,) [m]."""
