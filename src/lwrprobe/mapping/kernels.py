@@ -259,7 +259,7 @@ def holds_key(words, kx, ky, kz):
 
 @kernel
 def holds_point(words, x, y, z):
-    """Whether the voxel of a point is set, None outside: Python is handed the answer itself, with nothing to compare."""
+    """Whether the voxel of a point is set, None outside: Python is handed the answer itself."""
     scale = real(words[SCALE])
     kx, ky, kz = key_of(x, scale), key_of(y, scale), key_of(z, scale)
     if kx < 0 or ky < 0 or kz < 0:
