@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "lwrprobe"
 
 LEVELS = [
+    {"errors"},
     {"contracts"},
     {"compiled", "options"},
     {"kinematics", "trajectory"},

@@ -26,7 +26,7 @@ from lwrprobe.cli import (
     resume,
     weigh,
 )
-from lwrprobe.contracts.errors import LwrprobeError
+from lwrprobe.errors import LwrprobeError
 
 app = typer.Typer(
     name="lwrprobe",

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from lwrprobe.contracts import InputError
+from lwrprobe.errors import InputError
 
 
 class Kind(StrEnum):

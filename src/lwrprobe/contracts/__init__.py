@@ -14,20 +14,6 @@ from lwrprobe.contracts.driver import (
     Sensor,
     TrueContact,
 )
-from lwrprobe.contracts.errors import (
-    ConnectionLost,
-    DeviceRefused,
-    DriverError,
-    FormatError,
-    InputError,
-    LwrprobeError,
-    MissingExtraError,
-    PluginError,
-    SafetyStop,
-    SceneError,
-    StaleData,
-    UnknownNameError,
-)
 from lwrprobe.contracts.motion import Done, Feed, Goal, Motion, as_pose
 from lwrprobe.contracts.probe import LinkShape, Probe
 from lwrprobe.contracts.samples import ArmState, ArmStatus, SampleStatus, WrenchSample
@@ -46,6 +32,20 @@ from lwrprobe.contracts.surface import (
     Reconstructor,
     TouchRecord,
     TriangleMesh,
+)
+from lwrprobe.errors import (
+    ConnectionLost,
+    DeviceRefused,
+    DriverError,
+    FormatError,
+    InputError,
+    LwrprobeError,
+    MissingExtraError,
+    PluginError,
+    SafetyStop,
+    SceneError,
+    StaleData,
+    UnknownNameError,
 )
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from lwrprobe.contracts.errors import InputError
+from lwrprobe.errors import InputError
 
 
 def as_address(text: str, field: str) -> tuple[str, int]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.contracts.errors import InputError
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.errors import InputError
 
 
 def as_pose(value: object, field: str = "pose") -> np.ndarray:

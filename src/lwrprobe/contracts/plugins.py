@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from lwrprobe.contracts.errors import PluginError, UnknownNameError
+from lwrprobe.errors import PluginError, UnknownNameError
 
 GROUPS = {
     "driver": "lwrprobe.drivers",

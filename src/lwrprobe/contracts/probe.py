@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from lwrprobe.contracts.errors import InputError
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.errors import InputError
 
 
 @dataclass(slots=True, frozen=True)

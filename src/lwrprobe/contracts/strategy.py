@@ -13,10 +13,10 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from lwrprobe.contracts.contact import Clearance, Contact
-from lwrprobe.contracts.errors import InputError
 from lwrprobe.contracts.motion import Motion
 from lwrprobe.contracts.probe import Probe
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.errors import InputError
 
 STRATEGY_CONTRACT = 1
 """Version of this contract; a strategy states the one it was written for in `contract`."""

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from lwrprobe.contracts.errors import InputError
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.errors import InputError
 
 RECONSTRUCTOR_CONTRACT = 1
 
