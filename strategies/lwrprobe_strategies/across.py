@@ -25,6 +25,8 @@ OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
 UPWARD = 0.3
 """Share of the normal along z, up to which a touch is one of a wall."""
+WIDENS = 0.05
+"""Share of the normal along z, from which on an object is wider below."""
 BENT = 0.06
 """Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
@@ -103,7 +105,8 @@ def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
         if abs(across) < BENT or not len(free) or last[2] < height - BELOW:
             continue
         begin = float(free[np.argmin(sign * free)])
-        level = max(float(last[2]), height)
+        # What faces up there reaches further out below.
+        level = height if last[8] > WIDENS else max(float(last[2]), height)
         lines.append(Line(0, float(last[1]), begin, float(last[0]), level, rim=-1 if across > 0.0 else 1))
     return lines
 
