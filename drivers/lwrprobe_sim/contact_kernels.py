@@ -150,17 +150,14 @@ def balance(c, count, free, compliance, step, x, scratch):
             add_tangent_stiffness(c, i, x[0], x[1], x[2], step, tangent)
         d0, d1, d2 = newton_direction(tangent, compliance, r)
         share = 1.0
-        best = size
-        while share > 1e-3:
+        y0, y1, y2 = x[0], x[1], x[2]
+        while True:
             y0, y1, y2 = x[0] - share * d0, x[1] - share * d1, x[2] - share * d2
-            best = residual(c, count, free, compliance, y0, y1, y2, step, r)
-            if best < (1.0 - 1e-4 * share) * size or best <= goal:
+            size = residual(c, count, free, compliance, y0, y1, y2, step, r)
+            if size < (1.0 - 1e-4 * share) * before or size <= goal or share < 2e-3:
                 break
             share *= 0.5
-        x[0] -= share * d0
-        x[1] -= share * d1
-        x[2] -= share * d2
-        size = residual(c, count, free, compliance, x[0], x[1], x[2], step, r)
+        x[0], x[1], x[2] = y0, y1, y2
         if size >= before and size < _ROUNDING:
             return 1
     return 1 if size < 1e-9 else 0

@@ -59,14 +59,17 @@ class Run:
         return f"{self.ended}; {s['contacts']} contacts in {s['sim_time_s']:.0f} s, peak {s['peak_force_n']:.2f} N"
 
 
-def strip(name: str, half_width: float, settings: list[str] | None = None, lines: int = 2) -> Run:
-    """Explore a scene between x = -half_width and half_width only, by `lines` or one more lines across it."""
+HALF = 0.005
+"""m, half the width of a strip that the sphere sweeps in one line along x = 0."""
+
+
+def strip(name: str, settings: list[str] | None = None, half_width: float = HALF, top: float | None = None) -> Run:
+    """Explore a scene between x = -half_width and half_width only, and up to `top` m: one line, or three if wider."""
     area = load_scene(name).area
-    step = 2.0 * half_width / lines
     bounds = [
         f"area.lower=[{-half_width}, {area.lower[1]}, {area.lower[2]}]",
-        f"area.upper=[{half_width}, {area.upper[1]}, {area.upper[2]}]",
-        f"strategy.step={step}",
+        f"area.upper=[{half_width}, {area.upper[1]}, {area.upper[2] if top is None else top}]",
+        f"strategy.step={2.0 * half_width}",
     ]
     return explored(name, [*bounds, *LINES_ONLY, *(settings or [])])
 

@@ -13,7 +13,6 @@ from lwrprobe.contracts import WrenchSample
 from lwrprobe.contracts.plugins import load
 from lwrprobe.scene import load_scene
 
-HALF = 0.006
 PRESS = 1e-5
 """m into a surface of 1e5 N/m: 1 N."""
 CLEAN_STREAM = {"lag": 0.0, "drift_force": (0.0, 0.0, 0.0), "latency": 0.0, "late_share": 0.0, "loss": 0.0}
@@ -23,7 +22,7 @@ def _friction_sweep(quick: bool) -> list[Finding]:
     found = []
     sweep = [("0.5", 1.0)] if quick else [("0.0", 1.0), ("0.3", 1.0), ("0.5", 1.0), ("0.8", 1.0), ("0.3", 1.5)]
     for friction, static in sweep:
-        run = strip("block", HALF, [f"object.0.friction={friction}", f"drivers.sim.static_friction={static}"])
+        run = strip("block", [f"object.0.friction={friction}", f"drivers.sim.static_friction={static}"])
         error = run.summary["normal_error_deg"]["median"]
         told = (
             f"{run.told()}; normal off by {error:.2f} deg, point by {run.summary['contact_error_mm']['median']:.3f} mm"

@@ -89,10 +89,10 @@ def _run_from_contact() -> Finding:
     """A whole run that starts pressed by 0.1 mm onto a post, which the start pose of the strip stands on."""
     block = "{ shape = 'box', size = [0.1, 0.05, 0.05], at = { xyz = [0.0, 0.0, 0.025] } }"
     post = "{ shape = 'box', size = [0.004, 0.004, 0.0531], at = { xyz = [0.0, -0.06, 0.02655] } }"
-    run = strip("block", 0.006, [f"object=[{block}, {post}]"])
+    run = strip("block", [f"object=[{block}, {post}]"])
     error = run.summary["contact_error_mm"]["median"] if run.summary["contact_error_mm"] else float("nan")
     told = f"{run.told()}; contacts off by {error:.3f} mm, which a wrong zero of 2 N would not leave so"
-    return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 1000)
+    return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 500)
 
 
 def _readings(world, height: float, count: int) -> list[WrenchSample]:
@@ -125,7 +125,7 @@ def _soft_object(quick: bool) -> list[Finding]:
         found.append(within(f"one touch, K {stiffness:.0e} N/m", told, 1e3 * abs(fit.zero), 0.2, "mm"))
     for stiffness in (1e3,) if quick else (3e2, 1e3):
         settings = [f"object.0.stiffness={stiffness}", f"contact.stiffness={2.0 * stiffness}"]
-        run = strip("block", 0.006, settings)
+        run = strip("block", settings)
         off = run.summary["surface_error_mm"]["median"]
         control = run.summary["force_control"]
         told = f"{run.told()}; K found {control['object_stiffness']} N/m, surface off by {off:.3f} mm"

@@ -25,7 +25,7 @@ _ENOUGH = "time limit"
 
 
 def _run(*settings: str) -> Run:
-    return strip(_SCENE, _HALF, ["run.time_limit=40.0", *settings], lines=1)
+    return strip(_SCENE, ["run.time_limit=25.0", *settings], _HALF)
 
 
 def _phantoms(run: Run) -> float:

@@ -5,18 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.bench.stability.case import Case, Finding, within
-from lwrprobe.bench.stability.runs import Run, explored, strip
+from lwrprobe.bench.stability.runs import LINES_ONLY, Run, explored, strip
 from lwrprobe.contracts import LwrprobeError
-
-HALF = 0.006
-"""m, half width of the strip that most cases explore."""
 
 
 def _sharp_edge(quick: bool) -> list[Finding]:
     """The apex has to be touched, and nothing beside it stored."""
     found = []
     for degrees in (15,) if quick else (5, 15, 30):
-        run = strip("wedge_15deg", HALF, _wedge(degrees))
+        run = strip("wedge_15deg", _wedge(degrees))
         lost = 1e3 * (0.06 - run.points[:, 2].max())
         both = run.normals[:, 1].min() < -0.7 and run.normals[:, 1].max() > 0.7
         off = 1e3 * float(np.percentile(np.abs(run.distance), 95))
@@ -34,7 +31,7 @@ def _wedge(degrees: int) -> list[str]:
 
 
 def _cliff(quick: bool) -> list[Finding]:
-    run = strip("cliff", HALF)
+    run = strip("cliff")
     levels = [
         z for z in (0.050, 0.048, 0.038) if ((np.abs(run.points[:, 2] - z) < 4e-4) & (run.normals[:, 2] > 0.9)).any()
     ]
@@ -47,7 +44,7 @@ def _inner_corner(quick: bool) -> list[Finding]:
     """Two contacts at once give a resultant between the walls; what is stored must lie on a wall all the same."""
     found = []
     for degrees in (90,) if quick else (90, 60, 30):
-        run = strip("block", HALF, [_groove(degrees), "area.upper=[0.006, 0.06, 0.058]"])
+        run = strip("block", [_groove(degrees)], top=0.058)
         wrong = float((np.abs(run.distance) > 5e-4).mean()) if len(run.distance) else 1.0
         worst = 1e3 * float(np.abs(run.distance).max(initial=0.0))
         told = f"{run.told()}; {100 * wrong:.2f} % of the points more than 0.5 mm off, the worst {worst:.2f} mm"
@@ -70,7 +67,7 @@ def _groove(degrees: int) -> str:
 
 
 def _narrow_slot(quick: bool) -> list[Finding]:
-    run = strip("slot_8mm", HALF)
+    run = strip("slot_8mm")
     inside = (np.abs(run.points[:, 1]) < 3.5e-3) & (run.points[:, 2] < 0.0485)
     told = f"{run.told()}; {int(inside.sum())} points claimed inside of the slot"
     claimed = within("slot 8 mm", told, float(inside.sum()), 0.0, "points", also=_done(run))
@@ -83,8 +80,8 @@ def _narrow_slot(quick: bool) -> list[Finding]:
 
 def _wide_slot(quick: bool) -> list[Finding]:
     """Chatter would show in time, against the same strip of a plain block, and in the force."""
-    plain = strip("block", HALF).summary["sim_time_s"]
-    run = strip("slot_12mm", HALF, ["object.0.children.1.size=[0.12, 0.0102, 0.06]"])
+    plain = strip("block").summary["sim_time_s"]
+    run = strip("slot_12mm", ["object.0.children.1.size=[0.12, 0.0102, 0.06]"])
     depth = 1e3 * (0.05 - run.points[np.abs(run.points[:, 1]) < 5.2e-3, 2].min(initial=0.05))
     times = run.summary["sim_time_s"] / plain
     told = f"{run.told()}; {times:.2f} times as long as without the slot, felt {depth:.1f} mm deep"
@@ -94,7 +91,7 @@ def _wide_slot(quick: bool) -> list[Finding]:
 
 def _overhang(quick: bool) -> list[Finding]:
     """Where the stick touches first, nothing may be stored as a contact of the sphere."""
-    run = strip("overhang", HALF)
+    run = strip("overhang")
     wrong = float((np.abs(run.distance) > 1e-3).mean())
     told = f"{run.told()}; {100 * wrong:.2f} % of the points more than 1 mm off the surface"
     return [within("T-shape", told, 100 * wrong, 0.5, "% off", also=run.within_limit and _done(run))]
@@ -124,7 +121,7 @@ def _tiny(quick: bool) -> list[Finding]:
 
 def _thin_plate(quick: bool) -> list[Finding]:
     """The plate's faces are a quarter of a voxel apart."""
-    run = strip("thin_plate", HALF)
+    run = strip("thin_plate")
     sides = [run.normals[:, 1] * sign > 0.9 for sign in (1.0, -1.0)]
     if not all(side.any() for side in sides):
         return [Finding("0.5 mm", f"{run.told()}; one face only", held=False)]
@@ -136,7 +133,8 @@ def _thin_plate(quick: bool) -> list[Finding]:
 def _at_the_border(quick: bool) -> list[Finding]:
     """Half of the block is outside of the area: explored is what is inside, and the rest is said to be open."""
     run = explored(
-        "block", ["area.lower=[-0.006, -0.06, 0.006]", "area.upper=[0.006, 0.0, 0.058]", "strategy.step=0.006"]
+        "block",
+        ["area.lower=[-0.006, -0.06, 0.006]", "area.upper=[0.006, 0.0, 0.058]", "strategy.step=0.012", *LINES_ONLY],
     )
     beyond = 1e3 * float(max(run.way[:, 1].max(initial=0.0), 0.0))
     felt = within("y < 0 of the block", f"{run.told()}; way beyond the border {beyond:.2f} mm", beyond, 0.5, "mm",
@@ -153,7 +151,7 @@ def _nothing_there(quick: bool) -> list[Finding]:
 
 
 def _tilted_table(quick: bool) -> list[Finding]:
-    run = strip("tilted_table", HALF)
+    run = strip("tilted_table")
     of_table = float((np.abs(run.distance) > 1e-3).mean())
     told = f"{run.told()}; {100 * of_table:.1f} % of the contacts are the table's and stay among the object's"
     scraping = within("3 deg", run.told(), run.summary["peak_force_n"], run.scene.contact.limit, "N", also=_done(run))
@@ -164,7 +162,7 @@ def _moving_object(quick: bool) -> list[Finding]:
     """What was touched before the object moved must not be merged with what was touched after."""
     found = []
     for mass in (0.05, 0.5) if quick else (0.05, 0.2, 0.5):
-        run = strip("block", HALF, ["object.0.movable=true", f"object.0.mass={mass}"])
+        run = strip("block", ["object.0.movable=true", f"object.0.mass={mass}"])
         setting = f"{1e3 * mass:g} g, foot friction 0.4"
         noticed = "moved" in run.summary["reason"]
         off = 1e3 * float(np.abs(run.distance).max(initial=0.0))
@@ -180,7 +178,7 @@ def _moving_object(quick: bool) -> list[Finding]:
 def _tipping_object(quick: bool) -> list[Finding]:
     """A thin tall thing goes over at the first touch; the run has to come to an end by itself, without a blow."""
     slab = "{ shape = 'box', size = [0.06, 0.006, 0.06], at = { xyz = [0.0, 0.0, 0.03] }, movable = true, mass = 0.02 }"
-    run = strip("block", HALF, [f"object=[{slab}]", "area.upper=[0.006, 0.06, 0.068]", "drivers.sim.foot_friction=1.0"])
+    run = strip("block", [f"object=[{slab}]", "drivers.sim.foot_friction=1.0"], top=0.068)
     ended = _done(run) or "moved" in run.summary["reason"]
     return [within("slab of 6 mm, 20 g", run.told(), run.summary["peak_force_n"], run.scene.contact.limit, "N",
                    also=ended)]  # fmt: skip
@@ -190,7 +188,7 @@ def _tall_object(quick: bool) -> list[Finding]:
     """Holder and sensor come near the side of what is taller than the stick."""
     found = []
     for strategy in ("grid_version",) if quick else ("grid_version", "surface_contour", "orientation_change"):
-        run = strip("stacked_blocks", HALF, [f"strategy.name='{strategy}'"])
+        run = strip("stacked_blocks", [f"strategy.name='{strategy}'"])
         hits = run.summary["link_collisions"]
         least = run.summary["min_clearance_m"]
         told = f"{run.told()}; {hits} collisions, nearest {1e3 * (least or 0.0):.2f} mm"

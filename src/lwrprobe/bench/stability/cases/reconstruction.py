@@ -86,7 +86,9 @@ def _refusal_or_mesh(name: str, method: type, setting: str, points: np.ndarray) 
 
 
 def _many(name: str, worker: ConvexHull | ContactSurface, count: int) -> Finding:
+    """A ball felt with an error of up to 0.1 mm."""
     points, normals = _ball(count, 0.05)
+    points += np.clip(np.random.default_rng(1).normal(0.0, 3e-5, (count, 1)), -1e-4, 1e-4) * normals
     found = worker.reconstruct(TouchRecord(points, normals=normals, probe_radius=0.005))
     error = 1e3 * float(np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.05).max())
     told = f"{len(found.mesh.faces)} triangles; the farthest vertex off a ball of 50 mm"
