@@ -303,6 +303,6 @@ def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     solid, places, normals, _ = inferred("overhang")
     under_the_top = np.abs(places[:, :2]).max(axis=1) > 0.016  # beside the post, which nobody can touch
     assert np.abs(places[under_the_top, 2] - 0.03).max() < 1.5e-3
-    assert normals[:, 2].max() < -0.9
+    assert np.median(normals[:, 2]) < -0.98
     for name in ("block", "polystyrene_1", "jaw_chuck"):
         assert len(inferred(name)[1]) == 0

@@ -93,7 +93,8 @@ def _line(solid: Solid, x: float, lower: np.ndarray, upper: np.ndarray) -> tuple
 def _stick_is_free(solid: Solid, centres: np.ndarray, top: float) -> np.ndarray:
     free = np.ones(len(centres), dtype=bool)
     for height in np.arange(RADIUS, top + STICK_RADIUS, STICK_RADIUS):
-        free &= solid.signed_distance(centres + np.array([0.0, 0.0, height])) > STICK_RADIUS
+        beside = np.flatnonzero(free & (centres[:, 2] + height < top + STICK_RADIUS))
+        free[beside] = solid.signed_distance(centres[beside] + np.array([0.0, 0.0, height])) > STICK_RADIUS
     return free
 
 

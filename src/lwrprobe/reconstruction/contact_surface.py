@@ -24,10 +24,8 @@ from lwrprobe.reconstruction.distance_kernels import (
     erode,
     eroded_crossings,
     feet_of,
-    scatter,
 )
 from lwrprobe.reconstruction.evidence import Evidence, Walls, WallSettings, find_walls, gather
-from lwrprobe.reconstruction.evidence_kernels import mark_near, nearest_planes
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
@@ -204,14 +202,15 @@ def _outer_field(
 ) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
-    square, values = np.full(grid.shape, np.inf), np.empty(grid.shape)
-    nearest_planes(process.data.points, process.data.normals, 0.9 * pitch, grid.origin, grid.step, square, values)
-    values = np.where(np.isfinite(square), values, evidence.bound)
+    nearest = grid.nearest(process.data.points, 0.9 * pitch)
+    near = nearest >= 0
+    source, values = nearest[near], evidence.bound.copy()
     # Away from the surface only the sign counts: the nearest tangent plane has it.
-    near = np.isfinite(square) & (np.abs(values) < max(_BAND * pitch, 2.0 * grid.step))
+    offset = grid.origin + grid.step * np.argwhere(near) - process.data.points[source]
+    values[near] = np.einsum("ij,ij->i", offset, process.data.normals[source])
+    near &= np.abs(values) < max(_BAND * pitch, 2.0 * grid.step)
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
-    overhung = np.zeros(grid.shape, dtype=np.bool_)
-    mark_near(below.points, 0.9 * pitch, grid.origin, grid.step, overhung)
+    overhung = grid.nearest(below.points, 0.9 * pitch) >= 0
     near[:, :, :first] &= overhung[:, :, :first]
     found = process.values(grid, near)
     values = np.where(np.isfinite(found), found, values)
@@ -236,10 +235,7 @@ class _Shrunk:
         self.starts = np.zeros(len(hull.vertices) + 1, dtype=np.int64)
         self.members = np.empty(hull.faces.size, dtype=np.int64)
         corner_lists(hull.faces, self.starts, self.members)
-        self.nearest = np.full(grid.shape, -1, dtype=np.int64)
-        reach = touches.radius + 2.0 * grid.step
-        distance = np.full(grid.shape, reach * reach)
-        scatter(hull.vertices, grid.origin, grid.step, reach, distance, self.nearest)
+        self.nearest = grid.nearest(hull.vertices, touches.radius + 2.0 * grid.step)
         self.values = np.empty(grid.shape)
         erode(
             self.vertices, self.faces, self.starts, self.members, self.nearest, grid.origin, grid.step, self.radius,
@@ -258,8 +254,7 @@ class _Shrunk:
         parts, count = label(self.values < 0.0)
         if count <= 1:
             return
-        near = np.zeros(self.grid.shape, dtype=np.bool_)
-        mark_near(touches.points, 1.8 * self.grid.step, self.grid.origin, self.grid.step, near)
+        near = self.grid.nearest(touches.points, 1.8 * self.grid.step) >= 0
         touched = np.bincount(parts[near], minlength=count + 1) > 0
         self.values[~touched[parts] & (parts > 0)] = self.grid.step
 

@@ -17,7 +17,6 @@ from lwrprobe.reconstruction.evidence_kernels import (
     extrapolate,
     mark_above,
     mark_below,
-    mark_near,
     mark_places,
     upstream,
 )
@@ -125,8 +124,7 @@ class WallSettings:
 def _unsupported(evidence: Evidence, centres: np.ndarray, settings: WallSettings) -> tuple[np.ndarray, ...]:
     """Segments from solid to free evidence, through the half-way surface, away from contacts."""
     grid = evidence.grid
-    supported = np.zeros(grid.shape, dtype=np.bool_)
-    mark_near(centres, 0.7 * settings.pitch, grid.origin, grid.step, supported)
+    supported = grid.nearest(centres, 0.7 * settings.pitch) >= 0
     wanted = (np.abs(evidence.bound) < grid.step) & ~supported
     wanted[:, :, : max(0, int(np.ceil((settings.lowest - grid.origin[2]) / grid.step)))] = False
     node = grid.origin + grid.step * np.argwhere(wanted)

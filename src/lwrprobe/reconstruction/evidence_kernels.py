@@ -91,49 +91,6 @@ def mark_above(places, origin, step, solid, free):
 
 
 @kernel
-def mark_near(points, radius, origin, step, marks):
-    """Mark the grid nodes within `radius` of any point."""
-    shape = marks.shape
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for p in range(points.shape[0]):
-        for m in range(3):
-            first[m] = max(0, int(np.ceil((points[p, m] - radius - origin[m]) / step)))
-            last[m] = min(shape[m], int(np.floor((points[p, m] + radius - origin[m]) / step)) + 1)
-        for i in range(first[0], last[0]):
-            dx = origin[0] + step * i - points[p, 0]
-            for j in range(first[1], last[1]):
-                dy = origin[1] + step * j - points[p, 1]
-                for k in range(first[2], last[2]):
-                    dz = origin[2] + step * k - points[p, 2]
-                    if dx * dx + dy * dy + dz * dz <= radius * radius:
-                        marks[i, j, k] = True
-
-
-@kernel
-def nearest_planes(points, normals, radius, origin, step, square, height):
-    """Grid nodes within `radius` of any point: squared distance to the nearest, and height over its tangent plane.
-
-    Both (nx, ny, nz); `square` comes in as inf and stays so where no point is near.
-    """
-    shape = square.shape
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for p in range(points.shape[0]):
-        for m in range(3):
-            first[m] = max(0, int(np.ceil((points[p, m] - radius - origin[m]) / step)))
-            last[m] = min(shape[m], int(np.floor((points[p, m] + radius - origin[m]) / step)) + 1)
-        for i in range(first[0], last[0]):
-            dx = origin[0] + step * i - points[p, 0]
-            for j in range(first[1], last[1]):
-                dy = origin[1] + step * j - points[p, 1]
-                for k in range(first[2], last[2]):
-                    dz = origin[2] + step * k - points[p, 2]
-                    apart = dx * dx + dy * dy + dz * dz
-                    if apart <= radius * radius and apart < square[i, j, k]:
-                        square[i, j, k] = apart
-                        height[i, j, k] = dx * normals[p, 0] + dy * normals[p, 1] + dz * normals[p, 2]
-
-
-@kernel
 def upstream(centres, normals, along, order, direction, pitch, pairs):
     """Hermite pairs across one line gap: for each centre its partner on the line before, against `direction`.
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lwrprobe.reconstruction.distance_kernels import scatter
+
 
 @dataclass(slots=True, frozen=True)
 class Grid:
@@ -25,3 +27,9 @@ class Grid:
         """All nodes, (nx, ny, nz, 3) m."""
         axes = [self.origin[m] + self.step * np.arange(self.shape[m]) for m in range(3)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    def nearest(self, points: np.ndarray, radius: float) -> np.ndarray:
+        """(nx, ny, nz) number of the nearest of points (n, 3) to each node, -1 where none is within `radius` m."""
+        found = np.full(self.shape, -1, dtype=np.int64)
+        scatter(points, self.origin, self.step, radius, np.full(self.shape, radius * radius), found)
+        return found

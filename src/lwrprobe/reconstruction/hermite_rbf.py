@@ -11,7 +11,6 @@ import numpy as np
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contour import contour
-from lwrprobe.reconstruction.evidence_kernels import mark_near
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
@@ -79,9 +78,7 @@ def _surface(data: HermiteData, touches: Touches, pitch: float, step: float) -> 
     if touches.table is not None:
         lower[2] = touches.table - 3.5 * step
     grid = Grid.around(lower - 3.0 * step, upper + 3.0 * step, step)
-    near = np.zeros(grid.shape, dtype=np.bool_)
-    mark_near(data.points, pitch, grid.origin, grid.step, near)
-    values = HermiteField(data, 2.0 * pitch).values(grid, near)
+    values = HermiteField(data, 2.0 * pitch).values(grid, grid.nearest(data.points, pitch) >= 0)
     far = ~np.isfinite(values)
     nodes = grid.nodes()[far]
     nearest = cKDTree(data.points).query(nodes)[1]

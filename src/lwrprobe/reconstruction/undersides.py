@@ -87,7 +87,9 @@ def _chords(
     miss = np.abs(np.einsum("ijk,ijk->ij", ends[None] - ends[:, None], across[0] + across[1])) * 0.5
     fits = apart & sharp & sharp.T & (alike > _ALIKE) & (length > pitch) & (miss < _LEVEL * length)
     fits &= (across[0][..., 2] < _DOWN) & (across[1][..., 2] < _DOWN)
-    cost = np.where(fits, miss / np.maximum(length, 1e-12) + 1.0 - alike, np.inf)
+    # On an edge normals fan out: the chord straight across it leaves the one that points down most.
+    slant = 0.5 * (across[0] + across[1])[..., 2] - alike
+    cost = np.where(fits, miss / np.maximum(length, 1e-12) + slant, np.inf)
     partner = cost.argmin(axis=1)
     places, facing, deviation = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
     for i in np.flatnonzero(np.isfinite(cost.min(axis=1, initial=np.inf))):
