@@ -1,5 +1,8 @@
 """Robot links that must not touch the object: exact bodies against the true solid, looked at only when they may.
 
+Those on the tip and those on the arm are looked at by themselves: the tip is near the object and its motion is known
+exactly, the arm is far and its motion is bounded through the joints.
+
 A link's box is cut until each piece is clear, outside the link's body, or has its centre in both bodies. The solid's
 value never exceeds the distance, so a piece is clear when the value at its centre exceeds its half diagonal.
 """
@@ -17,8 +20,8 @@ HALF, KIND, CARRIER = 12, 15, 16
 BOX, CYLINDER, CAPSULE = range(3)
 TIP_CARRIER = -1.0
 
-FREE, TIP_REACH, JOINT_REACH = range(3)
-FRAMES = 3
+FREE, ARM_FREE, TIP_REACH, JOINT_REACH = range(4)
+FRAMES = 4
 LINKS = FRAMES + 17 * 16
 STACK = LINKS + LINK_MAX * LINK
 STACK_MAX = 256
@@ -37,20 +40,25 @@ def watch(s, counts, v, around, numbers, indices, chain, q, tip, moved, turned, 
 
     `s` and `counts` are this file's, `v` and `around` the scenery's part of the world.
     """
-    if counts[N_LINKS] == 0:
-        return
-    travel = moved + turned * s[TIP_REACH]
-    if counts[ON_ARM] > 0:
-        travel = max(travel, joint_travel * s[JOINT_REACH])
-    s[FREE] -= travel
-    if s[FREE] > 0.0:
-        return
+    on_tip, on_arm = counts[N_LINKS] - counts[ON_ARM], counts[ON_ARM]
+    if on_tip > 0:
+        s[FREE] -= moved + turned * s[TIP_REACH]
+        if s[FREE] <= 0.0:
+            s[FREE] = look(s, counts, v, around, numbers, indices, tip, 0, on_tip)
+    if on_arm > 0:
+        s[ARM_FREE] -= joint_travel * s[JOINT_REACH]
+        if s[ARM_FREE] <= 0.0:
+            link_frames(chain, q, s[FRAMES:LINKS].reshape((17, 4, 4))[: chain.shape[0] - 1])
+            s[ARM_FREE] = look(s, counts, v, around, numbers, indices, tip, on_tip, on_tip + on_arm)
+
+
+@kernel
+def look(s, counts, v, around, numbers, indices, tip, first, last):
+    """Count the links that have begun to touch; how far the others are at least."""
     counts[LOOKS] += 1
     frames = s[FRAMES:LINKS].reshape((17, 4, 4))
-    if counts[ON_ARM] > 0:
-        link_frames(chain, q, frames[: chain.shape[0] - 1])
     nearest = NOTHING
-    for k in range(counts[N_LINKS]):
+    for k in range(first, last):
         link = s[LINKS + k * LINK : LINKS + (k + 1) * LINK]
         clear = clearance(s, link, v, around, numbers, indices, pose_of(link, frames, tip))
         bit = 1 << k
@@ -62,7 +70,7 @@ def watch(s, counts, v, around, numbers, indices, chain, q, tip, moved, turned, 
         else:
             counts[HITTING] &= ~bit
         nearest = min(nearest, clear)
-    s[FREE] = nearest
+    return nearest
 
 
 @kernel

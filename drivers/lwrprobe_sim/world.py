@@ -247,17 +247,18 @@ class World:
     def _set_links(self) -> None:
         s = self.state[kernels.WATCH : kernels.SET]
         counts = self.counts[kernels.WATCH_COUNTS :]
-        watched = [link for link in self.probe.links if link.name != "stick"]
+        on_tip = [link for link in self.probe.links if link.name != "stick"]
+        watched = [*on_tip, *self.robot.swinging_links]
         if len(watched) > links.LINK_MAX:
-            raise InputError("probe.links", len(watched), f"at most {links.LINK_MAX} links")
+            raise InputError("probe.links", len(watched), f"at most {links.LINK_MAX} links, with the arm's own")
         for k, link in enumerate(watched):
             s[links.LINKS + k * links.LINK : links.LINKS + (k + 1) * links.LINK] = _link_row(link)
-        s[links.TIP_REACH] = max((_reach(link) for link in watched if link.carrier == "tip"), default=0.0)
+        s[links.TIP_REACH] = max((_reach(link) for link in on_tip), default=0.0)
         s[links.JOINT_REACH] = self.robot.length
         counts[links.N_LINKS] = len(watched)
-        counts[links.ON_ARM] = any(link.carrier != "tip" for link in watched)
+        counts[links.ON_ARM] = len(watched) - len(on_tip)
         if not self.scene.objects and not self.scene.table.present:
-            counts[links.N_LINKS] = 0
+            counts[links.N_LINKS] = counts[links.ON_ARM] = 0
             self._leave_out("link collision", "there is nothing to hit")
 
     def _set_sensor(self) -> None:

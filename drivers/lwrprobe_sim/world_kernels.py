@@ -184,6 +184,7 @@ def _step(world, counts, chain, numbers, indices, step, joint_travel):
         world[TOUCH + touch.FREE_SPHERE] -= shifted
         world[TOUCH + touch.FREE_STICK] -= shifted
         world[WATCH + links.FREE] -= shifted
+        world[WATCH + links.ARM_FREE] -= shifted
     around, watched = counts[SCENERY_COUNTS:WATCH_COUNTS], counts[WATCH_COUNTS:COUNTS]
     links.watch(
         world[WATCH:SET], watched, world[SCENERY:BODY], around, numbers, indices,

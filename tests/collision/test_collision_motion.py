@@ -102,7 +102,7 @@ def test_links_on_arm_frames_sweep_too():
 
 
 def test_table_clearance_is_the_lowest_link():
-    query = ClearanceQuery(probe_links(), VoxelMap(), table=-0.1)
+    query = ClearanceQuery(probe_links(), VoxelMap(), table=np.array([0.0, 0.0, 1.0, -0.1]))
     distance, link = query.table_clearance(at(turn=(np.pi, 0.0, 0.0)))
     assert link == "stick"
     assert distance == pytest.approx(0.1 + 0.005)
@@ -132,7 +132,7 @@ def test_self_clearance_finds_the_nearest_pair():
 def test_a_step_into_the_table_or_into_the_robot_is_refused_before_the_motion():
     """Both ends of the step are far from harm; what lies between is not."""
     links = [*probe_links(), LinkShape("forearm", "capsule", (0.02, 0.2), np.eye(4), carrier="0")]
-    query = ClearanceQuery(links, VoxelMap(), table=0.0)
+    query = ClearanceQuery(links, VoxelMap(), table=np.array([0.0, 0.0, 1.0, 0.0]))
     frames = at(x=0.5, z=1.0)[None]
     up, down = at(z=0.17, turn=(0.0, 0.4, 0.0)), at(z=0.17, turn=(0.0, -0.4, 0.0))
     ends = [query.table_clearance(pose, frames)[0] for pose in (up, down)]

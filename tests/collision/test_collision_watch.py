@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lwrprobe.collision import NO_FRAMES, ClearanceQuery, ClearanceWatch
+from lwrprobe.collision import NO_FRAMES, ClearanceQuery, ClearanceWatch, LinkGroup
 from lwrprobe.contracts import InputError, LinkShape
 from lwrprobe.mapping import VoxelMap
 
@@ -24,7 +24,7 @@ STICK = LinkShape("stick", "cylinder", (0.002, 0.040), at(z=-0.025))
 HOLDER = LinkShape("holder", "capsule", (0.0125, 0.04), at(z=-0.08))
 FINGER = LinkShape("finger", "box", (0.012, 0.02, 0.07), at(y=0.02, z=-0.12))
 FOREARM = LinkShape("forearm", "capsule", (0.03, 0.2), at(), "1")
-GROUPS = [([HOLDER, FINGER], 0.003), ([STICK], 0.0001)]
+GROUPS = [LinkGroup([HOLDER, FINGER], 0.003), LinkGroup([STICK], 0.0001)]
 
 
 def wandering(rng, steps):
@@ -56,8 +56,8 @@ def test_every_threat_and_the_smallest_distance_are_those_of_measuring_each_time
     rng = np.random.default_rng(4)
     voxels = VoxelMap(0.002)
     watch = ClearanceWatch(GROUPS, voxels)
-    queries = [ClearanceQuery(links, voxels) for links, _ in GROUPS]
-    keeps = [keep for _, keep in GROUPS]
+    queries = [ClearanceQuery(group.links, voxels) for group in GROUPS]
+    keeps = [group.keep for group in GROUPS]
     smallest, threats, bounds = np.inf, 0, 0
     for i, pose in enumerate(wandering(rng, 3000)):
         if i % 40 == 0 and i < 1500:
@@ -77,15 +77,15 @@ def test_links_on_arm_frames_are_followed_by_their_own_motion():
     rng = np.random.default_rng(5)
     voxels = VoxelMap(0.002)
     voxels.insert(rng.uniform(-0.02, 0.02, (200, 3)))
-    groups = [([FOREARM, HOLDER], 0.003), ([STICK], 0.0001)]
+    groups = [LinkGroup([FOREARM, HOLDER], 0.003), LinkGroup([STICK], 0.0001)]
     watch = ClearanceWatch(groups, voxels)
-    queries = [ClearanceQuery(links, voxels) for links, _ in groups]
+    queries = [ClearanceQuery(group.links, voxels) for group in groups]
     tip, bounds = at(x=0.5), 0
     for turn in np.linspace(0.0, 2.0, 400):
         frames = np.stack([np.eye(4), at(0.12 - 0.04 * turn, 0.0, 0.1, turn=(0.0, turn, 0.0))])
         exact = [query.nearest(tip, frames).distance for query in queries]
         found = watch.nearest(tip, frames)
-        check(found, exact, [keep for _, keep in groups])
+        check(found, exact, [group.keep for group in groups])
         bounds += found.distance < min(exact) - EXACT
     assert found.link == "forearm"
     assert bounds > 100
@@ -97,7 +97,7 @@ def test_along_a_wall_that_is_nearly_parallel(tilt):
     side, height = np.arange(-0.01, 0.01, 0.002), np.arange(-0.06, 0.0, 0.002)
     voxels = VoxelMap(0.002)
     voxels.insert(np.array([[-0.001, y + 0.001, z + 0.001] for y in side for z in height]))
-    watch = ClearanceWatch([([STICK], 0.01)], voxels)
+    watch = ClearanceWatch([LinkGroup([STICK], 0.01)], voxels)
     for y in np.linspace(-0.005, 0.005, 30):
         pose = at(0.0026, y, 0.0, turn=(0.0, tilt, 0.0))
         found = watch.nearest(pose)
@@ -111,4 +111,4 @@ def test_nothing_touched_yet_and_no_such_carrier():
     assert found.link == ""
     assert not found.threatens
     with pytest.raises(InputError, match="carrier"):
-        ClearanceWatch([([LinkShape("a", "box", (1.0, 1.0, 1.0), np.eye(4), "wrist")], 0.1)], VoxelMap())
+        ClearanceWatch([LinkGroup([LinkShape("a", "box", (1.0, 1.0, 1.0), np.eye(4), "wrist")], 0.1)], VoxelMap())

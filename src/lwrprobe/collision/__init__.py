@@ -2,6 +2,6 @@
 
 from lwrprobe.collision.clearance import ClearanceQuery
 from lwrprobe.collision.link_rows import NO_FRAMES
-from lwrprobe.collision.watch import ClearanceWatch
+from lwrprobe.collision.watch import ClearanceWatch, LinkGroup
 
-__all__ = ["NO_FRAMES", "ClearanceQuery", "ClearanceWatch"]
+__all__ = ["NO_FRAMES", "ClearanceQuery", "ClearanceWatch", "LinkGroup"]

@@ -26,11 +26,13 @@ class ClearanceQuery:
     voxels : read at every call, never copied
     obstacles : known triangle meshes (`TriangleMesh`, world frame) that the links must not touch either; they go
         through python-fcl, which is loaded only when there is one
-    table : m, world height of the table's plane, None where there is none
+    table : the table's plane (4,), its unit normal and how far [m] it lies along that from the world's origin; None
+        where there is none
 
     Raises
     ------
-    InputError : for a link kind or carrier that is not known, for a pose that is no rigid motion, for missing frames
+    InputError : for a link kind or carrier that is not known, for a pose that is no rigid motion, for missing frames,
+        for a table that is no plane
     """
 
     def __init__(
@@ -38,11 +40,11 @@ class ClearanceQuery:
         links: Sequence[LinkShape],
         voxels: VoxelMap,
         obstacles: Sequence[Any] = (),
-        table: float | None = None,
+        table: np.ndarray | None = None,
     ) -> None:
         self.links = tuple(links)
         self.voxels = voxels
-        self.table = table
+        self._table = None if table is None else _plane(table)
         self._rows = link_rows(links)
         self._frames_needed = int(self._rows[:, shape_kernels.CARRIER].max(initial=0.0))
         self._names = [link.name for link in links]
@@ -149,10 +151,11 @@ class ClearanceQuery:
         return found
 
     def _above_table(self, tip: np.ndarray, frames: np.ndarray) -> tuple[float, str]:
-        if self.table is None or not self.links:
+        if self._table is None or not self.links:
             return np.inf, ""
-        who, height = kernels.lowest(self._placed(tip, frames))
-        return max(height - self.table, 0.0), self._names[who]
+        answer = np.empty(kernels.ANSWER)
+        kernels.nearest_to_plane(self._placed(tip, frames), self._table, answer)
+        return float(answer[kernels.DISTANCE]), self._names[int(answer[kernels.WHO])]
 
     def _among(
         self, pairs: Sequence[tuple[str, str]], numbers: np.ndarray, tip: np.ndarray, frames: np.ndarray
@@ -192,6 +195,13 @@ class ClearanceQuery:
     def _require(self, frames: int) -> None:
         if frames < self._frames_needed:
             raise InputError("link_frames", f"{frames} frames", f"at least {self._frames_needed}, one a link frame")
+
+
+def _plane(value: Any) -> np.ndarray:
+    plane = np.ascontiguousarray(value, np.float64)
+    if plane.shape != (4,) or not np.isfinite(plane).all() or abs(np.linalg.norm(plane[:3]) - 1.0) > 1e-9:
+        raise InputError("table", value, "(4,): a unit normal and a finite distance from the origin")
+    return plane
 
 
 def _pose(value: Any, field: str) -> np.ndarray:

@@ -296,11 +296,15 @@ def nearest_among(shapes, pairs, answer):
 
 
 @kernel
-def lowest(shapes):
-    """Number of the link that reaches lowest, and its lowest height."""
-    who, height = -1, np.inf
+def nearest_to_plane(shapes, plane, answer):
+    """Link that reaches farthest down to a plane: unit normal, then the distance of the plane from the origin."""
+    forget(answer)
+    lowest, x, y, z = np.inf, plane[0], plane[1], plane[2]
     for i in range(shapes.shape[0]):
-        z = support(shapes[i], 0.0, 0.0, -1.0)[2] - margin(shapes[i])
-        if z < height:
-            who, height = i, z
-    return who, height
+        px, py, pz = support(shapes[i], -x, -y, -z)
+        thick = margin(shapes[i])
+        height = px * x + py * y + pz * z - plane[3] - thick
+        if height < lowest:
+            lowest, above = height, max(height, 0.0)
+            px, py, pz = px - thick * x, py - thick * y, pz - thick * z
+            record(answer, i, above, px, py, pz, px - above * x, py - above * y, pz - above * z)

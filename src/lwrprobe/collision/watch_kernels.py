@@ -9,17 +9,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.collision.clearance_kernels import ANSWER, DISTANCE, ON_MAP, forget, record, search
+from lwrprobe.collision.clearance_kernels import (
+    ANSWER,
+    DISTANCE,
+    ON_MAP,
+    forget,
+    nearest_among,
+    nearest_to_plane,
+    record,
+    search,
+)
 from lwrprobe.collision.shape_kernels import ROW, distance_to, place
 from lwrprobe.compiled import kernel
 from lwrprobe.mapping.kernels import COUNT
 
-# A group in numbers: distance to keep [m], its links' rows, voxels when it was measured, smallest distance ever, a
-# bound of the distance now, the last answer, and what it stands on: of each carrier the farthest reach of a link (-1
-# where it carries none) and the pose then, as rotation (9) and translation (3).
-KEEP, FIRST, LAST, SEEN, LEAST, LOW, HELD = 0, 1, 2, 3, 4, 5, 6
+# A group in numbers: what its links keep a distance from, which distance [m], their rows and pairs, how many voxels
+# there were when it was measured (NaN before that), the smallest distance ever, a bound of the distance now, a plane,
+# the last answer, and what that stands on: of each carrier the farthest reach of a link (-1 where it carries none) and
+# the pose then, as rotation (9) and translation (3).
+KIND, KEEP, FIRST, LAST, FIRST_PAIR, LAST_PAIR, SEEN, LEAST, LOW, PLANE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+HELD = PLANE + 4
 CARRIERS = HELD + ANSWER
 CARRIER, TURNED, MOVED = 13, 1, 10
+
+MAP, TABLE, EACH_OTHER = 0.0, 1.0, 2.0
 
 ENOUGH = 0.5
 """A bound that is a smaller share of the distance measured last is measured anew."""
@@ -27,7 +40,7 @@ ENOUGH = 0.5
 
 @kernel
 def way_since(group, tip, frames):
-    """Upper bound of how far any point of the group has moved since it was measured."""
+    """Upper bound of how much nearer the group may have come since it was measured."""
     way = 0.0
     for c in range((group.size - CARRIERS) // CARRIER):
         at = CARRIERS + c * CARRIER
@@ -41,7 +54,7 @@ def way_since(group, tip, frames):
                 turn += (pose[i, j] - group[at + TURNED + 3 * i + j]) ** 2
         # no vector grows, from one rotation to another, by more than the root of half the sum of squares
         way = max(way, np.sqrt(shift) + group[at] * np.sqrt(0.5 * turn))
-    return way
+    return 2.0 * way if group[KIND] == EACH_OTHER else way  # two links may move towards each other
 
 
 @kernel
@@ -57,16 +70,12 @@ def stand(group, tip, frames):
 
 
 @kernel
-def measure(words, rows, group, tip, frames):
-    """Put the nearest pair of a group's links and the voxels into its memory."""
-    first, last = np.int64(group[FIRST]), np.int64(group[LAST])
-    shapes = np.empty((last - first, ROW))
-    place(rows[first:last], tip, frames, shapes)
-    held = group[HELD : HELD + ANSWER]
+def measure_to_map(words, shapes, held):
+    """Nearest pair of links and voxels, from the answer held before on."""
     x, y, z = held[ON_MAP], held[ON_MAP + 1], held[ON_MAP + 2]
     forget(held)
     if x == x:  # not NaN: a place in a voxel, and voxels stay
-        for who in range(last - first):
+        for who in range(shapes.shape[0]):
             s, gx, gy, gz = distance_to(shapes[who], x, y, z)
             if s <= 0.0:
                 record(held, who, 0.0, x, y, z, x, y, z)
@@ -74,6 +83,21 @@ def measure(words, rows, group, tip, frames):
             if s < held[DISTANCE]:
                 record(held, who, s, x - s * gx, y - s * gy, z - s * gz, x, y, z)
     search(words, shapes, held)
+
+
+@kernel
+def measure(words, rows, pairs, group, tip, frames):
+    """Put the nearest pair of a group's links and what they keep a distance from into its memory."""
+    first, last = np.int64(group[FIRST]), np.int64(group[LAST])
+    shapes = np.empty((last - first, ROW))
+    place(rows[first:last], tip, frames, shapes)
+    held = group[HELD : HELD + ANSWER]
+    if group[KIND] == MAP:
+        measure_to_map(words, shapes, held)
+    elif group[KIND] == TABLE:
+        nearest_to_plane(shapes, group[PLANE : PLANE + 4], held)
+    else:
+        nearest_among(shapes, pairs[np.int64(group[FIRST_PAIR]) : np.int64(group[LAST_PAIR])], held)
     stand(group, tip, frames)
     group[SEEN], group[LOW] = words[COUNT], held[DISTANCE]
     group[LEAST] = min(group[LEAST], held[DISTANCE])
@@ -84,8 +108,7 @@ def estimate(words, group, tip, frames):
     """Bound the group's distance from below; whether the bound says enough: no threat, no new smallest distance, and
     not much less than there is.
     """
-    group[LOW] = 0.0
-    if group[SEEN] != words[COUNT]:
+    if group[SEEN] != (words[COUNT] if group[KIND] == MAP else group[SEEN]):  # as is a NaN from itself
         return False
     distance = group[HELD + DISTANCE]
     group[LOW] = distance - way_since(group, tip, frames)
@@ -93,13 +116,13 @@ def estimate(words, group, tip, frames):
 
 
 @kernel
-def most_urgent(words, rows, groups, tip, frames, answer):
+def most_urgent(words, rows, pairs, groups, tip, frames, answer):
     """The pair with the least distance above what its group keeps, to `answer`; the group's number."""
     urgent, reserve = 0, np.inf
     for k in range(groups.shape[0]):
         group = groups[k]
         if not estimate(words, group, tip, frames):
-            measure(words, rows, group, tip, frames)
+            measure(words, rows, pairs, group, tip, frames)
         if group[LOW] - group[KEEP] < reserve:
             urgent, reserve = k, group[LOW] - group[KEEP]
     for i in range(ANSWER):

@@ -42,6 +42,8 @@ class Contact:
 class Clearance:
     """The nearest pair between the robot's link shapes (never the sphere) and what has been touched.
 
+    Where a scene has the arm's own links watched, also between them, or between them and the table.
+
     Attributes
     ----------
     distance : m, 0 in collision, `inf` while the map is empty; never too large, and exact below `required`. Farther
@@ -49,6 +51,7 @@ class Clearance:
     on_robot, on_map : (3,) m, world frame, the witness points; a moment old where the distance is not exact
     link : name of the link shape
     required : m, the distance that this link has to keep
+    against : what the second point lies on: `table`, a link's name, or empty for the map
     """
 
     distance: float
@@ -56,6 +59,7 @@ class Clearance:
     on_map: Vector
     link: str
     required: float = 0.0
+    against: str = ""
 
     @property
     def threatens(self) -> bool:

@@ -8,10 +8,11 @@ more urgent answer counts.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from lwrprobe.collision import ClearanceQuery, ClearanceWatch
+from lwrprobe.collision import ClearanceQuery, ClearanceWatch, LinkGroup
 from lwrprobe.contracts import Clearance, LinkShape
 from lwrprobe.mapping import VoxelMap
 
@@ -21,31 +22,43 @@ PLAY = 0.001
 
 
 class ClearanceStage:
-    """Nearest link-to-map pair each strategy step, the one with the least reserve of distance."""
+    """Nearest link-to-map pair each strategy step, the one with the least reserve of distance.
+
+    Parameters
+    ----------
+    links : of the probe
+    voxels : what was touched
+    body, stick : m, what the stick keeps, and what the rest of the links
+    """
 
     def __init__(self, links: Sequence[LinkShape], voxels: VoxelMap, body: float, stick: float) -> None:
         behind = [link for link in links if link.name != STICK]
         sticks = [link for link in links if link.name == STICK]
-        groups = [(group, keep) for group, keep in ((behind, body), (sticks, stick)) if group]
-        self._queries = [(ClearanceQuery(group, voxels), keep) for group, keep in groups]
+        groups = [LinkGroup(group, keep) for group, keep in ((behind, body), (sticks, stick)) if group]
         self._watch = ClearanceWatch(groups, voxels)
+        self._queries = [(ClearanceQuery(group.links, voxels), group.keep) for group in groups]
 
     @property
     def smallest(self) -> float:
         """m, the smallest distance so far."""
         return self._watch.smallest
 
-    def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Whether the links keep their distance all the way from one tip pose (4, 4) to another.
+    def nearest(self, pose: np.ndarray, q: np.ndarray) -> Clearance:
+        """The most urgent pair at a tip pose (4, 4), held by joints q (n,); `required` says how far that link keeps."""
+        return self._watch.nearest(pose)
+
+    def clear(self, way: Sequence[np.ndarray], q: np.ndarray) -> bool:
+        """Whether the links keep their distance straight along tip poses (4, 4), the first of them held by q (n,).
 
         A link that is too near already may stay that near, with 1 mm for the contact's own play.
         """
-        for query, keep in self._queries:
-            allowed = min(keep, query.nearest(begin).distance) - PLAY
-            if query.ahead(begin, end, enough=keep).distance < allowed:
-                return False
+        for begin, end in pairwise(way):
+            for query, keep in self._queries:
+                allowed = min(keep, query.nearest(begin).distance) - PLAY
+                if query.ahead(begin, end, enough=keep).distance < allowed:
+                    return False
         return True
 
-    def nearest(self, pose: np.ndarray) -> Clearance:
-        """The most urgent pair at a tip pose (4, 4); `required` says how far that link has to keep."""
-        return self._watch.nearest(pose)
+    def objection(self, begin: np.ndarray, end: np.ndarray, q: np.ndarray) -> str:
+        """Why the arm must not go straight to a tip pose (4, 4) from where it stands; nothing is known of the arm."""
+        return ""

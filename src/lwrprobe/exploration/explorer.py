@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from math import dist
 from time import perf_counter
 from typing import Any
@@ -25,6 +24,7 @@ from lwrprobe.contracts import (
     Task,
     WrenchSample,
 )
+from lwrprobe.exploration.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
 from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop, table_plane
@@ -145,6 +145,10 @@ class Explorer:
             move = JointTrajectory(self.cycle, robot.lower, robot.upper, slow, 2.0 * slow, 10.0 * slow)
             move.reset(state.q)
             move.set_goal(q)
+            if isinstance(self.pipe.clearance, ArmClearanceStage):
+                why = self.pipe.clearance.objection_to_swing(state.q, q)
+                if why:
+                    raise SafetyStop(f"the arm was not moved to its start: {why}")
             self._ask_for_start(np.abs(state.q - q).max())
             while not move.arrived:
                 if self.confirm is not None:
@@ -369,7 +373,7 @@ class Explorer:
         if pipe.stillness is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
             time = sample.time - self._zero_time
             pipe.stillness.see(time, pose[:3, 3], wrench.world_force, contact, pipe.force.compliance)
-        near = pipe.clearance.nearest(pose) if pipe.clearance is not None else None
+        near = pipe.clearance.nearest(pose, self._recent.q) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(
             time=sample.time - self._zero_time,
@@ -428,11 +432,13 @@ class Explorer:
     def _is_clear(self, poses: Sequence[np.ndarray]) -> bool:
         stage = self.pipe.clearance
         way = [self.pipe.trajectory.pose.copy(), *poses]
-        return stage is None or all(stage.clear(begin, end) for begin, end in pairwise(way))
+        return stage is None or stage.clear(way, self._q)
 
     def _reachable(self, pose: np.ndarray) -> bool:
         status = self.pipe.judge(pose, self._q, self._ahead)
         self._blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
+        if not self._blocked and self.pipe.clearance is not None:
+            self._blocked = self.pipe.clearance.objection(self.pipe.trajectory.pose, pose, self._q)
         if self._blocked:
             self.pipe.trajectory.stop()
         return not self._blocked

@@ -17,12 +17,10 @@ _LAME = int(ArmStatus.NOT_COMMANDING | ArmStatus.POWER_OFF | ArmStatus.FAULT)
 
 def table_plane(scene: Any) -> np.ndarray | None:
     """(4,) for `MotionGuard`: the table's unit normal and the least height over it, None without a table."""
-    table = scene.table
-    if not table.present:
-        return None
-    normal = table.normal()
-    floor = table.height * normal[2] + scene.probe.radius - scene.safety.table_dent
-    return np.append(normal, floor)
+    plane = scene.table.plane()
+    if plane is not None:
+        plane[3] += scene.probe.radius - scene.safety.table_dent
+    return plane
 
 
 class MotionStop(SafetyStop):

@@ -13,12 +13,12 @@ from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
     Area,
-    InputError,
     Probe,
     Reconstructor,
     Strategy,
 )
 from lwrprobe.contracts.plugins import load
+from lwrprobe.exploration.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.clearance_stage import ClearanceStage
 from lwrprobe.exploration.force_stage import ForceStage
 from lwrprobe.exploration.joint_space import JointSpaceTip
@@ -49,7 +49,7 @@ class Pipeline:
     stillness: Stillness | None
     voxels: VoxelMap
     sweep: SweptSphere | None
-    clearance: ClearanceStage | None
+    clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
     reconstructor: Reconstructor
     options: Any
@@ -101,8 +101,6 @@ def choose(scene: Any) -> Choices:
 
     Raises UnknownNameError, PluginError or InputError.
     """
-    if scene.clearance.links != "probe":
-        raise InputError("clearance.links", scene.clearance.links, "'probe' (the arm's own links are not watched yet)")
     name, method = scene.strategy.name, scene.reconstruction.method
     strategy = load("strategy", name, STRATEGY_CONTRACT)
     reconstructor = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
@@ -123,7 +121,6 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
     probe, area = scene.probe.as_probe(), scene.area.as_area()
     robot = robot_of(scene)
     voxels = VoxelMap(scene.map.resolution)
-    clearance, no_clearance = _clearance(scene, probe, area, voxels)
     deflection, no_deflection = _deflection(scene, probe)
     motion = scene.motion
     limits = CartesianLimits(
@@ -137,6 +134,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
     pace = min(Preference().pace, NULL_SPACE_ACCELERATION * cycle * cycle)
     solver = IKSolver(robot, preference=Preference(pace=pace))
+    clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)
     return Pipeline(
@@ -161,6 +159,10 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
             {"stage": stage, "why": why}
             for stage, why in (
                 ("clearance", no_clearance),
+                (
+                    "arm links",
+                    "the clearance watches the probe's links alone" if scene.clearance.links == "probe" else "",
+                ),
                 ("deflection", no_deflection),
                 ("governor", no_governor),
                 ("stillness", "" if scene.safety.shift > 0.0 else "switched off in the scene"),
@@ -191,15 +193,19 @@ def _motion(
     return trajectory, SpeedGovernor(trajectory, solver.track, robot.speed), ""
 
 
-def _clearance(scene: Any, probe: Probe, area: Area, voxels: VoxelMap) -> tuple[ClearanceStage | None, str]:
+def _clearance(
+    scene: Any, probe: Probe, robot: Robot, solver: IKSolver, voxels: VoxelMap
+) -> tuple[ClearanceStage | ArmClearanceStage | None, str]:
     """The stage, or why it is left out: no link but the stick can come down to where anything can be touched."""
-    wanted = scene.clearance.enabled
-    if wanted is False:
+    settings = scene.clearance
+    if settings.enabled is False:
         return None, "switched off in the scene"
+    keep, stick = settings.threshold, settings.stick_threshold
+    if settings.links == "arm":
+        return ArmClearanceStage(probe, robot, solver, voxels, keep, stick, scene.table.plane()), ""
     if not probe.links:
         return None, "the probe has no link shapes"
-    stage = ClearanceStage(probe.links, voxels, scene.clearance.threshold, scene.clearance.stick_threshold)
-    return stage, ""
+    return ClearanceStage(probe.links, voxels, keep, stick), ""
 
 
 def _stillness(scene: Any, probe: Probe) -> Stillness | None:

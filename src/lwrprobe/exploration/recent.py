@@ -14,16 +14,21 @@ HISTORY = 64
 
 
 class Recent:
-    """Joint states and tip velocities of the last `HISTORY` cycles of one robot."""
+    """Joint states and tip velocities of the last `HISTORY` cycles of one robot.
+
+    Attributes
+    ----------
+    q : (n,) joint values at the instant that `tip_at` was asked for last
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._chain = robot.chain
         self._ring = np.zeros((HISTORY, k.JOINTS + robot.n))
         self._count = 0
-        self._q = np.zeros(robot.n)
+        self.q = np.zeros(robot.n)
         three, pose = np.zeros(3), np.zeros((4, 4))
-        self._note = entry(k.note, self._ring, 0, 0.0, three, self._q)
-        self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self._q, pose, three)
+        self._note = entry(k.note, self._ring, 0, 0.0, three, self.q)
+        self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self.q, pose, three)
 
     def note(self, time: float, velocity: Vector, q: Vector) -> None:
         """The arm stands at q (n,) now, and its tip is to move at a velocity (3,) m/s, world frame."""
@@ -33,7 +38,7 @@ class Recent:
     def tip_at(self, time: float) -> tuple[np.ndarray, Vector]:
         """Tip pose (4, 4) and velocity (3,) m/s at an instant not long ago, joints interpolated linearly."""
         pose, velocity = np.empty((4, 4)), np.empty(3)
-        self._tip_at(self._ring, self._count, time, self._chain, self._q, pose, velocity)
+        self._tip_at(self._ring, self._count, time, self._chain, self.q, pose, velocity)
         return pose, velocity
 
     @property

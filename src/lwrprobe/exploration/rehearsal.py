@@ -44,7 +44,8 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
     if pipe.stillness is not None:
         pipe.stillness.see(1.0, pose[:3, 3], wrench.world_force, contact)
     if pipe.clearance is not None:
-        pipe.clearance.nearest(pose)
+        pipe.clearance.nearest(pose, q)
+        pipe.clearance.objection(pose, pose, q)
     pipe.place_tip(pose, q)
     ahead = pose.copy()
     ahead[2, 3] -= 0.01

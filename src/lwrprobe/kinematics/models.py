@@ -5,10 +5,13 @@ Each is a callable `(tool=None, base=None) -> Robot`, the form of an entry of th
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import dist
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lwrprobe.contracts import LinkShape
 from lwrprobe.kinematics.robot import Array, Robot
 
 if TYPE_CHECKING:
@@ -18,7 +21,9 @@ if TYPE_CHECKING:
 def lwr4(tool: SE3 | Array | None = None, base: SE3 | Array | None = None) -> Robot:
     """KUKA LWR 4+ (Gaz, Flacco, De Luca 2014). The base frame lies in the shoulder, 0.31 m above the mounting plane.
 
-    The flange is 0.078 m beyond the last frame, which lies in the wrist; speeds are those with rated payload.
+    The flange is 0.078 m beyond the last frame, which lies in the wrist; speeds are those with rated payload. The
+    bodies are those of the model `lwr_description` (Centro E. Piaggio, Pisa): capsules 0.14 m thick that lie beside the
+    joints' axes in turn, here without the foot.
     """
     upper = np.deg2rad([170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 170.0])
     robot = Robot(
@@ -31,7 +36,45 @@ def lwr4(tool: SE3 | Array | None = None, base: SE3 | Array | None = None) -> Ro
         upper=upper,
         speed=np.deg2rad([110.0, 110.0, 128.0, 128.0, 204.0, 184.0, 184.0]),
     )
-    return _placed(robot, tool, base)
+    return _placed(replace(robot, links=_lwr4_links(robot)), tool, base)
+
+
+def _lwr4_links(robot: Robot) -> tuple[LinkShape, ...]:
+    """Capsules between two places [m] and with a radius, in the outstretched arm's base frame, each with its joint."""
+    bodies = (
+        ("shoulder", 1, (0.0, 0.0, -0.2), (0.0, 0.06, 0.0), 0.07),
+        ("upper_arm", 2, (0.0, -0.06, 0.0), (0.0, 0.0, 0.2), 0.07),
+        ("elbow", 3, (0.0, 0.0, 0.2), (0.0, -0.06, 0.4), 0.07),
+        ("forearm", 4, (0.0, 0.06, 0.4), (0.0, 0.0, 0.6), 0.07),
+        ("forearm_end", 5, (0.0, 0.0, 0.6), (0.0, 0.04, 0.79), 0.07),
+        ("wrist", 6, (0.0, 0.0, 0.785), (0.0, 0.0, 0.795), 0.0625),
+        ("flange", 7, (0.0, 0.0, 0.818), (0.0, 0.0, 0.828), 0.04),
+    )
+    links, frame, joint = [], np.eye(4), 0
+    for name, carrier, begin, end, radius in bodies:
+        while joint < carrier:
+            frame = frame @ _at_rest(robot.alpha[joint], robot.d[joint])
+            joint += 1
+        pose = np.linalg.solve(frame, _along(begin, end))
+        links.append(LinkShape(name, "capsule", (radius, dist(begin, end)), pose, str(carrier)))
+    return tuple(links)
+
+
+def _at_rest(alpha: float, d: float) -> Array:
+    """A joint's transform at q = 0, without a: Tz(d) Rx(alpha)."""
+    pose = np.eye(4)
+    pose[1:3, 1:3] = (np.cos(alpha), -np.sin(alpha)), (np.sin(alpha), np.cos(alpha))
+    pose[2, 3] = d
+    return pose
+
+
+def _along(begin: tuple[float, ...], end: tuple[float, ...]) -> Array:
+    """Pose half way between two places, z from one to the other; they differ along y and z alone."""
+    way, pose = np.subtract(end, begin), np.eye(4)
+    y, z = way[1:] / np.linalg.norm(way)
+    pose[1:3, 1:3] = (z, y), (-y, z)
+    pose[:3, 3] = np.add(begin, 0.5 * way)
+    return pose
 
 
 def iiwa14(tool: SE3 | Array | None = None, base: SE3 | Array | None = None) -> Robot:

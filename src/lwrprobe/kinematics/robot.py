@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, as_pose
+from lwrprobe.contracts import InputError, LinkShape, as_pose
 from lwrprobe.kinematics import chain_kernels as kernels
 from lwrprobe.kinematics import lane_kernels
 
@@ -35,6 +35,8 @@ class Robot:
     convention : `standard` (Denavit and Hartenberg 1955) or `modified` (Craig 1986)
     base : (4, 4) first link's frame in the world
     tool : (4, 4) tip in the last link's frame
+    links : the arm's own bodies from the base outwards, each carried by one of its link frames (`link_frames`); none
+        where they are not known
     """
 
     name: str
@@ -49,6 +51,7 @@ class Robot:
     convention: Convention = "standard"
     base: Array = field(default_factory=lambda: np.eye(4))
     tool: Array = field(default_factory=lambda: np.eye(4))
+    links: tuple[LinkShape, ...] = ()
     chain: Array = field(init=False, repr=False)
     """The table the kernels read (see chain_kernels); not to be written to."""
 
@@ -75,6 +78,9 @@ class Robot:
             raise InputError("robot.lower", self.lower.tolist(), f"not above robot.upper = {self.upper.tolist()}")
         if not (self.speed > 0.0).all():
             raise InputError("robot.speed", self.speed.tolist(), "positive numbers")
+        for link in self.links:
+            if not (link.carrier.isdecimal() and int(link.carrier) <= self.n):
+                raise InputError(f"link {link.name}.carrier", link.carrier, f"a link frame, '0' to '{self.n}'")
         if self.convention not in ("standard", "modified"):
             raise InputError("robot.convention", self.convention, "'standard' or 'modified'")
 
@@ -112,6 +118,11 @@ class Robot:
         endless = ~(np.isfinite(self.lower) & np.isfinite(self.upper))
         low, high = np.where(endless, 0.0, self.lower), np.where(endless, 0.0, self.upper)
         return np.where(endless, np.clip(0.0, self.lower, self.upper), 0.5 * (low + high))
+
+    @property
+    def swinging_links(self) -> tuple[LinkShape, ...]:
+        """The bodies beyond the first joint's: that one turns above its foot, next to what the arm stands on."""
+        return tuple(link for link in self.links if int(link.carrier) > 1)
 
     def with_tool(self, tool: SE3 | Array) -> Robot:
         """The same arm with another tool (4, 4)."""

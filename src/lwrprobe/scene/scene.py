@@ -150,6 +150,11 @@ class GroundTable(Table):
         angle = np.radians(self.tilt_deg)
         return np.cos(angle) * np.array([0.0, 0.0, 1.0]) + np.sin(angle) * np.cross(axis, [0.0, 0.0, 1.0])
 
+    def plane(self) -> np.ndarray | None:
+        """(4,) unit normal and how far [m] its top lies along that from the world's origin; None without a table."""
+        normal = self.normal()
+        return np.append(normal, self.height * normal[2]) if self.present else None
+
 
 class AreaTable(Table):
     """Where the sphere's centre may go while exploring; the start lies above its first corner."""
@@ -245,7 +250,7 @@ class ClearanceTable(Table):
     """m, the same for the stick, which is near by design and whose touch is felt: on an oblique wall a voxel's corner
     comes as near as 0.2 mm while the sphere touches."""
     links: Literal["probe", "arm"] = "probe"
-    """Watch the probe's shapes, or the wrist's and forearm's too."""
+    """Watch the probe's shapes, or the arm's own links too, and all of them also against the table and each other."""
 
 
 class ChoiceTable(Table):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.collision import ClearanceQuery
-from lwrprobe.contracts import LinkShape, SceneError
+from lwrprobe.contracts import Probe, SceneError
+from lwrprobe.exploration.arm_clearance import ArmClearanceStage
+from lwrprobe.exploration.clearance_stage import PLAY
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, follow, lwr4, straight_line
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene
@@ -117,34 +117,40 @@ def _self_and_table(quick: bool) -> list[Finding]:
         refused = str(error)
     found = [Finding("area below the table's reach", refused or "accepted", bool(refused))]
     probe = load_scene("block").probe.as_probe()
-    query = ClearanceQuery(probe.links, VoxelMap(0.002), table=0.0)
+    query = ClearanceQuery(probe.links, VoxelMap(0.002), table=np.array([0.0, 0.0, 1.0, 0.0]))
     above, below = np.diag([1.0, -1.0, -1.0, 1.0]), np.diag([1.0, -1.0, -1.0, 1.0])
     above[2, 3], below[:3, 3] = 0.1, (0.05, 0.0, 0.02)
     below[:3, :3] = _turn_y(np.radians(100.0))[:3, :3] @ below[:3, :3]
     distance, link = query.table_ahead(above, below)
     told = f"the way to a tip leaning by 100 deg: {1e3 * distance:.2f} mm of the table, {link}"
     found.append(Finding("holder towards the table", told, distance == 0.0))
-    elbow_to_wrist = np.eye(4)
-    elbow_to_wrist[2, 3] = 0.195
-    forearm = LinkShape("forearm", "capsule", (0.065, 0.26), elbow_to_wrist, carrier="3")
-    whole = ClearanceQuery((*probe.links, forearm), VoxelMap(0.002))
-    robot, least, nearest = lwr4(tool=TOOL), np.inf, None
-    bends = np.linspace(-119.9, 119.9, 25)
-    for before, after in pairwise(bends):
-        qs = np.deg2rad([[0.0, 30.0, 0.0, -90.0, 0.0, bend, 0.0] for bend in (before, after)])
-        tips, frames = [robot.fk(q).A for q in qs], [robot.link_frames(q) for q in qs]
-        pairs = [(link.name, "forearm") for link in probe.links]
-        distance, pair = whole.self_ahead(pairs, *tips, *frames)
-        if distance < least:
-            least, nearest = distance, pair
-    told = f"over the whole range of joint 6 {nearest[0]} comes {1e3 * least:.1f} mm near to the forearm"
-    found.append(Finding("probe against forearm", told, bool(0.0 < least < 1.0)))
-    return found
+    return [*found, *_folding(probe)]
+
+
+def _folding(probe: Probe) -> list[Finding]:
+    """The wrist folds until the fingers meet the forearm: refused from there on, and not before."""
+    robot = lwr4(tool=TOOL)
+    whole = ClearanceQuery((*probe.links, *robot.links), VoxelMap(0.002))
+    pairs = [(link.name, "forearm_end") for link in probe.links]
+
+    def bent(bend: float) -> np.ndarray:
+        return np.deg2rad([0.0, 30.0, 0.0, -90.0, 0.0, bend, 0.0])
+
+    def distance_at(bend: float) -> float:
+        q = bent(bend)
+        return whole.self_clearance(pairs, robot.fk(q).A, robot.link_frames(q))[0]
+
+    keep = 0.003
+    stage = ArmClearanceStage(probe, robot, IKSolver(robot), VoxelMap(0.002), keep, 1e-4, None)
+    meets = next((bend for bend in np.arange(0.0, 120.0, 0.1) if distance_at(bend) < keep - PLAY), np.inf)
+    before, beyond = (stage.objection_to_swing(bent(0.0), bent(bend)) for bend in (meets - 1.0, 119.9))
+    told = f"joint 6 by {meets - 1.0:.1f} deg: {before or 'allowed'}; by 119.9 deg: {beyond or 'allowed'}"
+    return [Finding("folding the wrist", told, bool(beyond) and not before)]
 
 
 CASES = (
     Case(25, "singularity on the way", "joint speeds within limits, arrives or stops and says so", _singularities),
     Case(26, "joint limit on the way", "seen ahead, avoided or named, no jump", _joint_limit),
     Case(27, "two near branches", "the branch is kept, no jump", _branches),
-    Case(29, "holder against table", "seen before the motion", _self_and_table),
+    Case(29, "holder against table, probe against forearm", "refused before the motion", _self_and_table),
 )
