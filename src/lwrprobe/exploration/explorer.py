@@ -38,8 +38,8 @@ from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
-    "arm", "sensor", "condition", "estimate", "map", "carve", "clearance", "strategy", "trajectory", "ik", "governor",
-    "record",
+    "arm", "sensor", "condition", "estimate", "map", "carve", "watch", "clearance", "strategy", "trajectory", "ik",
+    "governor", "record",
 )  # fmt: skip
 
 FORGET = 0.5
@@ -373,6 +373,7 @@ class Explorer:
         if pipe.stillness is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
             time = sample.time - self._zero_time
             pipe.stillness.see(time, pose[:3, 3], wrench.world_force, contact, pipe.force.compliance)
+        clock.lap("watch")
         near = pipe.clearance.nearest(pose, self._recent.q) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(

@@ -16,6 +16,8 @@ Centres are compared, not contact points: what is wrong with a normal moves the 
 
 from __future__ import annotations
 
+from math import dist, hypot, inf
+
 import numpy as np
 
 from lwrprobe.contact import TRUSTED
@@ -64,8 +66,8 @@ class Stillness:
         self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
         self._places, self._normals = np.empty((1024, 3)), np.zeros((1024, 3))
         self._count = self._agreed = 0
-        self._last = np.full(3, np.inf)
-        self._before: tuple[float, Vector, Vector] | None = None
+        self._last = [inf] * 3
+        self._before: tuple[float, list[float], tuple[float, float, float]] | None = None
         self._pushed, self._let_go = 0.0, 0
         self._push_began = self._doubt_began = 0.0
         self.moved_since: float | None = None
@@ -95,8 +97,7 @@ class Stillness:
             centre, normal = contact.point + self._radius * contact.normal, contact.normal
         else:
             return
-        if abs(centre - self._last).max() >= SPACING:
-            self._last = centre
+        if self._is_further(centre):
             self._remember(centre, normal)
 
     def report(self) -> dict[str, float | None]:
@@ -109,7 +110,7 @@ class Stillness:
 
     def _push(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float) -> None:
         """Sum up the way into the surface."""
-        size = float(np.sqrt(force @ force))
+        size = hypot(*force.tolist())
         self._let_go = self._let_go + 1 if size < 0.25 * self._threshold else 0
         if self._let_go >= LET_GO:
             self._pushed = 0.0
@@ -117,25 +118,24 @@ class Stillness:
             self._before = None
             return
         normal, slope = (contact.normal, self._slope) if contact is not None else (force / size, WRONG_FORCE)
-        before, self._before = self._before, (time, place, normal)
+        here, (nx, ny, nz) = place.tolist(), normal.tolist()
+        before, self._before = self._before, (time, here, (nx, ny, nz))
         if before is None or not 0.0 < time - before[0] < GAP:
             return
         if self._pushed == 0.0:
             self._push_began = time
-        way = place - before[1]
+        (x, y, z), (x0, y0, z0), (mx, my, mz) = here, before[1], before[2]
         # The mean of both normals: along a curve the chord leads into the surface as seen from one of its ends alone.
-        self._pushed = max(
-            0.0, self._pushed - 0.5 * float(way @ (before[2] + normal)) - slope * float(np.sqrt(way @ way))
-        )
+        out = 0.5 * ((x - x0) * (mx + nx) + (y - y0) * (my + ny) + (z - z0) * (mz + nz))
+        self._pushed = max(0.0, self._pushed - out - slope * dist(here, before[1]))
         self._most_pushed = max(self._most_pushed, self._pushed)
         if self._pushed > GIVES_WAY + 2.0 * compliance * size:
             told = f"it gave way at {_told(place)} m, under a force of {size:.2g} N"
             self._moved(told, self._push_began)
 
     def _compare(self, time: float, centre: Vector, normal: Vector, dent: float) -> None:
-        if abs(centre - self._last).max() < SPACING:
+        if not self._is_further(centre):
             return
-        self._last = centre
         touching = normal is not _NOT_TOUCHING
         reach = REACH * self._radius
         found = deepest(self._places, self._normals, self._count, centre, normal, touching, ASIDE, reach)
@@ -151,6 +151,14 @@ class Stillness:
         if touching:
             self._agreed = 0
         self._remember(centre, normal)
+
+    def _is_further(self, centre: Vector) -> bool:
+        """Whether a place is another one than the last; it is the last then."""
+        here = centre.tolist()
+        if max(abs(a - b) for a, b in zip(here, self._last)) < SPACING:
+            return False
+        self._last = here
+        return True
 
     def _moved(self, told: str, since: float) -> None:
         self.moved_since = since
