@@ -48,6 +48,9 @@ def test_block_is_felt_from_all_sides_in_twice_the_least_time(block):
     assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_time_s"]
     assert summary["mesh_error_mm"]["method"] == "contact_surface"
     assert summary["mesh_error_mm"]["mean"] <= 1.0
+    assert (summary["bridged"], summary["open_borders"]) == ([], [])
+    assert summary["stillness"]["moved_since_s"] is None
+    assert max(summary["stillness"]["contradiction_mm"], summary["stillness"]["pushed_mm"]) < 0.4
 
 
 def test_summary_holds_what_it_promises(block):
