@@ -123,3 +123,16 @@ def test_a_press_that_tells_nothing_is_none():
     assert series_compliance(t, t / 500.0, t)[0] == pytest.approx(1 / 500.0)  # even: speed and offset are one
     ways = 1e-3 * t**2
     assert series_compliance(t, ways, 500.0 * ways)[0] == pytest.approx(1 / 500.0)
+
+
+@pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
+def test_a_sphere_that_slides_on_while_it_sinks_in_does_not_mislead(tilt):
+    """Pressed first, then slid along: a wrong normal turns the slide into way."""
+    t = np.arange(0.0, 0.24, 0.008)
+    force = 0.1 + 0.9 * (1.0 - np.exp(-t / 0.08))
+    aside = 0.02 * np.maximum(t - 0.04, 0.0)
+    ways = force / 700.0 - tilt * aside + 5e-6 * np.random.default_rng(2).normal(size=len(t))
+    held_against = series_compliance(t, ways, force, aside, 0.04)[0]
+    assert held_against == pytest.approx(1 / 700.0, rel=0.12)
+    if tilt:
+        assert abs(series_compliance(t, ways, force)[0] * 700.0 - 1.0) > 2.0 * abs(held_against * 700.0 - 1.0)

@@ -23,6 +23,8 @@ APART = 0.15
 """Share of the speed's spread that must not follow from the force, for the two to be told apart."""
 CERTAIN = 0.3
 """Largest standard deviation of a compliance over its value."""
+WAY_ERROR = 4e-5
+"""m, what a way in a touch is off the line that is fitted to it."""
 DISCERNIBLE = 0.5
 """Of the probe's own give along the normal: less than that on top of it may as well be an error of the probe's."""
 
@@ -42,7 +44,7 @@ class TouchIdentification:
     normal_error : rad, how wrong the contacts' normals may be: a sphere that slides on seems to sink in by that share
     """
 
-    def __init__(self, bend: Deflection, threshold: float, normal_error: float = 0.03) -> None:
+    def __init__(self, bend: Deflection, threshold: float, normal_error: float = 0.04) -> None:
         self._bend, self._threshold, self._normal_error = bend, threshold, normal_error
         self._rows: list[tuple[float, np.ndarray, np.ndarray]] = []
         self._rotation, self._normal = np.eye(3), np.zeros(3)
@@ -84,11 +86,13 @@ class TouchIdentification:
         ways, normal_forces = -(places - places[0]) @ normal, forces @ normal
         rising = slice(0, int(np.argmax(normal_forces)) + 1)
         sunk = float(np.ptp(ways[rising]))
-        slid = float(np.linalg.norm(places[rising][-1] - places[0] + ways[rising][-1] * normal))
+        aside = (places - places[0] + np.outer(ways, normal))[rising]
+        slid = float(np.linalg.norm(aside[-1]))
         if self._normal_error * slid > SEEMING * sunk:
             return False
         times = np.array([row[0] for row in rows])
-        fit = series_compliance(times[rising], ways[rising], normal_forces[rising])
+        along = aside @ aside[-1] / max(slid, 1e-12)
+        fit = series_compliance(times[rising], ways[rising], normal_forces[rising], along, self._normal_error)
         if fit is None:
             return False
         series, sigma = fit
@@ -104,12 +108,15 @@ class TouchIdentification:
         return True
 
 
-def series_compliance(times: Vector, ways: Vector, forces: Vector) -> tuple[float, float] | None:
+def series_compliance(
+    times: Vector, ways: Vector, forces: Vector, aside: Vector | None = None, normal_error: float = 0.0
+) -> tuple[float, float] | None:
     """m/N of everything in series and its standard deviation, from a press; None where it cannot be told.
 
-    Least squares on `x = x0 + c F - d v`: the speed's share is the surface's damping and whatever time the force is
-    off the way. Where force and speed go in step, as under a first-order force law, only the first two terms are
-    told apart. Times, ways (pressing positive) and forces are (n,) in s, m, N.
+    Least squares on `x = x0 + c F - d v + e s`: the speed's share is the surface's damping and whatever time the force
+    is off the way, that of the way `aside` is the angle by which the normal is wrong, held near zero by `normal_error`
+    rad. Where force and speed go in step, as under a first-order force law, the speed is left out. Times, ways
+    (pressing positive, and along the surface) and forces are (n,) in s, m, N.
     """
     if len(times) < FEWEST or np.ptp(forces) <= 0.0 or (np.diff(times) <= 0.0).any():
         return None
@@ -118,10 +125,15 @@ def series_compliance(times: Vector, ways: Vector, forces: Vector) -> tuple[floa
     apart = speeds - plain @ np.linalg.lstsq(plain, speeds, rcond=None)[0]
     changing = np.std(speeds) > 1e-6 * np.abs(speeds).max()
     design = np.column_stack([plain, speeds]) if changing and np.std(apart) > APART * np.std(speeds) else plain
-    found, _, rank, _ = np.linalg.lstsq(design / np.abs(design).max(axis=0), ways, rcond=1e-6)
+    if aside is not None and np.ptp(aside) > WAY_ERROR and normal_error > 0.0:
+        prior = np.zeros(design.shape[1] + 1)
+        prior[-1] = WAY_ERROR / normal_error
+        design = np.vstack([np.column_stack([design, aside]), prior])
+        ways = np.append(ways, 0.0)
+    scale = np.abs(design).max(axis=0)
+    found, _, rank, _ = np.linalg.lstsq(design / scale, ways, rcond=1e-6)
     if rank < design.shape[1]:
         return None
-    scale = np.abs(design).max(axis=0)
     left = ways - design @ (found / scale)
     spread = np.linalg.pinv(design.T @ design) * float(left @ left) / max(len(ways) - design.shape[1], 1)
     return float(found[1] / scale[1]), float(np.sqrt(spread[1, 1]))

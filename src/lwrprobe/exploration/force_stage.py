@@ -21,8 +21,8 @@ from lwrprobe.contracts import Contact, Feed, Goal, Motion, Probe, SafetyStop
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
-NORMAL_ERROR, FRICTION_ANGLE = 0.03, 0.3
-"""rad by which normals are wrong: of estimators that know friction, and of the one that knows none."""
+NORMAL_ERROR, FRICTION_ANGLE = 0.04, 0.3
+"""rad by which a touch's normals are wrong: of estimators that know friction, and of the one that knows none."""
 GUARD = 0.25
 """s before a touch that are not trusted to have been free."""
 
