@@ -66,7 +66,7 @@ _SAMPLES = 4000  # of each surface, for the errors
 
 @dataclass(slots=True, frozen=True)
 class Outcome:
-    """One method on one record; lengths in mm, volume error in percent, NaN where the mesh is open, processor time."""
+    """One method on one record; lengths in mm, processor time in s; volume error in %, NaN where the mesh is open."""
 
     method: str
     scene: str
@@ -213,7 +213,7 @@ def _report(
     report.notes = [
         "Errors in mm: mean of both ways and the largest of all, above z = 6 mm; mean over "
         f"{phases} line phases of each object ({' and '.join(EVERY_PHASE)}; the others at the first), then the median "
-        "over objects; processor time of one call, everything loaded before: the machine may be busy with other work",
+        "over objects; processor time of one call with everything loaded, as the machine may be busy with other work",
     ]
     report.notes += [f"{name} is not installed: left out" for name in missing]
     report.notes += [f"{scene}: no explored contacts" for scene in unexplored]
