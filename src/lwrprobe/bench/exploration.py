@@ -1,7 +1,8 @@
 """Scenes x strategies x profiles x seeds, explored: errors, coverage, time against the bound, and what it cost.
 
 Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. Options (`--set`):
-`scenes`, `strategies`, `profiles`, `seeds` as comma-separated lists, `jobs` for runs side by side.
+`scenes`, `strategies`, `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side
+by side.
 """
 
 from __future__ import annotations
@@ -10,11 +11,15 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.threat_pictures import SCENE as STACKED
+from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import InputError, LwrprobeError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 
@@ -24,6 +29,7 @@ SOURCE_SCENES = (
 )  # fmt: skip
 STRATEGIES = ("grid_version", "surface_contour", "orientation_change")
 QUICK_SCENES = ("block", "stacked_blocks")
+OURS, THESIS = "default", "thesis"
 
 COLUMNS = {
     "scene": "scene",
@@ -64,8 +70,11 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
     report.tables.append(Table("Every run", list(COLUMNS), rows))
     report.tables += _summaries(found)
-    report.verdicts = _verdicts([item for item in found if item["profile"] == "default"])
+    report.tables += _beside_thesis(found)
+    report.verdicts = _verdicts([item for item in found if item["profile"] == OURS])
     report.figures["coverage"] = partial(_draw_growth, found=found)
+    if any(item.get("touches") for item in found):
+        report.figures["touches"] = partial(draw_touches, found=found)
     report.data["runs"] = found
     return report
 
@@ -77,13 +86,16 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, st
             raise UnknownNameError("bench exploration option", name, allowed)
     scenes = _listed(options, "scenes", QUICK_SCENES if quick else SOURCE_SCENES)
     strategies = _listed(options, "strategies", STRATEGIES[:1] if quick else STRATEGIES)
-    profiles = _listed(options, "profiles", ("default",))
-    try:
-        seeds = [int(text) for text in _listed(options, "seeds", ("1",) if quick else ("1", "2", "3"))]
-        processes = int(options.get("jobs", "1"))
-    except ValueError as error:
-        raise InputError("bench exploration", str(error), "whole numbers for seeds and jobs") from error
-    return list(product(scenes, strategies, profiles, seeds)), processes
+    profiles = _listed(options, "profiles", (OURS,) if quick else (OURS, THESIS))
+    seeds, processes = _count(options, "seeds", 1 if quick else 3), _count(options, "jobs", 1)
+    return list(product(scenes, strategies, profiles, range(1, seeds + 1))), processes
+
+
+def _count(options: dict[str, str], name: str, default: int) -> int:
+    text = options.get(name, str(default))
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise InputError(f"bench exploration {name}", text, "a whole number from 1 on")
+    return int(text)
 
 
 def _listed(options: dict[str, str], name: str, default: tuple[str, ...]) -> list[str]:
@@ -99,7 +111,13 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
     try:
         settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
-        summary = explore(load_scene(name, settings, None if profile == "default" else profile))
+        scene = load_scene(name, settings, None if profile == OURS else profile)
+        if (name, profile, seed) == (STACKED, OURS, 1):
+            with TemporaryDirectory() as folder:
+                summary = explore(scene, Path(folder))
+                record["touches"] = touches_of(Path(folder))
+        else:
+            summary = explore(scene)
     except LwrprobeError as error:
         return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
     error, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
@@ -138,9 +156,8 @@ def _summaries(found: list[dict[str, Any]]) -> list[Table]:
     rows = []
     for strategy, profile in sorted({(item["strategy"], item["profile"]) for item in found}):
         own = [item for item in found if (item["strategy"], item["profile"]) == (strategy, profile)]
-        values = [[item[key] for item in own if item.get(key) is not None] for key in keys]
         done = sum(item["status"] == "done" for item in own)
-        rows.append([strategy, profile, f"{done} of {len(own)}", *(float(np.median(v)) if v else None for v in values)])
+        rows.append([strategy, profile, f"{done} of {len(own)}", *(_median(own, key) for key in keys)])
     columns = [
         "strategy",
         "profile",
@@ -154,6 +171,39 @@ def _summaries(found: list[dict[str, Any]]) -> list[Table]:
         "s",
     ]
     return [Table("Medians over scenes and seeds", columns, rows)]
+
+
+def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
+    """Ours beside the source's way, medians over the seeds; a factor is how many times ours the other is."""
+    compared = {"contact mm": "contact_median", "p95 mm": "contact_p95", "mesh mm": "mesh", "robot s": "time"}
+    alone = {"coverage": "coverage", "ends mm": "ends", "peak N": "peak_force_n"}
+    rows = []
+    for scene, strategy in dict.fromkeys((item["scene"], item["strategy"]) for item in found):
+        pair = [
+            [item for item in found if (item["scene"], item["strategy"], item["profile"]) == (scene, strategy, profile)]
+            for profile in (OURS, THESIS)
+        ]
+        if not all(pair):
+            continue
+        row: list[Any] = [scene, strategy]
+        for key in (*compared.values(), *alone.values()):
+            ours, thesis = (_median(runs, key) for runs in pair)
+            row += [ours, thesis]
+            if key in compared.values():
+                row.append(thesis / ours if ours and thesis is not None else None)
+        row += [f"{sum(item['status'] == 'done' for item in runs)} of {len(runs)}" for runs in pair]
+        rows.append(row)
+    if not rows:
+        return []
+    columns = ["scene", "strategy"]
+    columns += [f"{name}{what}" for name in compared for what in ("", ", thesis", ", factor")]
+    columns += [f"{name}{what}" for name in (*alone, "done") for what in ("", ", thesis")]
+    return [Table("The thesis profile beside ours, medians over the seeds", columns, rows)]
+
+
+def _median(runs: list[dict[str, Any]], key: str) -> float | None:
+    values = [item[key] for item in runs if item.get(key) is not None]
+    return float(np.median(values)) if values else None
 
 
 def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
@@ -189,7 +239,7 @@ def _draw_growth(figure: Any, found: list[dict[str, Any]]) -> None:
             if item["strategy"] != strategy or item["seed"] != seed or not item["growth"]:
                 continue
             times, shares = zip(*item["growth"])
-            panel.plot(times, shares, "-" if item["profile"] == "default" else ":", label=item["scene"], lw=1)
+            panel.plot(times, shares, "-" if item["profile"] == OURS else ":", label=item["scene"], lw=1)
         panel.set_title(strategy)
         panel.set_xlabel("robot time, s")
     axes[0].set_ylabel("coverage")

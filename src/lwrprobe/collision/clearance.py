@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from lwrprobe.collision import clearance_kernels as kernels
 from lwrprobe.collision import shape_kernels
 from lwrprobe.collision.link_rows import NO_FRAMES, link_rows
 from lwrprobe.collision.sweep import MotionStep, smallest_along
+from lwrprobe.compiled import entry
 from lwrprobe.contracts import Clearance, InputError, LinkShape, UnknownNameError, as_pose
 from lwrprobe.mapping import VoxelMap
 
@@ -48,6 +50,7 @@ class ClearanceQuery:
         self._rows = link_rows(links)
         self._frames_needed = int(self._rows[:, shape_kernels.CARRIER].max(initial=0.0))
         self._names = [link.name for link in links]
+        self._call = _entry()
         self._obstacles = _obstacles(self.links, obstacles) if obstacles else None
 
     def nearest(self, tip_pose: Any, link_frames: Any = None) -> Clearance:
@@ -55,12 +58,12 @@ class ClearanceQuery:
         return self._nearest(*self._poses(tip_pose, link_frames))
 
     def nearest_into(self, tip: np.ndarray, frames: np.ndarray, answer: np.ndarray) -> None:
-        """The voxels' part of `nearest` for loops: nothing is checked.
+        """The voxels' part of `nearest` for loops: nothing is checked, and an array of another type ends the process.
 
         `tip` (4, 4) and `frames` (m, 4, 4; `NO_FRAMES` where no link needs one) contiguous float64. `answer` (8,):
         distance, point on the robot (3), point on the map (3), number of the link (-1 without any voxel).
         """
-        kernels.nearest(self.voxels.occupied_words, self._rows, tip, frames, answer)
+        self._call(self.voxels.occupied_words, self._rows, tip, frames, answer)
 
     def nearest_batch(self, tip_poses: np.ndarray, link_frames: np.ndarray | None = None) -> np.ndarray:
         """Answers (n, 8) as in `nearest_into` for tip poses (n, 4, 4) and link frames (n, m, 4, 4): voxels alone."""
@@ -195,6 +198,12 @@ class ClearanceQuery:
     def _require(self, frames: int) -> None:
         if frames < self._frames_needed:
             raise InputError("link_frames", f"{frames} frames", f"at least {self._frames_needed}, one a link frame")
+
+
+@cache
+def _entry() -> Callable:
+    words, rows, answer = np.empty(0, np.int64), np.empty((0, 0)), np.empty(0)
+    return entry(kernels.nearest, words, rows, np.eye(4), NO_FRAMES, answer)
 
 
 def _plane(value: Any) -> np.ndarray:

@@ -1,0 +1,86 @@
+"""The bench of whole runs: what it runs, sets beside each other and promises. The runs themselves are others' tests."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.bench import exploration
+from lwrprobe.bench.threat_pictures import touches_of
+from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.exploration.recorder import CONTACT_COLUMNS
+from lwrprobe.scene import load_scene, write_scene
+
+
+def made_up(job):
+    """Ours gets better with the seed, the source's way is three times as wrong and takes twice as long."""
+    scene, strategy, profile, seed = job
+    thesis = profile == "thesis"
+    error = 0.04 + 0.01 * seed
+    return {
+        "scene": scene, "strategy": strategy, "profile": profile, "seed": seed, "status": "done", "collisions": 0,
+        "peak_force_n": 2.0, "range_used": 0.5, "contact_median": 3.0 * error if thesis else error,
+        "contact_p95": 0.2, "coverage": 0.8 if thesis else 0.99, "reachable": 0.99, "ends": None if thesis else 0.1,
+        "mesh": 0.05, "ratio": 1.9, "time": 200.0 if thesis else 100.0, "growth": [[1.0, 0.1], [100.0, 0.99]],
+    }  # fmt: skip
+
+
+@pytest.fixture
+def report(monkeypatch):
+    monkeypatch.setattr(exploration, "_explored", made_up)
+    return exploration.run(False, {"scenes": "block,bridge"})
+
+
+def test_three_seeds_of_both_profiles_are_the_default(report):
+    rows = report.tables[0].rows
+    assert len(rows) == 2 * 3 * 2 * 3
+    assert {row[3] for row in rows} == {1, 2, 3}
+
+
+def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path):
+    table = report.tables[-1]
+    assert len(table.rows) == 2 * 3
+    cells = dict(zip(table.columns, table.rows[0]))
+    assert cells["contact mm"] == pytest.approx(0.06)  # the middle seed
+    assert cells["contact mm, factor"] == pytest.approx(3.0)
+    assert cells["robot s, factor"] == pytest.approx(2.0)
+    assert (cells["ends mm"], cells["ends mm, thesis"]) == (0.1, None)
+    assert cells["done, thesis"] == "3 of 3"
+    written = report.write(tmp_path / "e.json", tmp_path)
+    assert "factor" in next(path for path in written if path.suffix == ".md").read_text()
+
+
+def test_the_promises_are_held_against_ours_alone(report):
+    coverage = next(verdict for verdict in report.verdicts if "coverage" in verdict.promise)
+    assert coverage.held
+    assert coverage.measured.startswith("18 of 18")
+
+
+def test_without_the_other_profile_nothing_is_compared(monkeypatch):
+    monkeypatch.setattr(exploration, "_explored", made_up)
+    report = exploration.run(True, {})
+    assert not [table for table in report.tables if "thesis" in table.title]
+    assert len(report.tables[0].rows) == 2
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "1,2", "many"])
+def test_what_is_no_number_of_seeds_is_refused(text):
+    with pytest.raises(InputError, match="seeds"):
+        exploration.run(True, {"seeds": text})
+    with pytest.raises(UnknownNameError, match="seed"):
+        exploration.run(True, {"seed": "1"})
+
+
+def test_level_ways_along_a_wall_are_told_from_those_up_and_over(tmp_path):
+    """Up a wall, across the top, and level around the wall; a jump from one to the next is neither."""
+    steps = np.arange(0.0, 0.02, 0.001)
+    up = [[0.0, 0.0, z, -1.0, 0.0, 0.0] for z in steps]
+    over = [[x, 0.0, 0.02, 0.0, 0.0, 1.0] for x in steps]
+    around = [[0.0, y, 0.01, -1.0, 0.0, 0.0] for y in steps]
+    times = np.concatenate([10.0 * k + 0.05 * np.arange(len(steps)) for k in range(3)])
+    rows = [[time, *row, 0.8, 1.0] for time, row in zip(times, up + over + around)]
+    write_scene(load_scene("block"), tmp_path / "scene.toml")
+    lines = [CONTACT_COLUMNS, *(",".join(f"{value:.6f}" for value in row) for row in rows)]
+    (tmp_path / "contacts.csv").write_text("\n".join(lines) + "\n")
+    touches = touches_of(tmp_path)
+    level = np.array(touches["level"])
+    assert len(level) == len(touches["points"]) == 3 * len(steps) - 1
+    assert level.tolist() == [False] * (2 * len(steps)) + [True] * (len(steps) - 1)
