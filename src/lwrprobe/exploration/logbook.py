@@ -6,6 +6,7 @@ sample beside contacts and way, and taken away when all is done.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,8 @@ OBSERVATIONS, WORDS = "observations.f64", "observations.words"
 WIDTH = 48
 """Numbers a row: kind, time, then what the kind says; little-endian float64."""
 TASK, SEEN, ANSWER = 0.0, 1.0, 2.0
+
+_NO_CONTACT, _NOTHING_NEAR = (0.0,) * 16, (0.0,) * 10
 
 FREE = 10
 """Samples in a row without a force, after which the probe is away from the surface."""
@@ -77,18 +80,21 @@ class Logbook:
 
     def note(self, seen: Observation) -> None:
         """One observation."""
-        row = self._empty(SEEN, seen.time)
-        row[2:14], row[14:17], row[17:20] = seen.pose[:3].ravel(), seen.velocity, seen.force
-        row[20], row[21] = seen.goal_reached, self._of(seen.blocked)
         contact, near = seen.contact, seen.clearance
-        if contact is not None:
-            row[22], row[23], row[24] = 1.0, contact.time, contact.trust
-            row[25:28], row[28:31] = contact.point, contact.normal
-            row[31:34], row[34:37], row[37] = contact.force, contact.centre, self._of(contact.reason)
-        if near is not None:
-            row[38], row[39], row[40] = 1.0, near.distance, near.required
-            row[41:44], row[44:47], row[47] = near.on_robot, near.on_map, self._of(near.link)
-        self._rows.write(row)
+        # Once a sample: a list is put together in half the time of an array's slices.
+        row = [SEEN, seen.time, *seen.pose[:3].ravel().tolist(), *seen.velocity.tolist(), *seen.force.tolist()]
+        row += (float(seen.goal_reached), self._of(seen.blocked))
+        if contact is None:
+            row += _NO_CONTACT
+        else:
+            row += (1.0, contact.time, contact.trust, *contact.point.tolist(), *contact.normal.tolist())
+            row += (*contact.force.tolist(), *contact.centre.tolist(), self._of(contact.reason))
+        if near is None:
+            row += _NOTHING_NEAR
+        else:
+            row += (1.0, near.distance, near.required, *near.on_robot.tolist(), *near.on_map.tolist())
+            row.append(self._of(near.link))
+        self._rows.write(array("d", row))
 
     def close(self) -> None:
         """The run was cut off, and may be taken up."""

@@ -84,8 +84,9 @@ class Stillness:
         self._push(time, centre, force, contact if trusted else None, compliance)
         dent = self._threshold * compliance
         if contact is None:
-            self._compare(time, place, _NOT_TOUCHING, dent)
-        elif trusted:
+            if self._is_further(place):
+                self._compare(time, place, _NOT_TOUCHING, dent)
+        elif trusted and self._is_further(contact.centre):
             # The contact point is corrected for what the surface gives way, the place is not.
             self._compare(time, contact.point + self._radius * contact.normal, contact.normal, dent)
 
@@ -97,7 +98,7 @@ class Stillness:
             centre, normal = contact.point + self._radius * contact.normal, contact.normal
         else:
             return
-        if self._is_further(centre):
+        if self._is_further(place if contact is None else contact.centre):
             self._remember(centre, normal)
 
     def report(self) -> dict[str, float | None]:
@@ -134,8 +135,6 @@ class Stillness:
             self._moved(told, self._push_began)
 
     def _compare(self, time: float, centre: Vector, normal: Vector, dent: float) -> None:
-        if not self._is_further(centre):
-            return
         touching = normal is not _NOT_TOUCHING
         reach = REACH * self._radius
         found = deepest(self._places, self._normals, self._count, centre, normal, touching, ASIDE, reach)
