@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.contact import approach_speed
 from lwrprobe.contracts import InputError, Judge, Reconstruction
 from lwrprobe.evaluation import (
     Reach,
@@ -103,9 +104,9 @@ def _against_truth(
     everywhere = reach(solid, scene.probe.radius, lowest)
     within = everywhere.within(area)
     found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch), 2)
-    safe = pipeline.force.report().get("safe_approach_mm_s")
-    if safe:
-        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, 1e-3 * safe), 2)
+    if "delay_s" in pipeline.force.report():  # else the run ended before the first touch was planned
+        descent = _fastest_descent(scene, pipeline)
+        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, descent), 2)
     share = coverage(points, within, pitch)
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
@@ -149,6 +150,13 @@ def _against_truth(
 def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
     times = np.array([contact.time for contact in recorder.contacts])
     return bridged(recorder.points(), recorder.normals(), times, scene.probe.radius, pitch)
+
+
+def _fastest_descent(scene: Scene, pipeline: Pipeline) -> float:
+    """m/s down a wall at which a foot is met with the force limit and no reserve."""
+    told, contact = pipeline.force.report(), scene.contact
+    room = contact.limit - contact.threshold
+    return approach_speed(room, told["stiffness_along_stick"], told["delay_s"], scene.motion.acceleration)
 
 
 def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float | None = None) -> float:
