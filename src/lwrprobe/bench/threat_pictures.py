@@ -48,9 +48,9 @@ def draw_touches(figure: Any, found: list[dict[str, Any]]) -> None:
                 axes.scatter(*points[which].T, s=1, color=colour, label=label)
         low, high = 1e3 * mesh.vertices.min(axis=0), 1e3 * mesh.vertices.max(axis=0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(0.0, high[2]))
-        axes.set_box_aspect(high - np.append(low[:2], 0.0))
+        axes.set_box_aspect(high - np.append(low[:2], 0.0), zoom=0.9)
         axes.view_init(elev=18.0, azim=-60.0)
-        axes.set_title(f"{item['strategy']}\nlowest touch at {points[:, 2].min():.0f} mm", fontsize=9, y=0.96)
+        axes.set_title(f"{item['strategy']}\nlowest touch at {points[:, 2].min():.0f} mm", fontsize=9)
         axes.locator_params(axis="y", nbins=3)
         axes.tick_params(labelsize=7)
     marks = {dots.get_label(): dots for axes in figure.axes for dots in axes.collections[1:]}

@@ -30,6 +30,9 @@ from lwrprobe.mapping.kernels import (
 
 DISTANCE, ON_ROBOT, ON_MAP, WHO, ANSWER = 0, 1, 4, 7, 8  # places in an answer, and its length
 PENDING = 64 * (TOP + 1)
+FIRST_SET = sum(((flags & -flags).bit_length() - 1) << (2 * flags) for flags in range(1, 16))
+LAST_SET = sum(flags.bit_length() << (4 * flags) for flags in range(1, 16))
+"""Of four flags the first that is set, and one past the last: a table in the bits of a number, without a branch."""
 PROJECTIONS, MOST_STEPS = 2, 8  # of the steps from a cube towards a link
 
 
@@ -81,10 +84,8 @@ def box_around(words, edge, node, level, kx, ky, kz):
 
 @kernel
 def extent(flags):
-    """First and one past the last of the four flags (bits) that is set."""
-    first = 0 if flags & 1 else (1 if flags & 2 else (2 if flags & 4 else 3))
-    last = 4 if flags & 8 else (3 if flags & 4 else (2 if flags & 2 else 1))
-    return first, last
+    """First and one past the last of the four flags (bits), of which one is set at least."""
+    return (FIRST_SET >> (2 * flags)) & 3, (LAST_SET >> (4 * flags)) & 7
 
 
 @kernel
