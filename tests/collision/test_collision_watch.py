@@ -59,8 +59,8 @@ def test_every_threat_and_the_smallest_distance_are_those_of_measuring_each_time
     queries = [ClearanceQuery(group.links, voxels) for group in GROUPS]
     keeps = [group.keep for group in GROUPS]
     smallest, threats, bounds = np.inf, 0, 0
-    for i, pose in enumerate(wandering(rng, 3000)):
-        if i % 40 == 0 and i < 1500:
+    for i, pose in enumerate(wandering(rng, 2000)):
+        if i % 40 == 0 and i < 1000:
             voxels.insert_point(rng.uniform(-0.05, 0.05, 3))
         exact = [query.nearest(pose).distance for query in queries]
         found = watch.nearest(pose)
@@ -69,8 +69,8 @@ def test_every_threat_and_the_smallest_distance_are_those_of_measuring_each_time
         threats += found.threatens
         bounds += found.distance < min(exact) - EXACT
     assert watch.smallest == pytest.approx(smallest, abs=EXACT)
-    assert threats > 30
-    assert bounds > 1000  # else nothing was left out, and this test says nothing
+    assert threats > 20
+    assert bounds > 600  # else nothing was left out, and this test says nothing
 
 
 def test_links_on_arm_frames_are_followed_by_their_own_motion():

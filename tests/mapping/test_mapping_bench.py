@@ -11,6 +11,11 @@ from lwrprobe.contracts import UnknownNameError
 from lwrprobe.mapping import VoxelMap
 
 
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    monkeypatch.setattr(mapping, "QUICK_BUDGET", 0.02)
+
+
 def test_a_small_run(tmp_path):
     report = mapping.run(True, {"voxels": "1500"})
     (table,) = report.tables
