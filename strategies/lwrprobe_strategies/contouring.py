@@ -18,6 +18,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
@@ -341,7 +342,7 @@ class Contouring(ABC):
 
     def _overloaded(self, seen: Observation) -> bool:
         level = self.task.force_target + 0.6 * (self.task.force_limit - self.task.force_target)
-        return bool(seen.force @ seen.force > level * level)
+        return hypot(*seen.force.tolist()) > level
 
     def _met(self, seen: Observation) -> bool:
         """A touch, and not the one that is being left."""
@@ -362,8 +363,9 @@ class Contouring(ABC):
         return True
 
     def _at_table(self, seen: Observation) -> bool:
-        onward = self.follower.tangent(self.course.across())
-        return bool(seen.pose[Z, 3] <= self.task.area.lower[Z] + 1e-5 and onward[Z] < 0.0)
+        if seen.pose[Z, 3] > self.task.area.lower[Z] + 1e-5:
+            return False
+        return bool(self.follower.tangent(self.course.across())[Z] < 0.0)
 
     def _end_found(self, seen: Observation) -> bool:
         """On a rim: past the place where the normal points along the line, or too far around for an end."""
@@ -523,9 +525,13 @@ class Contouring(ABC):
         """A force against the feed that friction does not explain: another surface has been met."""
         if self.state is not State.CONTOUR or self._edge is not None:
             return
-        onward, along = self.follower.tangent(self.course.across()), self.follower.normal
-        friction = STEEPEST_FRICTION * max(float(seen.force @ along), 0.0)
-        if -float(seen.force @ onward) - friction > MEETS * self.task.force_target:
+        pressed = float(seen.force @ self.follower.normal)
+        friction = STEEPEST_FRICTION * max(pressed, 0.0)
+        met = friction + MEETS * self.task.force_target
+        if seen.force @ seen.force <= pressed * pressed + met * met:
+            return  # nowhere along the surface is there so much
+        onward = self.follower.tangent(self.course.across())
+        if -float(seen.force @ onward) > met:
             self._edge = (-onward, seen.pose[:3, 3].copy())
             self.follower.restart(-onward)
 
