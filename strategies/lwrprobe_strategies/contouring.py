@@ -215,7 +215,9 @@ class Contouring(ABC):
             self._take(line, here)
         self._leaving = seen.contact is not None
         if self._leaving:
-            self._way.insert(0, Waypoint(here + self.options.retreat * surface_normal(seen)))
+            off = here + self.options.retreat * surface_normal(seen)
+            off[Z] = max(off[Z], min(here[Z], self.task.area.lower[Z]))  # from under an object the normal leads down
+            self._way.insert(0, Waypoint(off, Pace.FEELING))
 
     def _line_after(self, here: np.ndarray) -> Line | None:
         if self._number < len(self.grid):
