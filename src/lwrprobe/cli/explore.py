@@ -133,5 +133,8 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["open_borders"]:
         sides = ", ".join(side["side"] for side in summary["open_borders"])
         rows.append(("open border", f"{sides}: the object goes on beyond the area, the mesh is closed there"))
+    if summary["table_found"]:
+        table = summary["table_found"]
+        rows.append(("table", f"{table['contacts']} contacts left out: it leans by {table['tilt_deg']:.2f} degrees"))
     rows += [("left out", f"{item['stage']}: {item['why']}") for item in summary["left_out"]]
     return rows

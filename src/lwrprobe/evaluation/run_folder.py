@@ -11,6 +11,7 @@ import numpy as np
 
 from lwrprobe.contracts import STRATEGY_CONTRACT, FormatError, LwrprobeError, TouchRecord
 from lwrprobe.contracts.plugins import load
+from lwrprobe.evaluation.table_touches import TablePlane
 from lwrprobe.options import configure
 from lwrprobe.scene import Scene, load_scene
 
@@ -27,7 +28,8 @@ class RunFolder:
     folder : where it lies
     scene : as it was run
     summary : content of summary.json, empty when the run did not get that far
-    record : contacts and free path, for the reconstructors; without what was touched after the object had moved
+    record : contacts and free path, for the reconstructors; without what was touched after the object had moved,
+        and without the table
     force : (n,) N, of each contact
     trace : (k, 7) time s, x y z m, force N, touching 0 or 1, clearance m
     """
@@ -55,6 +57,9 @@ def read_run(folder: str | Path) -> RunFolder:
     moved = (summary.get("stillness") or {}).get("moved_since_s")
     if moved is not None:  # what was touched from then on was somewhere else
         contacts = contacts[contacts[:, 0] < moved]
+    table = summary.get("table_found")
+    if table is not None:
+        contacts = contacts[~TablePlane.of(table).touched(contacts[:, 1:4], contacts[:, 4:7])]
     trace = _table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
     record = TouchRecord(
         points=contacts[:, 1:4],

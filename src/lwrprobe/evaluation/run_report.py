@@ -134,6 +134,11 @@ class _Page:
                 f"the widest is a{'n' if widest['kind'] == 'inner edge' else ''} {widest['kind']} of "
                 f"{widest['width_mm']:.1f} mm"
             )
+        table = self.summary.get("table_found")
+        if table:
+            found.append(
+                f"{table['contacts']} contacts are the table's and left out; it leans by {table['tilt_deg']:.2f} degrees"
+            )
         if sides:
             names = ", ".join(side["side"] for side in sides)
             found.append(f"Open border {names}: the object goes on beyond the area, and the mesh is closed there")

@@ -11,6 +11,7 @@ import numpy as np
 
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.table_touches import find_table
 from lwrprobe.exploration.confirm import Confirm
 from lwrprobe.exploration.explorer import Explorer, Outcome, WatchFunction
 from lwrprobe.exploration.logbook import Logbook, Logged, read_log
@@ -94,6 +95,7 @@ def explore(
         log.close()
     if pipeline.stillness is not None and pipeline.stillness.moved_since is not None:
         recorder.withhold(pipeline.stillness.moved_since)
+    table = _leave_table_out(recorder, scene, pipeline)
     seconds["explore"] = perf_counter() - begin
 
     tell("reconstructing and comparing")
@@ -103,6 +105,7 @@ def explore(
     surface, lack = _reconstruct(record, pipeline)
     pipeline.left_out += lack
     summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])
+    summary["table_found"] = table
     summary["limits_used"] = explorer.motion_guard.peaks
     summary["devices"] = rig.account()
     summary["resumed"] = {"from_s": round(elapsed, 3), "contacts_before": before} if earlier is not None else None
@@ -225,6 +228,19 @@ def _make_ready(explorer: Explorer, pose: np.ndarray, q: np.ndarray, elapsed: fl
         explorer.come_to_rest(error)
         return explorer.outcome("ended early", str(error))
     return None
+
+
+def _leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dict[str, Any] | None:
+    """Where the table was touched, that is no part of the object; for the summary, None where it was not."""
+    if not scene.table.present:
+        return None
+    points, normals = recorder.points(), recorder.normals()
+    table = find_table(points, normals, pipeline.area, scene.probe.radius, scene.table.height)
+    if table is None:
+        return None
+    touched = table.touched(points, normals)
+    recorder.leave_out(touched)
+    return table.as_dict(int(touched.sum()))
 
 
 def _reconstruct(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[dict[str, str]]]:

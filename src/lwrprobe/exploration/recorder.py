@@ -71,6 +71,11 @@ class Recorder:
         left = sum(contact.time < since for contact in self.contacts)
         del self.contacts[left:], self.sequences[left:]
 
+    def leave_out(self, which: np.ndarray) -> None:
+        """Keep contacts marked in (n,) bool out of what follows the run; on disk they stay."""
+        kept = np.flatnonzero(~which)
+        self.contacts, self.sequences = [self.contacts[k] for k in kept], [self.sequences[k] for k in kept]
+
     def points(self) -> np.ndarray:
         """(n, 3) m."""
         return np.array([c.point for c in self.contacts]).reshape(-1, 3)

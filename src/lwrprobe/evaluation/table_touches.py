@@ -1,0 +1,85 @@
+"""A table that is not where it was said to be is touched too: found among the contacts and told apart from the object."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+
+LEAN = np.cos(np.radians(12.0))
+"""Share of the normal along z, from which on a contact may be a table's."""
+AWAY = 0.010
+"""m, by which a table may be off the height that was stated."""
+FLAT = 0.0004
+"""m off the plane, up to which a contact lies in it."""
+ALIKE = np.cos(np.radians(5.0))
+"""Of the angle between a contact's normal and the plane's."""
+AT_BORDER = 0.001
+"""m from the border of the area, within which the sphere's centre stands at it."""
+FEWEST = 10
+TRIED = 200
+"""Contacts that are tried as the plane's."""
+
+
+@dataclass(slots=True, frozen=True)
+class TablePlane:
+    """`normal` (3,) unit, upwards, and `offset` m: all places p with normal @ p = offset."""
+
+    normal: np.ndarray
+    offset: float
+
+    def touched(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(n,) bool: which contacts (n, 3), with unit normals (n, 3), are this table's."""
+        return (np.abs(points @ self.normal - self.offset) < FLAT) & (normals @ self.normal > ALIKE)
+
+    def as_dict(self, contacts: int) -> dict[str, Any]:
+        """For the summary, with the number of contacts that are left out for it."""
+        tilt = float(np.degrees(np.arccos(min(self.normal[2], 1.0))))
+        plane = {"normal": [float(v) for v in self.normal], "offset_m": float(self.offset)}
+        return plane | {"tilt_deg": round(tilt, 3), "contacts": contacts}
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> TablePlane:
+        """From a summary."""
+        return cls(np.array(told["normal"], dtype=np.float64), float(told["offset_m"]))
+
+
+def find_table(points: np.ndarray, normals: np.ndarray, area: Area, radius: float, stated: float) -> TablePlane | None:
+    """The plane near the height `stated` m in which contacts (n, 3) go on to the border of the area; None without one.
+
+    What ends inside the area is an object, however low and flat.
+    """
+    low = (normals[:, 2] > LEAN) & (np.abs(points[:, 2] - stated) < AWAY)
+    points, normals = points[low], normals[low]
+    if len(points) < FEWEST:
+        return None
+    tried = np.unique(np.linspace(0, len(points) - 1, TRIED).astype(int))
+    planes = [TablePlane(normals[k], float(normals[k] @ points[k])) for k in tried]
+    best = max(planes, key=lambda plane: int(plane.touched(points, normals).sum()))
+    for _ in range(3):
+        own = best.touched(points, normals)
+        if own.sum() < FEWEST:
+            return None
+        best = _fitted(points[own], normals[own])
+    own = best.touched(points, normals)
+    centres = points[own, :2] + radius * normals[own, :2]
+    at_border = (centres < area.lower[:2] + AT_BORDER) | (centres > area.upper[:2] - AT_BORDER)
+    return best if own.sum() >= FEWEST and at_border.any() else None
+
+
+def _fitted(points: np.ndarray, normals: np.ndarray) -> TablePlane:
+    """Least squares in z; where the contacts lie on one line only, across it their normals decide."""
+    middle, mean = points.mean(axis=0), normals.mean(axis=0)
+    slope = -mean[:2] / mean[2]
+    flat = points[:, :2] - middle[:2]
+    axes, spread, rows = np.linalg.svd(flat, full_matrices=False)
+    left = points[:, 2] - middle[2] - flat @ slope
+    for k in np.flatnonzero(spread > 0.005 * np.sqrt(len(points))):  # 5 mm RMS: far enough to tell a slope
+        slope = slope + (axes[:, k] @ left / spread[k]) * rows[k]
+    normal = np.array([-slope[0], -slope[1], 1.0])
+    normal /= np.linalg.norm(normal)
+    return TablePlane(normal, float(normal @ middle))
