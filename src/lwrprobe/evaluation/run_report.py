@@ -136,9 +136,8 @@ class _Page:
             )
         table = self.summary.get("table_found")
         if table:
-            found.append(
-                f"{table['contacts']} contacts are the table's and left out; it leans by {table['tilt_deg']:.2f} degrees"
-            )
+            tilt = f"it leans by {table['tilt_deg']:.2f} degrees"
+            found.append(f"{table['contacts']} contacts are the table's and left out; {tilt}")
         if sides:
             names = ", ".join(side["side"] for side in sides)
             found.append(f"Open border {names}: the object goes on beyond the area, and the mesh is closed there")

@@ -1,4 +1,4 @@
-"""A table that is not where it was said to be is touched too: found among the contacts and told apart from the object."""
+"""A table that is not where it was said to be is touched too: it is found among the contacts, and left out."""
 
 from __future__ import annotations
 
