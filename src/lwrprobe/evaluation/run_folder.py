@@ -41,6 +41,12 @@ class RunFolder:
     force: np.ndarray
     trace: np.ndarray
 
+    @property
+    def duration(self) -> float:
+        """s, to the last thing that was noted."""
+        assert self.record.times is not None
+        return max(0.0, *self.trace[-1:, 0].tolist(), *self.record.times[-1:].tolist())
+
 
 def read_run(folder: str | Path) -> RunFolder:
     """Read a run folder; a last line that a killed run left unfinished is left out.

@@ -82,7 +82,7 @@ def explore(
         tell("going through what was done")
         pipeline.place_tip(pose, q)
         pipeline.strategy.recall(explorer.task(), pipeline, recorder)
-    elapsed = max(0.0, *earlier.trace[-1:, 0], *earlier.record.times[-1:]) if earlier is not None else 0.0
+    elapsed = earlier.duration if earlier is not None else 0.0
     before = len(recorder.contacts)
     with settled_memory(), rig:
         refused = _make_ready(explorer, pose, q, elapsed)

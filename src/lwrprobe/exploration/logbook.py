@@ -10,10 +10,12 @@ from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import (
+    STRATEGY_CONTRACT,
     Clearance,
     Contact,
     FormatError,
@@ -69,13 +71,13 @@ class Logbook:
         """Where the strategy takes over."""
         row = self._empty(TASK, 0.0)
         row[2:11], row[11:14], row[14] = task.orientation.ravel(), task.start, task.delay
-        self._rows.write(row)
+        self._rows.write(row.data)
 
     def answer(self, answer: bool) -> bool:
         """What the strategy was told when it asked for the arm's reach or for the links' clearance."""
         row = self._empty(ANSWER, 0.0)
         row[2] = answer
-        self._rows.write(row)
+        self._rows.write(row.data)
         return answer
 
     def note(self, seen: Observation) -> None:
@@ -122,6 +124,9 @@ class Logbook:
 
 class Logged:
     """A strategy whose observations and answers are written down on their way to it."""
+
+    Config: ClassVar[type] = object
+    contract: ClassVar[int] = STRATEGY_CONTRACT
 
     def __init__(self, strategy: Strategy, log: Logbook) -> None:
         self.strategy, self._log = strategy, log

@@ -105,6 +105,9 @@ class Recorder:
     def _take_over(self, earlier: RunFolder) -> None:
         """Contacts and way; no true contact is known of them any more."""
         record, radius = earlier.record, earlier.scene.probe.radius
+        assert record.times is not None
+        assert record.normals is not None
+        assert record.trust is not None
         for row in zip(record.times, record.points, record.normals, earlier.force, record.trust):
             time, point, normal, force, trust = row
             contact = Contact(float(time), point, normal, force * normal, point + radius * normal, float(trust))

@@ -61,7 +61,7 @@ class Resumed(Logged):
                 replace(self.asking(task), start=past.start, orientation=past.orientation, delay=past.delay)
             )
             for k in np.flatnonzero(past.rows[:, 0] == SEEN):
-                seen = past.observation(k)
+                seen = past.observation(int(k))
                 while coming is not None and coming.time <= seen.time + 1e-6:
                     pipeline.voxels.insert_point(coming.point)
                     coming = next(contacts, None)
