@@ -51,6 +51,8 @@ BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
 STEEPEST_FRICTION = 0.5
 """Share of the normal force that may act against the feed before that means another surface."""
+BELIEVED = 0.5
+"""Trust of a contact, from which on it is one of the sphere with one surface."""
 MEETS = 0.5
 """Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
 EDGE_WAY = 0.001
@@ -506,9 +508,11 @@ class Contouring(ABC):
         here, normal = seen.pose[:3, 3], self._followed_normal(seen)
         self._remember(seen, normal)
         force = max(float(seen.force @ normal), 0.0)
-        velocity = self.follower.velocity(
-            normal, force, self.course.across(), self.task.contour_speed, seen.pose[:3, :3], self._period
-        )
+        feed = self.task.contour_speed
+        if seen.contact is None or seen.contact.trust < BELIEVED:
+            # Maybe it is the stick that touches, and the sphere has something unknown above it.
+            feed = min(feed, self.follower.approach_speed(DOWN, seen.pose[:3, :3]))
+        velocity = self.follower.velocity(normal, force, self.course.across(), feed, seen.pose[:3, :3], self._period)
         velocity += self.course.back(here, self.follower.normal)
         return Feed(self.course.bounded(here, velocity), reason=self.state, pose=self._held(seen))
 
@@ -517,7 +521,7 @@ class Contouring(ABC):
         if self._edge is not None:
             here, contact = seen.pose[:3, 3], seen.contact
             normal, place = self._edge
-            alone = contact is not None and contact.trust >= 0.5 and contact.normal @ normal > 0.8
+            alone = contact is not None and contact.trust >= BELIEVED and contact.normal @ normal > 0.8
             if not alone and np.abs(here - place).max() < EDGE_WAY:
                 return normal
             self._edge = None
