@@ -82,7 +82,9 @@ def follow(
 
 def why(robot: Robot, status: IKStatus, pose: Array, q_from: Array, q: Array) -> str:
     """In words, why a pose (4, 4) could not be followed from q_from (n,), of which q (n,) is the best found."""
-    gap = np.linalg.norm(robot.fk(q).t - pose[:3, 3])
+    tip = np.empty((4, 4))
+    robot.fk_into(q, tip)
+    gap = np.linalg.norm(tip[:3, 3] - pose[:3, 3])
     if status == IKStatus.UNREACHABLE:
         return f"{gap:.4g} m out of reach"
     if status == IKStatus.LIMITED:

@@ -46,8 +46,8 @@ class IKResult:
     ----------
     status : see `IKStatus`
     q : (n,) the solution, else the joint values of the nearest pose found
-    pose : SE3 of the tip at q
-    position_error, rotation_error : m and rad between `pose` and what was asked for
+    tip : (4, 4) of the tip at q
+    position_error, rotation_error : m and rad between `tip` and what was asked for
     short_by : m that the tip falls short of it, 0 when converged
     iterations : steps of damped least squares; 0 where the closed form alone was enough
     branch : signs of elbow, shoulder and wrist bend (joints 4, 2, 6) of a spherical-roll-spherical arm, else None
@@ -55,12 +55,19 @@ class IKResult:
 
     status: IKStatus
     q: Array
-    pose: SE3
+    tip: Array
     position_error: float
     rotation_error: float
     short_by: float
     iterations: int
     branch: tuple[int, int, int] | None
+
+    @property
+    def pose(self) -> SE3:
+        """`tip` as an SE3, whose package takes a second to load: a run does without."""
+        from spatialmath import SE3
+
+        return SE3(self.tip, check=False)
 
     @property
     def converged(self) -> bool:
@@ -214,13 +221,14 @@ class IKSolver:
             raise InputError("robot", self.robot.name, "an arm with spherical shoulder, elbow and spherical wrist")
 
     def _result(self, status: IKStatus, target: Array, q: Array) -> IKResult:
-        reached = self.robot.fk(q)
-        position_error = float(np.linalg.norm(reached.t - target[:3, 3]))
-        rotation_error = float(np.linalg.norm(reached.R - target[:3, :3]) / np.sqrt(2.0))
+        tip = np.empty((4, 4))
+        self.robot.fk_into(q, tip)
+        position_error = float(np.linalg.norm(tip[:3, 3] - target[:3, 3]))
+        rotation_error = float(np.linalg.norm(tip[:3, :3] - target[:3, :3]) / np.sqrt(2.0))
         return IKResult(
             status=status,
             q=q,
-            pose=reached,
+            tip=tip,
             position_error=position_error,
             rotation_error=rotation_error,
             short_by=0.0 if status == IKStatus.CONVERGED else position_error,

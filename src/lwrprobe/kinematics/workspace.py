@@ -121,7 +121,8 @@ def reachable(
 
 def _turned_start(solver: IKSolver, turned: Array, q0: Array) -> tuple[Array, Array]:
     """Pose and joint values of the start posture, turned on the spot to the wanted rotation."""
-    here = solver.robot.fk(q0).A
+    here = np.empty((4, 4))
+    solver.robot.fk_into(q0, here)
     goal = turned.copy()
     goal[:3, 3] = here[:3, 3]
     q = np.empty_like(q0)
