@@ -75,7 +75,8 @@ def near_sides(touches: np.ndarray, way: np.ndarray, area: Area, pitch: float) -
     for x in np.unique(touches[~np.isnan(touches[:, 9]), 9]):
         own = touches[touches[:, 9] == x]
         over = own[own[:, 8] > OVER]
-        met_above = own[0, 2] - area.lower[2] > 0.5 * pitch
+        # The far side was followed as far down as the links allow; no lower than that goes the near one.
+        met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
         if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
             continue
         top = over[0]

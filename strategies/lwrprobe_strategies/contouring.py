@@ -40,7 +40,7 @@ from lwrprobe_strategies.following import Follower, rolling
 from lwrprobe_strategies.lines import Grid, Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import Pace, Waypoint, held, line_height, way_to
+from lwrprobe_strategies.way import HOVER, Pace, Waypoint, held, line_height, way_to
 
 Y = 1
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -55,6 +55,10 @@ BELIEVED = 0.5
 """Trust of a contact, from which on it is one of the sphere with one surface."""
 MEETS = 0.5
 """Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
+UNDER = -0.05
+"""Share of the normal along z, below which the sphere is under what it touches."""
+FARTHEST_OUT = 0.04
+"""m, of the way out from under an object."""
 EDGE_WAY = 0.001
 """m from an inner edge, after which the surface met there is felt alone."""
 PAST = 0.03
@@ -206,20 +210,30 @@ class Contouring(ABC):
 
     def _next_line(self, seen: Observation) -> None:
         """Go on with the next line of the grid, or with one across, or with nothing."""
-        here = seen.pose[:3, 3]
         self._driven += 1
         self._aborts = 0
         self._number += 1
         self._way = []
+        self._leaving = seen.contact is not None
+        here = self._off(seen) if self._leaving else seen.pose[:3, 3]
         line = self._line_after(here)
         self._finished = line is None
         if line is not None:
             self._take(line, here)
-        self._leaving = seen.contact is not None
         if self._leaving:
-            off = here + self.options.retreat * surface_normal(seen)
-            off[Z] = max(off[Z], min(here[Z], self.task.area.lower[Z]))  # from under an object the normal leads down
-            self._way.insert(0, Waypoint(off, Pace.FEELING))
+            self._way.insert(0, Waypoint(here, Pace.FEELING))
+
+    def _off(self, seen: Observation) -> np.ndarray:
+        """(3,) m, a place off the surface that is touched, from which the way up is free."""
+        here, normal = seen.pose[:3, 3], surface_normal(seen)
+        flat = np.array([normal[0], normal[Y], 0.0])
+        size = float(np.sqrt(flat @ flat))
+        if normal[Z] > UNDER or size < 0.1:
+            return here + self.options.retreat * normal
+        # Under an object: out from under it, past all that has been touched on that side.
+        out = flat / size
+        past = float((self.touched.table()[:, :3] @ out).max(initial=-np.inf) - here @ out) + HOVER
+        return here + min(max(past, self.options.retreat), FARTHEST_OUT) * out
 
     def _line_after(self, here: np.ndarray) -> Line | None:
         if self._number < len(self.grid):

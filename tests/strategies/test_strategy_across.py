@@ -159,9 +159,11 @@ def test_a_near_side_that_was_met_above_its_foot_is_felt_from_the_top_down(trave
         centre = np.array([0.0, y, 0.055])
         touched.add(centre, centre - RADIUS * up, up, 0.0)
     area = Area(np.array([-0.08, -0.06, FLOOR]), np.array([0.08, 0.06, 0.06]))
+    assert near_sides(touched.table(), touched.way(), area, 0.01) == [], "the far side went no lower"
+    for z in np.arange(0.05, FLOOR, -0.001):
+        centre = np.array([0.0, 0.03 * travel, z])
+        touched.add(centre, centre + RADIUS * wall, -wall, 0.0)
     (line,) = near_sides(touched.table(), touched.way(), area, 0.01)
     assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.055, True)
     assert line.begin == pytest.approx(-0.025 * travel)
     assert line.end == pytest.approx(-0.06 * travel)
-    low = Area(area.lower + np.array([0.0, 0.0, 0.022]), area.upper)
-    assert near_sides(touched.table(), touched.way(), low, 0.01) == []
