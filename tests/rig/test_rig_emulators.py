@@ -75,6 +75,12 @@ def free_addresses(count):
     return found
 
 
+def heed_signals():
+    """As in a terminal: what runs the tests in the background may have had these signals ignored."""
+    for number in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
+
+
 @contextmanager
 def running(code, *arguments):
     process = subprocess.Popen(
@@ -84,6 +90,7 @@ def running(code, *arguments):
         stderr=subprocess.STDOUT,
         text=True,
         bufsize=1,
+        preexec_fn=heed_signals,
     )
     try:
         yield process
