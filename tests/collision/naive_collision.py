@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def at(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
+    """(4, 4) pose at a place, turned by a rotation vector."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    pose[:3, 3] = x, y, z
+    return pose
 
 
 def project(link, frame, points):

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from naive_collision import clearance, gap_between, inside
-from scipy.spatial.transform import Rotation
+from naive_collision import at, clearance, gap_between, inside
 
 from lwrprobe.collision import NO_FRAMES, ClearanceQuery
 from lwrprobe.contracts import InputError, LinkShape, UnknownNameError
 from lwrprobe.mapping import VoxelMap
 
 MICROMETRE = 1e-6
-
-
-def at(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def probe_links():

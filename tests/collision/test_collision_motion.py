@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from naive_collision import at
 from scipy.spatial.transform import Rotation, Slerp
 
 from lwrprobe.collision import ClearanceQuery
 from lwrprobe.contracts import InputError, LinkShape, TriangleMesh, UnknownNameError
 from lwrprobe.mapping import VoxelMap
-
-
-def at(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 def between(a, b, count):

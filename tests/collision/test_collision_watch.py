@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from naive_collision import at
 
 from lwrprobe.collision import NO_FRAMES, ClearanceQuery, ClearanceWatch, LinkGroup
 from lwrprobe.contracts import InputError, LinkShape
 from lwrprobe.mapping import VoxelMap
 
 EXACT = 3e-7
-
-
-def at(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    pose[:3, 3] = x, y, z
-    return pose
 
 
 STICK = LinkShape("stick", "cylinder", (0.002, 0.040), at(z=-0.025))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from lwrprobe.bench.loopback import free_addresses
 from lwrprobe.contracts.plugins import load, names
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,16 +64,6 @@ passed = arm.read().time - first
 print("state", arm.measurement.state.name, "answered", arm.measurement.answer_rate, "passed", passed, flush=True)
 arm.close()
 """
-
-
-def free_addresses(count):
-    probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    found = [f"127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
-    for probe in probes:
-        probe.close()
-    return found
 
 
 def heed_signals():

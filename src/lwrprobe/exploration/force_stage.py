@@ -69,7 +69,6 @@ class ForceStage:
             series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, most_speed=1.0
         )
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
-        self._delay = delay
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
