@@ -3,10 +3,14 @@
 Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
 line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
 A line over a tall object comes in at a height at which the body above the stick clears whatever may be there, and goes
-up; what lies below is felt afterwards, from the top down, when it is known what the body has to clear.
+up; what lies below is felt afterwards, when it is known what the body has to clear. All these lines lead upwards where
+they can: a foot that nobody has felt has to be come to slowly.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +27,10 @@ FACING = 0.5
 """Share of the normal along x, from which on a touch is one of an end in x."""
 OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
+BODY = 0.03
+"""m, on both sides of a line, in which what is tall counts."""
+RISE = 0.0015
+"""m, that something may be higher than what was touched of it."""
 UPWARD = 0.3
 """Share of the normal along z, up to which a touch is one of a wall."""
 WIDENS = 0.05
@@ -32,7 +40,12 @@ BENT = 0.06
 
 
 def lines_across(
-    touches: np.ndarray, way: np.ndarray, places: np.ndarray, pitch: float, floor: float, height: float
+    touches: np.ndarray,
+    way: np.ndarray,
+    places: np.ndarray,
+    pitch: float,
+    floor: float,
+    lowest: Callable[[float], float],
 ) -> list[Line]:
     """Lines along x over every face that the lines along y, at `places` (n,) m, left out; in the order to drive them.
 
@@ -41,7 +54,7 @@ def lines_across(
     touches, way : (m, 10) and (k, 10) as in `Touched.table` and `Touched.way`
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
-    height : m, at which a line begins that begins in free space
+    lowest : m, height at which a line may begin in free space beside something so many m high
     """
     if not len(touches):
         return []
@@ -54,35 +67,54 @@ def lines_across(
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
-            ends = (first, last) if len(lines) % 2 == 0 else (last, first)
-            touching = heights[ends[0]] > floor + 1e-4
-            begin, end = float(xs[ends[0]]), float(xs[ends[1]])
-            if touching:
-                # Where the probe has stood its stick filled the column above.
-                stood = way[(way[:, 9] == begin) & (np.abs(way[:, 1] - y) < NEAR), 2].max()
-                lines.append(Line(0, float(y), begin, end, float(heights[ends[0]]), True, float(stood)))
-            else:
-                lines.append(Line(0, float(y), begin, end, height))
+            beside = lowest(_tallest(touches, xs[first], xs[last], y) + RISE)
+            ends = [_end(way, xs, heights, i, y, floor, beside) for i in (first, last)]
+            # From its foot up a wall is felt faster than down from its top.
+            low, high = sorted(ends, key=lambda end: end.height)
+            down = replace(high, end=low.begin) if high.on_surface else None
+            lines.append(replace(low, end=high.begin, instead=down, free_end=down is None))
     return lines
 
 
-def near_sides(touches: np.ndarray, way: np.ndarray, area: Area, pitch: float) -> list[Line]:
-    """Lines along y down every wall that a line met well above the area's floor, from where it came over the top.
+def _tallest(touches: np.ndarray, low: float, high: float, y: float) -> float:
+    """m, of all that was touched where the body above the stick passes on a line from x = `low` to `high`."""
+    points = touches[:, 3:6]
+    along = (points[:, 0] > low - BODY) & (points[:, 0] < high + BODY)
+    return float(points[along & (np.abs(points[:, 1] - y) < BODY), 2].max(initial=-np.inf))
 
-    `touches` and `way` as above, those of one line in the order in which they were made; `pitch` m, between two lines.
+
+def _end(
+    way: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: float, floor: float, height: float
+) -> Line:
+    """A line across that begins on a line of the grid, where that touched or in free space; it leads nowhere yet."""
+    x = float(xs[index])
+    if heights[index] <= floor + 1e-4:
+        return Line(0, float(y), x, x, height)
+    # Where the probe has stood its stick filled the column above.
+    stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - y) < NEAR), 2].max()
+    return Line(0, float(y), x, x, float(heights[index]), True, float(stood))
+
+
+def near_sides(touches: np.ndarray, way: np.ndarray, area: Area, pitch: float) -> list[Line]:
+    """Lines along y up every wall that a line met well above the area's floor, from its foot to where it came over.
+
+    Where the foot cannot be come to, the wall is felt from the top down instead. `touches` and `way` as above, those of
+    one line in the order in which they were made; `pitch` m, between two lines.
     """
     lines: list[Line] = []
     for x in np.unique(touches[~np.isnan(touches[:, 9]), 9]):
         own = touches[touches[:, 9] == x]
         over = own[own[:, 8] > OVER]
-        # The far side was followed as far down as the links allow; no lower than that goes the near one.
-        met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
+        # The far side was felt as far down as the links allow; no lower than that goes the near one.
+        foot = float(own[:, 2].min())
+        met_above = own[0, 2] - foot > 0.5 * pitch
         if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
             continue
         top = over[0]
         stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - top[1]) < NEAR), 2].max()
-        out = area.lower[1] if own[0, 7] < 0.0 else area.upper[1]
-        lines.append(Line(1, float(x), float(top[1]), float(out), float(top[2]), True, float(stood)))
+        out = float(area.lower[1] if own[0, 7] < 0.0 else area.upper[1])
+        down = Line(1, float(x), float(top[1]), out, float(top[2]), True, float(stood))
+        lines.append(Line(1, float(x), out, float(top[1]), foot, instead=down))
     return lines
 
 

@@ -6,7 +6,8 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
   hold; the source leaves that height to the operator.
 - A lost contact is sought on an arc around the point last touched, not on the straight line against the last
   force: past an edge that line leads over the top without a touch.
-- Where a line came in above the lowest height, the near side is felt from the top down afterwards.
+- A wall that would have to be descended is climbed from the line's other end instead (`climbing.py`).
+- Where a line came in above the lowest height, the near side is felt afterwards.
 - The return to the first contact runs along the area's border, where nothing stands.
 - Faces that lie along the lines are crossed by lines of their own afterwards, and the object's ends in x are sought
   (`across.py`); the source misses up to a line's distance at each end.
@@ -15,7 +16,6 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot
@@ -34,33 +34,28 @@ from lwrprobe.contracts import (
     Progress,
     Task,
 )
-from lwrprobe_strategies.across import lines_across, near_sides, rims
+from lwrprobe_strategies.climbing import Climbing
 from lwrprobe_strategies.course import Course, Z
 from lwrprobe_strategies.following import Follower, rolling
-from lwrprobe_strategies.lines import Grid, Line
+from lwrprobe_strategies.inner_edge import InnerEdge, believed
+from lwrprobe_strategies.itinerary import Itinerary, Y
+from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import HOVER, Pace, Waypoint, held, line_height, way_to
+from lwrprobe_strategies.way import HOVER, OFF, Feeling, Pace, Waypoint, held, way_to
 
-Y = 1
 DOWN = np.array([0.0, 0.0, -1.0])
 JAM_TIME = 3.0
 JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
-STEEPEST_FRICTION = 0.5
-"""Share of the normal force that may act against the feed before that means another surface."""
-BELIEVED = 0.5
-"""Trust of a contact, from which on it is one of the sphere with one surface."""
-MEETS = 0.5
-"""Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
+OWN_COLUMN = 0.9
+"""Share of the way off a surface along the stick, from which on nothing can be met on it."""
 UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 FARTHEST_OUT = 0.04
 """m, of the way out from under an object."""
-EDGE_WAY = 0.001
-"""m from an inner edge, after which the surface met there is felt alone."""
 PAST = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 
@@ -76,6 +71,7 @@ class ContouringConfig:
         the first contact for the other side
     reapproach : m, way along which a lost contact is sought before the grid takes over
     retreat : m, way off a collision threat
+    climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
     near_sides : feel walls that a line met above the lowest height down to their foot
     across : cross the faces that lie along the lines by lines along x
     find_ends : follow the object around its ends in x to where it reaches furthest
@@ -85,6 +81,7 @@ class ContouringConfig:
     first_line: str = "middle"
     reapproach: float = 0.025
     retreat: float = 0.010
+    climb: bool = True
     near_sides: bool = True
     across: bool = True
     find_ends: bool = True
@@ -108,21 +105,20 @@ class Contouring(ABC):
         """Take over in free space."""
         self.task = task
         self.options = task.options or self.Config()
-        first = None if self.options.first_line == "border" else float(task.start[0])
-        self.grid = Grid.over(task.area, self.options.step, first, task.probe.radius)
-        self.height = line_height(task)
+        options = self.options
         self.touched = Touched()
+        self.itinerary = Itinerary(
+            task, self.touched, options.step, options.first_line,
+            near_side_feet=options.near_sides, across=options.across, ends=options.find_ends,
+        )  # fmt: skip
         self.upright = np.array(task.orientation, dtype=np.float64)
         self.rotation = self.upright
         self._carried = self.upright  # how the tip is held on the way between two lines
         self.follower = Follower(task)
+        self.climbing = Climbing(task, self.follower, self.touched)
         self.state = State.TRANSFER
         self.trace: list[tuple[float, str, str, str]] = []
         self.first_contact: np.ndarray | None = None
-        self._number = 0  # of the present line on the grid
-        self._driven = 0
-        self._coming: deque[Line] = deque()
-        self._passes = deque(self._further_passes())
         self._finished = False
         self._last_time: float | None = None
         self._period = 0.008
@@ -134,7 +130,7 @@ class Contouring(ABC):
         self._borne = np.inf
         self._leaving = False
         self._touching_tilt = False
-        self._edge: tuple[np.ndarray, np.ndarray] | None = None
+        self._edge = InnerEdge(task.force_target)
         self._mark: tuple[float, np.ndarray] | None = None
         self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
         self._handlers: dict[State, Callable[[Observation], Event | None]] = {
@@ -147,27 +143,26 @@ class Contouring(ABC):
             State.TILT: self._event_tilt,
             State.FINISHED: lambda _: None,
         }
-        self._begin_grid()
-
-    def _begin_grid(self) -> None:
-        """Take the grid's first line."""
-        self._take(self._grid_line(self.task.start), np.asarray(self.task.start))
+        here = np.asarray(task.start)
+        self._take(self.itinerary.first(here), here)
 
     def _take(self, line: Line, here: np.ndarray) -> None:
         line, rotation = self.prepared(line, here)
         self.course = Course(line, self.task.area)
         self.course.plane = self.course.upright()
         self._carried, self.rotation = self.rotation, rotation
-        self._way = way_to(line, here, rotation, self.task, self.touched)
+        self._way = way_to(line, here, rotation, self.task, self.touched, self._feeling(rotation))
 
     def step(self, observation: Observation) -> Motion:
         """One observation, one motion; see `states.TRANSITIONS`."""
         if self._last_time is not None:
             self._period = min(max(observation.time - self._last_time, 1e-4), 0.1)
         self._last_time = observation.time
-        self._watch_edge(observation)
-        if self.state in (State.LINE, State.REAPPROACH) and self.course.line.axis == Y:
-            self.touched.passed(observation.pose[:3, 3], self.course.line.place)
+        if self.state is State.CONTOUR:
+            self._edge.watch(observation, self.follower, self.course.across())
+        if self.state in (State.LINE, State.REAPPROACH):
+            line = self.course.line
+            self.touched.passed(observation.pose[:3, 3], line.place if line.axis == Y else np.nan)
         event = self._handlers[self.state](observation)
         if event is None and self._jammed(observation):
             event = Event.BLOCKED
@@ -177,74 +172,49 @@ class Contouring(ABC):
 
     def progress(self) -> Progress:
         """State and share of the lines done."""
-        known = self._driven + len(self._coming) + max(len(self.grid) - self._number, 0)
+        driven, known = self.itinerary.count()
         kind = "grid line" if self.course.line.axis == Y else "line across"
-        doing = f"{kind}, {min(self._driven + 1, known)} of {known}: {self.state}"
-        return Progress(doing, min(self._driven / max(known, 1), 1.0), self.state)
+        doing = f"{kind}, {min(driven + 1, known)} of {known}: {self.state}"
+        return Progress(doing, min(driven / max(known, 1), 1.0), self.state)
 
     # Which lines
 
-    def _further_passes(self) -> list[Callable[[], list[Line]]]:
-        """Asked in turn for more lines when those known are done."""
-        asked: list[Callable[[], list[Line]]] = []
-        if self.options.near_sides:
-            asked.append(lambda: near_sides(*self._felt(), self.task.area, self.options.step))
-        if self.options.across:
-            asked.append(self._lines_across)
-        if self.options.find_ends:
-            asked.append(lambda: rims(self.touched.table(), self.grid.x, self.height))
-        return asked
-
-    def _felt(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.touched.table(), self.touched.way()
-
-    def _lines_across(self) -> list[Line]:
-        floor = float(self.task.area.lower[Z])
-        return lines_across(*self._felt(), self.grid.x, self.options.step, floor, self.height)
-
-    def _grid_line(self, here: np.ndarray) -> Line:
-        """The present line of the grid, from the border that is nearer."""
-        low, high = float(self.task.area.lower[Y]), float(self.task.area.upper[Y])
-        line = Line(Y, float(self.grid.x[self._number]), low, high, self.height)
-        return line if here[Y] <= 0.5 * (low + high) else line.turned()
-
     def _next_line(self, seen: Observation) -> None:
-        """Go on with the next line of the grid, or with one across, or with nothing."""
-        self._driven += 1
+        """Go on with the next line, or with nothing."""
         self._aborts = 0
-        self._number += 1
-        self._way = []
         self._leaving = seen.contact is not None
-        here = self._off(seen) if self._leaving else seen.pose[:3, 3]
-        line = self._line_after(here)
+        here = seen.pose[:3, 3]
+        off = self._off(seen) if self._leaving else None
+        line = self.itinerary.after(here)
         self._finished = line is None
+        self._way = []
         if line is not None:
-            self._take(line, here)
-        if self._leaving:
-            self._way.insert(0, Waypoint(here, Pace.FEELING))
+            self._take(line, here if off is None else off.place)
+        if off is not None:
+            self._way.insert(0, off)
 
-    def _off(self, seen: Observation) -> np.ndarray:
-        """(3,) m, a place off the surface that is touched, from which the way up is free."""
+    def _off(self, seen: Observation) -> Waypoint:
+        """A place off the surface that is touched, from which the way up is free."""
         here, normal = seen.pose[:3, 3], surface_normal(seen)
         flat = np.array([normal[0], normal[Y], 0.0])
         size = float(np.sqrt(flat @ flat))
         if normal[Z] > UNDER or size < 0.1:
-            return here + self.options.retreat * normal
+            # Up along the stick the probe's own column is free.
+            own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
+            far = OFF if believed(seen) else self.options.retreat
+            return Waypoint(here + far * normal, Pace.FREE if own_column else Pace.FEELING)
         # Under an object: out from under it, past all that has been touched on that side.
         out = flat / size
         past = float((self.touched.table()[:, :3] @ out).max(initial=-np.inf) - here @ out) + HOVER
-        return here + min(max(past, self.options.retreat), FARTHEST_OUT) * out
-
-    def _line_after(self, here: np.ndarray) -> Line | None:
-        if self._number < len(self.grid):
-            return self._grid_line(here)
-        while not self._coming and self._passes:
-            self._coming.extend(self._passes.popleft()())
-        return self._coming.popleft() if self._coming else None
+        return Waypoint(here + min(max(past, self.options.retreat), FARTHEST_OUT) * out, Pace.FEELING)
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
         return line, self.upright
+
+    def leaves_descents(self, line: Line) -> bool:
+        """Whether a wall down which the line leads may be climbed from its other end instead."""
+        return line.free_end
 
     def turn_wanted(self, seen: Observation) -> np.ndarray | None:
         """(3, 3) to turn to in the middle of a contour, None = go on as it is."""
@@ -300,7 +270,19 @@ class Contouring(ABC):
                 return Event.LINE_END
         elif self._at_table(seen):
             return Event.TABLE
+        elif self._climb_instead(seen):
+            return Event.DESCENT
         return Event.LOST if seen.contact is None else None
+
+    def _climb_instead(self, seen: Observation) -> bool:
+        """Whether the wall that is descended is left here, to be climbed from the line's other end."""
+        if not self.options.climb or seen.contact is None or not self.leaves_descents(self.course.line):
+            return False
+        up = self.climbing.instead(seen, self.course, self.upright)
+        if up is None or self.itinerary.hopeless(up):
+            return False
+        self.itinerary.interpose(up)
+        return True
 
     def _event_reapproach(self, seen: Observation) -> Event | None:
         if self._overloaded(seen):
@@ -392,25 +374,24 @@ class Contouring(ABC):
         return bool(normal[line.aside] * line.rim > PAST or gone > 1.5 * self.options.step)
 
     def _at_next_line(self, seen: Observation) -> bool:
-        if self._number + 1 >= len(self.grid) or self._number + 1 == self.grid.second_side:
+        neighbours = self.itinerary.neighbours()
+        if neighbours is None:
             return False
-        here, there = self.grid.x[self._number], self.grid.x[self._number + 1]
+        here, there = neighbours
         return bool((seen.pose[0, 3] - there) * (there - here) >= 0.0)
 
     def _turned_back(self) -> bool:
         """In X_Y: around the object's end, and now away from the next line again."""
-        return bool(self.follower.tangent(self.course.across())[0] * self._towards_next_line() < -0.5)
-
-    def _towards_next_line(self) -> float:
-        last = min(self._number + 1, len(self.grid) - 1)
-        return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
+        return bool(self.follower.tangent(self.course.across())[0] * self.itinerary.towards_next() < -0.5)
 
     # What follows from it
 
     def _enter(self, event: Event, seen: Observation) -> None:
         before = self.state
         after = self.avoid(seen) if event is Event.THREAT else TRANSITIONS[before, event]
-        if event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND) and after is State.TRANSFER:
+        if event is Event.BLOCKED and after is State.TRANSFER:
+            self.itinerary.give_up(self.course.line)
+        if event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT) and after is State.TRANSFER:
             self._next_line(seen)
         if event is Event.TABLE:
             self._leaving = seen.contact is not None
@@ -421,7 +402,8 @@ class Contouring(ABC):
         if after is State.CONTOUR and before in (State.LINE, State.TRANSFER, State.REAPPROACH):
             self._begin_contour(seen)
         if after is not State.RELEASE and before is not State.RELEASE:
-            self._edge = None
+            self._edge.forget()
+            self.climbing.forget()
         if after is State.TILT:
             self._touching_tilt = before is State.CONTOUR
         if after is State.REAPPROACH:
@@ -432,10 +414,8 @@ class Contouring(ABC):
 
     def _take_next_in_passing(self, seen: Observation) -> None:
         """A contour in X_Y has come to the next grid line: along that, from the side it is on."""
-        self._driven += 1
-        self._number += 1
         self._aborts = 0
-        line = self._grid_line(seen.pose[:3, 3])
+        line = self.itinerary.in_passing(seen.pose[:3, 3])
         inward = -1.0 if self.follower.normal[Y] > 0.0 else 1.0
         self.course = Course(line if line.sign == inward else line.turned(), self.task.area)
 
@@ -455,11 +435,12 @@ class Contouring(ABC):
     def follow_in(self, plane: Plane) -> State:
         """Go on contouring along other axes; in X_Y towards the next grid line."""
         self.course.plane, self.course.level = plane, None
-        self.course.round = self._towards_next_line() * (1.0 if self.follower.normal[Y] >= 0.0 else -1.0)
+        self.course.round = self.itinerary.towards_next() * (1.0 if self.follower.normal[Y] >= 0.0 else -1.0)
         return State.CONTOUR
 
     def give_up_line(self, seen: Observation) -> State:
-        """Leave the line where it is and go on with the next."""
+        """Leave the line where it is and go on with what is to be driven instead, or with the next."""
+        self.itinerary.give_up(self.course.line)
         self._next_line(seen)
         return State.TRANSFER
 
@@ -506,8 +487,11 @@ class Contouring(ABC):
             way = target.place - seen.pose[:3, 3]
             size = float(np.sqrt(way @ way))
             along = way / size if size > 1e-9 else DOWN
-            speed = min(self.follower.approach_speed(along, turn) for turn in (seen.pose[:3, :3], self._carried))
+            speed = min(self._feeling(turn)(along) for turn in (seen.pose[:3, :3], self._carried))
         return Goal(pose, speed, self.state)
+
+    def _feeling(self, rotation: np.ndarray) -> Feeling:
+        return lambda along: self.follower.approach_speed(along, rotation)
 
     def _along_line(self, seen: Observation) -> Motion:
         if self._goal is None:
@@ -523,7 +507,7 @@ class Contouring(ABC):
         self._remember(seen, normal)
         force = max(float(seen.force @ normal), 0.0)
         feed = self.task.contour_speed
-        if seen.contact is None or seen.contact.trust < BELIEVED:
+        if not believed(seen):
             # Maybe it is the stick that touches, and the sphere has something unknown above it.
             feed = min(feed, self.follower.approach_speed(DOWN, seen.pose[:3, :3]))
         velocity = self.follower.velocity(normal, force, self.course.across(), feed, seen.pose[:3, :3], self._period)
@@ -532,28 +516,8 @@ class Contouring(ABC):
 
     def _followed_normal(self, seen: Observation) -> np.ndarray:
         """That of the surface; in an inner edge, where two are felt at once, that of the one met last."""
-        if self._edge is not None:
-            here, contact = seen.pose[:3, 3], seen.contact
-            normal, place = self._edge
-            alone = contact is not None and contact.trust >= BELIEVED and contact.normal @ normal > 0.8
-            if not alone and np.abs(here - place).max() < EDGE_WAY:
-                return normal
-            self._edge = None
-        return surface_normal(seen)
-
-    def _watch_edge(self, seen: Observation) -> None:
-        """A force against the feed that friction does not explain: another surface has been met."""
-        if self.state is not State.CONTOUR or self._edge is not None:
-            return
-        pressed = float(seen.force @ self.follower.normal)
-        friction = STEEPEST_FRICTION * max(pressed, 0.0)
-        met = friction + MEETS * self.task.force_target
-        if seen.force @ seen.force <= pressed * pressed + met * met:
-            return  # nowhere along the surface is there so much
-        onward = self.follower.tangent(self.course.across())
-        if -float(seen.force @ onward) > met:
-            self._edge = (-onward, seen.pose[:3, 3].copy())
-            self.follower.restart(-onward)
+        edge = self._edge.normal(seen)
+        return surface_normal(seen) if edge is None else edge
 
     def _remember(self, seen: Observation, normal: np.ndarray) -> None:
         here, line, contact = seen.pose[:3, 3], self.course.line, seen.contact

@@ -22,6 +22,8 @@ class Line:
     on_surface : the beginning is known to touch; it is come down to from above
     free_to : m, height down to which the way to such a beginning is known to be free
     rim : 0, or the sign on the other horizontal axis towards which a touch is followed around in the horizontal plane
+    instead : to be driven where this one has to be given up
+    free_end : the end lies in free space, from where the line may be driven as well
     """
 
     axis: int
@@ -32,6 +34,8 @@ class Line:
     on_surface: bool = False
     free_to: float = np.inf
     rim: int = 0
+    instead: Line | None = None
+    free_end: bool = False
 
     @property
     def sign(self) -> float:

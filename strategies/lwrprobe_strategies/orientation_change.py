@@ -7,9 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, Observation, Task
+from lwrprobe.contracts import InputError, LinkShape, Observation, Task
 from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
 from lwrprobe_strategies.course import Z
+from lwrprobe_strategies.itinerary import ALMOST
 from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import Plane, State
 
@@ -19,6 +20,12 @@ ABOVE = 0.003
 
 SPARE = 0.02
 """m further out, where a leaning probe has to be in reach as well: no contour ends at a stretched elbow."""
+STEP = float(np.radians(2.5))
+"""rad, between two angles that are tried."""
+MORE = float(np.radians(10.0))
+"""rad, by which it leans further where leaning has not helped."""
+SHELTERED = 0.0015
+"""m, beyond the clearance, that the body is kept behind the sphere where it leans."""
 MOST_TURNS = 4
 """On one line; what still comes near after as many is given up."""
 
@@ -29,7 +36,7 @@ class OrientationChangeConfig(ContouringConfig):
 
     Attributes
     ----------
-    tilt_deg : degrees out of the vertical by which the stick leans away from the surface
+    tilt_deg : degrees out of the vertical by which the stick leans away from the surface at most
     """
 
     step: float = 0.015
@@ -61,7 +68,7 @@ class OrientationChange(Contouring):
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
         self._leaning_since = -np.inf
-        if line.on_surface or line.rim or self.height <= self.lowest + 1e-6:
+        if line.on_surface or line.rim or self.itinerary.height <= self.lowest + ALMOST:
             return line, self.upright
         low = replace(line, height=self.lowest)
         back = np.zeros(3)
@@ -88,7 +95,7 @@ class OrientationChange(Contouring):
         """Upright again as soon as that is safe: above where the body is clear, and above what it leaned away from."""
         if self.rotation is self.upright:
             return None
-        safe = max(self.height, self._leaning_since) + ABOVE
+        safe = max(self.itinerary.height, self._leaning_since) + ABOVE
         return self.upright if seen.pose[Z, 3] > safe else None
 
     def avoid(self, seen: Observation) -> State:
@@ -100,7 +107,8 @@ class OrientationChange(Contouring):
             return self.follow_in(Plane.Z_Y)
         here = seen.pose[:3, 3]
         foot = np.array([here[0], here[1], self.lowest])
-        rotation = self._leaning(self._away(seen), [here], [foot])
+        least = self._lean() + MORE if self._aborts > 1 else 0.0
+        rotation = self._leaning(self._away(seen), [here], [foot], least)
         if rotation is None or np.abs(rotation - self.rotation).max() < 0.05:
             return self.give_up_line(seen)
         self.rotation, self._leaning_since = rotation, float(here[Z])
@@ -117,19 +125,36 @@ class OrientationChange(Contouring):
             away = away + _horizontal(-self.rotation[:, Z])
         return _horizontal(away)
 
-    def _leaning(self, towards: np.ndarray, turn: list[np.ndarray], reach: list[np.ndarray]) -> np.ndarray | None:
-        """Leaning towards a horizontal direction, as far as it can turn to at the places `turn` without coming near
-        anything, and as the arm reaches there and at the places `reach`; None where it cannot.
+    def _leaning(
+        self, towards: np.ndarray, turn: list[np.ndarray], reach: list[np.ndarray], least: float = 0.0
+    ) -> np.ndarray | None:
+        """Leaning towards a horizontal direction, no further than is needed: the stick is stiff along its axis.
+
+        So far that the body behind the stick stays behind the sphere, and `least` rad; that it can turn to it at the
+        places `turn` without coming near anything, and that the arm reaches there and at the places `reach`. None
+        where that cannot be.
         """
         if not towards.any():
             return None
-        for share in (1.0, 0.75, 0.5, 0.35):
-            rotation = turned(UP, towards, share * np.radians(self.options.tilt_deg)) @ self.upright
+        most = np.radians(self.options.tilt_deg)
+        for angle in np.append(np.arange(max(least, STEP), most, STEP), most):
+            rotation = turned(UP, towards, angle) @ self.upright
+            if angle < most and self._foremost(rotation, -towards) > -SHELTERED:
+                continue
             way = [self._at(place, rotation) for place in turn]
             further = [self._at(place + SPARE * towards, rotation) for place in reach]
             if self.task.clear(way) and self.task.reachable([*way, *further]):
                 return rotation
         return None
+
+    def _foremost(self, rotation: np.ndarray, direction: np.ndarray) -> float:
+        """m, how far the body behind the stick is ahead of the sphere along a direction, a negative number behind."""
+        body = [extent(link, rotation, direction) for link in self.task.probe.links if link.name != "stick"]
+        return max(body, default=-np.inf) - self.task.probe.radius + self.task.clearance_threshold
+
+    def _lean(self) -> float:
+        """rad, between the stick and the upright one."""
+        return float(np.arccos(np.clip(self.rotation[:, Z] @ self.upright[:, Z], -1.0, 1.0)))
 
     @property
     def lowest(self) -> float:
@@ -140,6 +165,16 @@ class OrientationChange(Contouring):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, place
         return pose
+
+
+def extent(link: LinkShape, rotation: np.ndarray, direction: np.ndarray) -> float:
+    """m, how far a link of the probe, held by `rotation` (3, 3), reaches along a unit direction (3,) from the tip."""
+    along = direction @ rotation @ link.pose[:3, :3]
+    centre = float(direction @ rotation @ link.pose[:3, 3])
+    if link.kind == "box":
+        return centre + 0.5 * float(np.abs(along) @ np.array(link.size))
+    across = float(np.hypot(along[0], along[1]))
+    return centre + link.size[0] * across + 0.5 * link.size[1] * abs(float(along[Z]))
 
 
 def _horizontal(vector: np.ndarray) -> np.ndarray:

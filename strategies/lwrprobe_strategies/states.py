@@ -54,6 +54,7 @@ class Event(StrEnum):
     NEXT_LINE = "next line reached"
     END_FOUND = "end of the object found"
     TABLE = "table height reached"
+    DESCENT = "a wall better climbed"
     LINE_END = "end of the line"
     THREAT = "collision threat"
     TURN = "another orientation wanted"
@@ -75,6 +76,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.CONTOUR, Event.OVERLOAD): State.RELEASE,
     (State.CONTOUR, Event.TABLE): State.LINE,
     (State.CONTOUR, Event.LINE_END): State.TRANSFER,
+    (State.CONTOUR, Event.DESCENT): State.TRANSFER,
     (State.CONTOUR, Event.BLOCKED): State.TRANSFER,
     (State.REAPPROACH, Event.CONTACT): State.CONTOUR,
     (State.REAPPROACH, Event.GAVE_UP): State.LINE,

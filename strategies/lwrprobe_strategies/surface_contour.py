@@ -7,6 +7,9 @@ from typing import ClassVar
 
 from lwrprobe.contracts import Observation
 from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
+from lwrprobe_strategies.course import Z
+from lwrprobe_strategies.itinerary import ALMOST
+from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import Plane, State
 
 
@@ -25,6 +28,11 @@ class SurfaceContour(Contouring):
     """
 
     Config: ClassVar[type] = SurfaceContourConfig
+
+    def leaves_descents(self, line: Line) -> bool:
+        """What may be taller than the stick is descended as far as that goes, and then followed around in X_Y."""
+        tall = self.itinerary.height > self.task.area.lower[Z] + ALMOST
+        return not tall and Contouring.leaves_descents(self, line)
 
     def avoid(self, seen: Observation) -> State:
         """Change the motion state and go on contouring; give the line up when that has led nowhere."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 from math import cos
@@ -18,8 +19,22 @@ THERE = 2e-4
 """m, from which on a place counts as reached."""
 HELD = 1.0 + 2.0 * cos(0.02)
 """Trace of the turn between two orientations that are alike, to a degree."""
+OFF = 0.003
+"""m, off a surface that is left."""
+BORDER = 0.001
+"""m, within which a place is one on the border."""
+STOP = 0.15
+"""s, that a stop between two pieces of way costs."""
+DEEP = 5.0
+"""A metre down into the unknown takes as long as so many sideways."""
+FARTHEST = 0.3
+"""m sideways, as which the rest of a way from a known column may count at most."""
 HOVER = 0.0005
 """m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
+
+
+Feeling = Callable[[np.ndarray], float]
+"""Speed, m/s, at which something may be met along a unit direction (3,)."""
 
 
 class Pace(Enum):
@@ -58,29 +73,63 @@ def held(pose: np.ndarray, rotation: np.ndarray) -> bool:
     return bool(np.vdot(rotation, pose[:3, :3]) > HELD)
 
 
-def way_to(line: Line, here: np.ndarray, turn: np.ndarray, task: Task, touched: Touched) -> list[Waypoint]:
+def way_to(
+    line: Line, here: np.ndarray, turn: np.ndarray, task: Task, touched: Touched, feeling: Feeling
+) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven.
+    `turn` (3, 3) is the orientation in which the line is to be driven, `feeling` as in `seconds`.
     """
     start, top = line.start, float(task.area.upper[Z])
-    if line.axis == Y and not line.on_surface and abs(here[Y] - line.begin) <= 1e-3:  # along the border of the area
-        # Nothing should stand on the border; where something does, the area is cut through an object.
-        beside = np.array([start[X], start[Y], here[Z]])
-        down = Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE
-        return [Waypoint(here, rotation=turn), Waypoint(beside, Pace.FEELING), Waypoint(start, down)]
     if line.axis == X and not line.on_surface and _met_nothing(touched, here, start, task.probe.radius):
         return [Waypoint(start, rotation=turn)]
-    way = [Waypoint(np.array([here[X], here[Y], top]))]
+    up = Waypoint(np.array([here[X], here[Y], top]))
+    above = np.array([start[X], start[Y], top])
     if line.on_surface:
-        way.append(Waypoint(np.array([start[X], start[Y], top]), rotation=turn))
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        return [*way, Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
-    if line.axis == Y:
-        way += [Waypoint(np.array([here[X], line.begin, top]), rotation=turn)]
-        way += [Waypoint(np.array([start[X], line.begin, top]))]
-        return [*way, Waypoint(start, Pace.FEELING)]
-    return [*way, Waypoint(np.array([start[X], start[Y], top]), rotation=turn), Waypoint(start)]
+        down = [Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
+        return [up, Waypoint(above, rotation=turn), *down]
+    column = _known_column(touched, start, line.axis)
+    if column is None:
+        over = [up, Waypoint(above, rotation=turn), Waypoint(start, Pace.FEELING)]
+    else:
+        above[:2] = column[:2]
+        over = [up, Waypoint(above, rotation=turn), Waypoint(column), Waypoint(start, Pace.FEELING)]
+    if line.axis == X or abs(here[Y] - line.begin) > BORDER:
+        return over
+    # Nothing should stand on the border; where something does, the area is cut through an object.
+    beside = np.array([start[X], start[Y], here[Z]])
+    down = Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE
+    along = [Waypoint(here, rotation=turn), Waypoint(beside, Pace.FEELING), Waypoint(start, down)]
+    return min(along, over, key=lambda way: seconds(way, here, task, feeling))
+
+
+def _known_column(touched: Touched, start: np.ndarray, axis: int) -> np.ndarray | None:
+    """(3,) m, a place beside the start (3,) of a line, where the probe has stood: above it nothing is.
+
+    The cheapest of them all, counting what is left to be felt from there; None where none is of use.
+    """
+    way, aside = touched.way(), 1 - axis
+    stood = way[np.abs(way[:, axis] - start[axis]) < BORDER, :3]
+    deep = np.maximum(stood[:, Z], start[Z])
+    cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
+    if not len(stood) or cost.min() > FARTHEST:
+        return None
+    best = int(np.argmin(cost))
+    return np.array([*stood[best, :2], deep[best]])
+
+
+def seconds(way: list[Waypoint], here: np.ndarray, task: Task, feeling: Feeling) -> float:
+    """How long a way from `here` (3,) takes; `feeling` tells the speed, m/s, along a unit direction (3,)."""
+    time = 0.0
+    for waypoint in way:
+        step = waypoint.place - here
+        length = float(np.sqrt(step @ step))
+        if length > THERE:
+            speed = task.free_speed if waypoint.pace is Pace.FREE else feeling(step / length)
+            time += length / speed + STOP
+        here = waypoint.place
+    return time
 
 
 def _met_nothing(touched: Touched, here: np.ndarray, there: np.ndarray, spare: float) -> bool:
@@ -98,10 +147,13 @@ def line_height(task: Task) -> float:
 
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
+    return lowest_beside(float(task.area.upper[Z]) - task.probe.radius, task)
+
+
+def lowest_beside(tallest: float, task: Task) -> float:
+    """m, lowest height of the sphere's centre at which the body above the stick clears what is `tallest` m high."""
     body = [-float(link.pose[2, 3]) - _half_length(link) for link in task.probe.links if link.name != "stick"]
-    reach = min(body, default=0.0)
-    tallest = float(task.area.upper[Z]) - task.probe.radius
-    lowest = tallest + task.clearance_threshold - reach
+    lowest = tallest + task.clearance_threshold - min(body, default=0.0)
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
 

@@ -179,7 +179,7 @@ class MotionTable(Table):
 
     mode: Literal["cartesian", "joint"] = "cartesian"
     """Straight lines in space, or straight lines in joint space (which bow)."""
-    free_speed: Length = 0.1
+    free_speed: Length = 0.2
     """m/s where nothing is expected to be touched."""
     approach_speed: Length = 0.03
     """m/s where it is."""
