@@ -27,10 +27,6 @@ FACING = 0.5
 """Share of the normal along x, from which on a touch is one of an end in x."""
 OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
-BODY = 0.03
-"""m, on both sides of a line, in which what is tall counts."""
-RISE = 0.0015
-"""m, that something may be higher than what was touched of it."""
 UPWARD = 0.3
 """Share of the normal along z, up to which a touch is one of a wall."""
 WIDENS = 0.05
@@ -45,7 +41,7 @@ def lines_across(
     places: np.ndarray,
     pitch: float,
     floor: float,
-    lowest: Callable[[float], float],
+    lowest: Callable[[Line], float],
 ) -> list[Line]:
     """Lines along x over every face that the lines along y, at `places` (n,) m, left out; in the order to drive them.
 
@@ -54,7 +50,7 @@ def lines_across(
     touches, way : (m, 10) and (k, 10) as in `Touched.table` and `Touched.way`
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
-    lowest : m, height at which a line may begin in free space beside something so many m high
+    lowest : m, height at which a line that begins in free space may be driven
     """
     if not len(touches):
         return []
@@ -67,54 +63,53 @@ def lines_across(
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
-            beside = lowest(_tallest(touches, xs[first], xs[last], y) + RISE)
-            ends = [_end(way, xs, heights, i, y, floor, beside) for i in (first, last)]
+            ends = [_end(way, xs, heights, i, y, floor) for i in (first, last)]
             # From its foot up a wall is felt faster than down from its top.
             low, high = sorted(ends, key=lambda end: end.height)
             down = replace(high, end=low.begin) if high.on_surface else None
-            lines.append(replace(low, end=high.begin, instead=down, free_end=down is None))
+            line = replace(low, end=high.begin, instead=down, free_end=down is None)
+            lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
 
 
-def _tallest(touches: np.ndarray, low: float, high: float, y: float) -> float:
-    """m, of all that was touched where the body above the stick passes on a line from x = `low` to `high`."""
-    points = touches[:, 3:6]
-    along = (points[:, 0] > low - BODY) & (points[:, 0] < high + BODY)
-    return float(points[along & (np.abs(points[:, 1] - y) < BODY), 2].max(initial=-np.inf))
+def _up_to(line: Line, farthest: float) -> Line:
+    """The part of a line on which it meets the wall for which it is driven."""
+    return replace(line, end=line.begin + line.sign * min(abs(line.end - line.begin), farthest))
 
 
-def _end(
-    way: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: float, floor: float, height: float
-) -> Line:
+def _end(way: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: float, floor: float) -> Line:
     """A line across that begins on a line of the grid, where that touched or in free space; it leads nowhere yet."""
     x = float(xs[index])
     if heights[index] <= floor + 1e-4:
-        return Line(0, float(y), x, x, height)
+        return Line(0, float(y), x, x, floor)
     # Where the probe has stood its stick filled the column above.
     stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - y) < NEAR), 2].max()
     return Line(0, float(y), x, x, float(heights[index]), True, float(stood))
 
 
-def near_sides(touches: np.ndarray, way: np.ndarray, area: Area, pitch: float) -> list[Line]:
+def near_sides(
+    touches: np.ndarray, way: np.ndarray, area: Area, pitch: float, lowest: Callable[[Line], float]
+) -> list[Line]:
     """Lines along y up every wall that a line met well above the area's floor, from its foot to where it came over.
 
     Where the foot cannot be come to, the wall is felt from the top down instead. `touches` and `way` as above, those of
-    one line in the order in which they were made; `pitch` m, between two lines.
+    one line in the order in which they were made; `pitch` m, between two lines; `lowest` m, height at which one may be
+    driven.
     """
     lines: list[Line] = []
     for x in np.unique(touches[~np.isnan(touches[:, 9]), 9]):
         own = touches[touches[:, 9] == x]
         over = own[own[:, 8] > OVER]
         # The far side was felt as far down as the links allow; no lower than that goes the near one.
-        foot = float(own[:, 2].min())
-        met_above = own[0, 2] - foot > 0.5 * pitch
+        met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
         if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
             continue
         top = over[0]
         stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - top[1]) < NEAR), 2].max()
         out = float(area.lower[1] if own[0, 7] < 0.0 else area.upper[1])
         down = Line(1, float(x), float(top[1]), out, float(top[2]), True, float(stood))
-        lines.append(Line(1, float(x), out, float(top[1]), foot, instead=down))
+        up = Line(1, float(x), out, float(top[1]), float(top[2]), instead=down)
+        lines.append(replace(up, height=lowest(up)))
     return lines
 
 

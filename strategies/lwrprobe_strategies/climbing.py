@@ -8,7 +8,7 @@ left. The source descends (Rau 2017, section 4.2.5). What lies in a valley is de
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from lwrprobe_strategies.course import Course, Z
 from lwrprobe_strategies.following import Follower
 from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import HOVER, OFF, Waypoint, seconds, way_to
+from lwrprobe_strategies.way import OFF, Waypoint, lowest_beside, seconds, way_to
 
 STEEP = 0.9
 """Share of the direction onward along z, downwards, from which on a contour descends a wall."""
@@ -25,10 +25,6 @@ FELT = 0.002
 """m of a wall under its upper edge, after which it is known to be one."""
 OVERLAP = 0.0025
 """m, along the line, that both ways have in common."""
-SPARE = 0.0015
-"""m above that height, where a line is driven."""
-FINE = 0.001
-"""m, to which the lowest height is found at which the body still clears what has been touched."""
 
 
 @dataclass(slots=True)
@@ -66,30 +62,13 @@ class Climbing:
         if self._judged or self._edge[Z] - here[Z] < FELT:
             return None
         self._judged = True
-        floor = float(self.task.area.lower[Z])
         line = course.line
-        foot = self._foot(seen, floor)
         end = float(self._edge[line.axis]) - line.sign * OVERLAP
         # Down the wall from here, should its foot turn out not to be within reach.
         down = Line(line.axis, line.place, float(here[line.axis]), line.end, float(here[Z]), True, float(here[Z]))
-        up = Line(line.axis, line.place, line.end, end, foot, instead=down)
+        up = Line(line.axis, line.place, line.end, end, float(here[Z]), instead=down)
+        up = replace(up, height=lowest_beside(up, self.touched.table()[:, 3:6], self.task))
         return up if self._quicker(seen, up, rotation) else None
-
-    def _foot(self, seen: Observation, floor: float) -> float:
-        """m, how far down the body behind the stick stays clear of what has been touched, straight down from here."""
-        low, high = floor, float(seen.pose[Z, 3])
-        if self._clear(seen, low):
-            return low
-        while high - low > FINE:
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if self._clear(seen, middle) else (middle, high)
-        return high + SPARE
-
-    def _clear(self, seen: Observation, height: float) -> bool:
-        pose = seen.pose.copy()
-        pose[:3, 3] += HOVER * self.follower.normal
-        pose[Z, 3] = height
-        return self.task.clear([pose])
 
     def _quicker(self, seen: Observation, up: Line, rotation: np.ndarray) -> bool:
         task, here, axial = self.task, seen.pose[:3, 3], seen.pose[:3, :3]

@@ -53,7 +53,7 @@ class Itinerary:
         self._given_up: list[Line] = []
         self._passes: deque[Callable[[], list[Line]]] = deque()
         if near_side_feet:
-            self._passes.append(lambda: near_sides(*self._felt(), self._area, step))
+            self._passes.append(lambda: near_sides(*self._felt(), self._area, step, self.lowest))
         if across:
             self._passes.append(self._lines_across)
         if ends:
@@ -81,6 +81,10 @@ class Itinerary:
             and abs(other.place - line.place) < 1.5 * self._step
             for other in self._given_up
         )
+
+    def lowest(self, line: Line) -> float:
+        """m, height at which a line may be driven beside what has been touched."""
+        return lowest_beside(line, self._touched.table()[:, 3:6], self._task)
 
     def after(self, here: np.ndarray) -> Line | None:
         """The present line is done; the next one, None when nothing is left out. `here` (3,) m is where the tip is."""
@@ -131,5 +135,4 @@ class Itinerary:
         return self._touched.table(), self._touched.way()
 
     def _lines_across(self) -> list[Line]:
-        floor = float(self._area.lower[Z])
-        return lines_across(*self._felt(), self.grid.x, self._step, floor, lambda top: lowest_beside(top, self._task))
+        return lines_across(*self._felt(), self.grid.x, self._step, float(self._area.lower[Z]), self.lowest)

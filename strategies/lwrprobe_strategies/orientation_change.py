@@ -68,7 +68,7 @@ class OrientationChange(Contouring):
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
         self._leaning_since = -np.inf
-        if line.on_surface or line.rim or self.itinerary.height <= self.lowest + ALMOST:
+        if line.on_surface or line.rim or line.height <= self.lowest + ALMOST:
             return line, self.upright
         low = replace(line, height=self.lowest)
         back = np.zeros(3)

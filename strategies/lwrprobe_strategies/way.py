@@ -9,7 +9,7 @@ from math import cos
 
 import numpy as np
 
-from lwrprobe.contracts import LinkShape, Task
+from lwrprobe.contracts import Task
 from lwrprobe_strategies.course import Z
 from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.touched import Touched
@@ -25,6 +25,8 @@ BORDER = 0.001
 """m, within which a place is one on the border."""
 STOP = 0.15
 """s, that a stop between two pieces of way costs."""
+RISE = 0.0015
+"""m, that something may be higher than what was touched of it."""
 DEEP = 5.0
 """A metre down into the unknown takes as long as so many sideways."""
 FARTHEST = 0.3
@@ -147,15 +149,34 @@ def line_height(task: Task) -> float:
 
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
-    return lowest_beside(float(task.area.upper[Z]) - task.probe.radius, task)
-
-
-def lowest_beside(tallest: float, task: Task) -> float:
-    """m, lowest height of the sphere's centre at which the body above the stick clears what is `tallest` m high."""
-    body = [-float(link.pose[2, 3]) - _half_length(link) for link in task.probe.links if link.name != "stick"]
-    lowest = tallest + task.clearance_threshold - min(body, default=0.0)
+    tallest = float(task.area.upper[Z]) - task.probe.radius
+    lowest = max((tallest - bottom for _, bottom in _body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
 
-def _half_length(link: LinkShape) -> float:
-    return link.size[2] / 2.0 if link.kind == "box" else link.size[1] / 2.0
+def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
+    """m, lowest height of the sphere's centre at which the upright body clears what was touched, (n, 3) `points`,
+    wherever on the line it is.
+    """
+    low, high = sorted((line.begin, line.end))
+    lowest = float(task.area.lower[Z])
+    for half, bottom in _body(task):
+        along, aside = half[line.axis] + task.clearance_threshold, half[line.aside] + task.clearance_threshold
+        near = (points[:, line.axis] > low - along) & (points[:, line.axis] < high + along)
+        near &= np.abs(points[:, line.aside] - line.place) < aside
+        tallest = float(points[near, Z].max(initial=-np.inf))
+        lowest = max(lowest, tallest + RISE + task.clearance_threshold - bottom)
+    return min(lowest, float(task.area.upper[Z]))
+
+
+def _body(task: Task) -> list[tuple[np.ndarray, float]]:
+    """What stands above the stick of an upright probe: how far it reaches along x and y, and how high its bottom is."""
+    body = []
+    for link in task.probe.links:
+        if link.name == "stick":
+            continue
+        box = link.kind == "box"
+        half = np.array(link.size[:2]) / 2.0 if box else np.full(2, link.size[0])
+        length = link.size[2] if box else link.size[1]
+        body.append((half + np.abs(link.pose[:2, 3]), -float(link.pose[2, 3]) - length / 2.0))
+    return body
