@@ -9,6 +9,7 @@ left. The source descends (Rau 2017, section 4.2.5). What lies in a valley is de
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import sqrt
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from lwrprobe_strategies.way import OFF, Waypoint, lowest_beside, seconds, way_t
 
 STEEP = 0.9
 """Share of the direction onward along z, downwards, from which on a contour descends a wall."""
+FLAT = sqrt(1.0 - STEEP * STEEP)
+"""Share of the normal along z, from which on no direction along the surface is that steep."""
 FELT = 0.002
 """m of a wall under its upper edge, after which it is known to be one."""
 OVERLAP = 0.0025
@@ -54,7 +57,8 @@ class Climbing:
         `rotation` (3, 3) is how the tip would be held on it.
         """
         here = seen.pose[:3, 3]
-        if self.follower.tangent(course.across())[Z] > -STEEP:
+        # Asked with every sample: the normal alone tells most of the time that nothing is that steep.
+        if abs(self.follower.normal[Z]) > FLAT or self.follower.tangent(course.across())[Z] > -STEEP:
             self.forget()
             return None
         if self._edge is None:

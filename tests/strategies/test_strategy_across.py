@@ -27,7 +27,7 @@ def felt(height, xs, ys):
 
 
 def across(touched):
-    return lines_across(touched.table(), touched.way(), XS, 0.01, FLOOR, 0.007)
+    return lines_across(touched.table(), touched.way(), XS, 0.01, FLOOR, lambda line: 0.007)
 
 
 def block(x, y):
@@ -44,12 +44,29 @@ def test_both_ends_of_a_block_are_crossed_and_nothing_else():
     assert {(min(line.begin, line.end), max(line.begin, line.end)) for line in lines} == {(-0.06, -0.05), (0.05, 0.06)}
     places = sorted({round(line.place, 6) for line in lines})
     assert places == pytest.approx([-0.02, -0.01, 0.0, 0.01, 0.02], abs=5e-4)
-    for before, after in itertools.pairwise(lines):
-        if abs(before.begin - after.begin) < 0.02:
-            assert before.on_surface != after.on_surface, "a line down is followed by one up"
     for line in lines:
-        assert line.on_surface == (abs(line.begin) == 0.05)
-        assert line.height == (0.055 if line.on_surface else 0.007)
+        assert (abs(line.begin), line.height, line.on_surface) == (0.06, 0.007, False), "up from the foot"
+        down = line.instead
+        assert (down.begin, down.end, down.place) == (line.end, line.begin, line.place)
+        assert (down.height, down.on_surface) == (0.055, True)
+        assert not line.free_end
+
+
+def test_a_line_across_that_ends_in_free_space_may_be_driven_from_there():
+    def wall(x, y):
+        return 0.055 if abs(x) <= 0.001 and abs(y) <= 0.025 else np.nan
+
+    lines = across(felt(wall, XS, YS))
+    assert len(lines) == 5
+    assert all(line.free_end and line.instead is None and abs(line.begin) == 0.01 for line in lines)
+
+
+def test_how_low_a_line_may_begin_is_asked_for_the_wall_it_meets_first():
+    asked = []
+    touched = felt(block, XS, YS)
+    lines_across(touched.table(), touched.way(), XS, 0.004, FLOOR, lambda line: asked.append(line) or 0.007)
+    assert asked
+    assert all(abs(line.end - line.begin) <= 0.004 + 1e-12 for line in asked)
 
 
 def test_a_groove_is_crossed_at_once():
@@ -135,7 +152,7 @@ def test_a_descent_is_known_to_be_free_as_far_as_the_probe_has_stood():
     touched = felt(block, XS, YS)
     for y in YS:
         touched.passed(np.array([0.05, y, 0.0575]), 0.05)
-    ends = [line for line in across(touched) if line.begin == 0.05]
+    ends = [line.instead for line in across(touched) if line.end == 0.05]
     assert ends
     assert all(line.height == 0.055 and line.free_to == 0.0575 for line in ends)
 
@@ -149,7 +166,7 @@ def test_near_touches_are_remembered_once():
 
 
 @pytest.mark.parametrize("travel", [1.0, -1.0])
-def test_a_near_side_that_was_met_above_its_foot_is_felt_from_the_top_down(travel):
+def test_a_near_side_that_was_met_above_its_foot_is_felt_from_as_low_as_it_may_be(travel):
     touched = Touched()
     wall, up = np.array([0.0, -travel, 0.0]), np.array([0.0, 0.0, 1.0])
     for z in np.arange(0.03, 0.05, 0.001):
@@ -159,11 +176,15 @@ def test_a_near_side_that_was_met_above_its_foot_is_felt_from_the_top_down(trave
         centre = np.array([0.0, y, 0.055])
         touched.add(centre, centre - RADIUS * up, up, 0.0)
     area = Area(np.array([-0.08, -0.06, FLOOR]), np.array([0.08, 0.06, 0.06]))
-    assert near_sides(touched.table(), touched.way(), area, 0.01) == [], "the far side went no lower"
+    assert near_sides(touched.table(), touched.way(), area, 0.01, lambda line: 0.008) == [], (
+        "the far side went no lower"
+    )
     for z in np.arange(0.05, FLOOR, -0.001):
         centre = np.array([0.0, 0.03 * travel, z])
         touched.add(centre, centre + RADIUS * wall, -wall, 0.0)
-    (line,) = near_sides(touched.table(), touched.way(), area, 0.01)
-    assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.055, True)
-    assert line.begin == pytest.approx(-0.025 * travel)
-    assert line.end == pytest.approx(-0.06 * travel)
+    (line,) = near_sides(touched.table(), touched.way(), area, 0.01, lambda line: 0.008)
+    assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.008, False)
+    assert line.begin == pytest.approx(-0.06 * travel)
+    assert line.end == pytest.approx(-0.025 * travel)
+    down = line.instead
+    assert (down.begin, down.end, down.height, down.on_surface) == (line.end, line.begin, 0.055, True)

@@ -1,0 +1,91 @@
+"""Walls that lead down are climbed from the line's other end where that is quicker, and nowhere else."""
+
+import numpy as np
+import pytest
+from strategy_task import AREA, DOWN, task
+
+from lwrprobe.contracts import Observation
+from lwrprobe.scene import load_scene
+from lwrprobe_strategies.climbing import FELT, Climbing
+from lwrprobe_strategies.course import Course
+from lwrprobe_strategies.following import Follower
+from lwrprobe_strategies.itinerary import Itinerary
+from lwrprobe_strategies.lines import Line
+from lwrprobe_strategies.touched import Touched
+
+LINKS = load_scene("block").probe.as_probe().links
+BORDER = float(AREA.upper[1])
+
+
+def descend(height, travel=1.0, known=True, normal=None, first=0.0):
+    """Follow a wall at y = 0.03 down from `height`; the line offered instead, or None, and where it was offered."""
+    t = task(approach=0.03, links=LINKS)
+    touched = Touched()
+    if known:
+        for z in np.arange(0.006, 0.06, 0.001):
+            touched.passed(np.array([-0.01, travel * BORDER, z]), -0.01)
+    follower = Follower(t)
+    climbing = Climbing(t, follower, touched)
+    line = Line(1, 0.0, -travel * BORDER, travel * BORDER, 0.006, free_end=True)
+    course = Course(line, AREA)
+    course.plane = course.upright()
+    wall = np.array([0.0, travel, 0.0]) if normal is None else normal
+    follower.restart(wall)
+    for z in np.arange(height - first, 0.006, -0.0005):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = DOWN, (0.0, 0.03 * travel, z)
+        seen = Observation(0.0, pose, np.zeros(3), 0.8 * wall)
+        offered = climbing.instead(seen, course, DOWN)
+        if offered is not None:
+            return offered, z
+    return None, None
+
+
+@pytest.mark.parametrize("travel", [1.0, -1.0])
+def test_a_high_wall_is_left_under_its_edge_and_climbed_from_the_border(travel):
+    up, left_at = descend(0.055, travel)
+    assert left_at == pytest.approx(0.055 - FELT, abs=6e-4)
+    assert up.begin == travel * BORDER
+    assert travel * up.end < 0.03, "past the edge where the wall was left"
+    assert up.height == 0.006
+    down = up.instead
+    assert down.on_surface
+    assert (down.begin, down.end, down.height) == (pytest.approx(0.03 * travel), travel * BORDER, left_at)
+
+
+def test_a_low_wall_is_descended():
+    assert descend(0.015) == (None, None)
+
+
+def test_without_a_known_column_beside_the_way_around_is_not_worth_it():
+    assert descend(0.055, known=False) == (None, None)
+
+
+def test_a_slope_is_no_wall():
+    slope = np.array([0.0, 0.8, 0.6])
+    assert descend(0.055, normal=slope) == (None, None)
+
+
+def test_what_had_to_be_given_up_beside_is_not_tried_again():
+    itinerary = Itinerary(task(), Touched(), 0.01, "border", near_side_feet=False, across=False, ends=False)
+    down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
+    itinerary.give_up(Line(1, 0.0, BORDER, 0.02, 0.006, instead=down))
+    assert itinerary.after(np.zeros(3)) is down
+    assert itinerary.hopeless(Line(1, 0.01, BORDER, 0.02, 0.006))
+    assert not itinerary.hopeless(Line(1, 0.02, BORDER, 0.02, 0.006)), "two lines on"
+    assert not itinerary.hopeless(Line(1, 0.01, -BORDER, -0.02, 0.006)), "the other side"
+    assert not itinerary.hopeless(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
+
+
+def test_an_interposed_line_does_not_count_as_one_of_the_grid():
+    itinerary = Itinerary(task(), Touched(), 0.01, "border", near_side_feet=False, across=False, ends=False)
+    first = itinerary.first(np.array([0.0, -BORDER, 0.0]))
+    up = Line(1, first.place, first.end, 0.0, 0.006)
+    itinerary.interpose(up)
+    assert itinerary.after(np.zeros(3)) is up
+    driven = [first.place]
+    while (line := itinerary.after(np.array([0.0, BORDER, 0.0]))) is not None:
+        assert line.begin == BORDER, "from the border that is nearer"
+        driven.append(line.place)
+    assert driven == list(itinerary.grid.x)
+    assert itinerary.count()[0] == len(driven)
