@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 from typing import ClassVar
 
@@ -45,6 +45,8 @@ from lwrprobe_strategies.touched import Touched
 from lwrprobe_strategies.way import HOVER, OFF, Feeling, Pace, Waypoint, held, way_to
 
 DOWN = np.array([0.0, 0.0, -1.0])
+LEAVES = (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT, Event.STICK)
+"""Events after which the line is left."""
 JAM_TIME = 3.0
 JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
@@ -52,6 +54,18 @@ BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
 OWN_COLUMN = 0.9
 """Share of the way off a surface along the stick, from which on nothing can be met on it."""
+YIELDING = 0.7
+"""Share of a way along the force, from which on it gives way to that."""
+STICK_TRUST = 0.1
+"""Trust of a contact, up to which the stick touches and not the sphere."""
+RAISE = 0.0025
+"""m, by which a line is raised where the stick has met something."""
+STRAIGHT = 0.002
+"""m in height, within which a line has been driven straight from its beginning."""
+WARY = 0.012
+"""m before a place where something has met the stick, from which on a line is driven slowly."""
+PASSED = 0.005
+"""m behind such a place, from which on it does not matter any more."""
 UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 FARTHEST_OUT = 0.04
@@ -130,6 +144,7 @@ class Contouring(ABC):
         self._borne = np.inf
         self._leaving = False
         self._touching_tilt = False
+        self._stick_met: list[np.ndarray] = []
         self._edge = InnerEdge(task.force_target)
         self._mark: tuple[float, np.ndarray] | None = None
         self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
@@ -184,7 +199,7 @@ class Contouring(ABC):
         self._aborts = 0
         self._leaving = seen.contact is not None
         here = seen.pose[:3, 3]
-        off = self._off(seen) if self._leaving else None
+        off = self._back(seen) if self.state is State.LINE and not self._leaving else self._off(seen)
         line = self.itinerary.after(here)
         self._finished = line is None
         self._way = []
@@ -193,20 +208,32 @@ class Contouring(ABC):
         if off is not None:
             self._way.insert(0, off)
 
-    def _off(self, seen: Observation) -> Waypoint:
-        """A place off the surface that is touched, from which the way up is free."""
-        here, normal = seen.pose[:3, 3], surface_normal(seen)
+    def _off(self, seen: Observation) -> Waypoint | None:
+        """A place off the surface that is touched, or was last, from which the way up is free."""
+        here = seen.pose[:3, 3]
+        normal = surface_normal(seen) if self._leaving else self.follower.normal
         flat = np.array([normal[0], normal[Y], 0.0])
         size = float(np.sqrt(flat @ flat))
         if normal[Z] > UNDER or size < 0.1:
             # Up along the stick the probe's own column is free.
             own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
-            far = OFF if believed(seen) else self.options.retreat
+            far = OFF if believed(seen) or not self._leaving else self.options.retreat
             return Waypoint(here + far * normal, Pace.FREE if own_column else Pace.FEELING)
         # Under an object: out from under it, past all that has been touched on that side.
         out = flat / size
         past = float((self.touched.table()[:, :3] @ out).max(initial=-np.inf) - here @ out) + HOVER
         return Waypoint(here + min(max(past, self.options.retreat), FARTHEST_OUT) * out, Pace.FEELING)
+
+    def _back(self, seen: Observation) -> Waypoint | None:
+        """From under what comes near, or from under the place where the line should have ended: the way it has come."""
+        line, here = self.course.line, seen.pose[:3, 3]
+        threatened = seen.clearance is not None and seen.clearance.threatens
+        straight = abs(here[Z] - line.height) < STRAIGHT
+        if not straight or not (threatened or line.instead is not None):
+            return None
+        back = here.copy()
+        back[line.axis] = line.begin
+        return Waypoint(back)
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
@@ -223,7 +250,7 @@ class Contouring(ABC):
     # What happened
 
     def _event_transfer(self, seen: Observation) -> Event | None:
-        if self._overloaded(seen):
+        if self._overloaded(seen) and not self._yields(seen):
             return Event.OVERLOAD
         if self._met(seen):
             return Event.CONTACT
@@ -237,6 +264,9 @@ class Contouring(ABC):
         return None
 
     def _event_line(self, seen: Observation) -> Event | None:
+        if self._may_be_the_stick(seen):
+            strong = hypot(*seen.force.tolist()) > 2.0 * self.task.force_threshold
+            return Event.STICK if strong else None
         if self._overloaded(seen):
             return Event.OVERLOAD
         if self._met(seen):
@@ -344,6 +374,17 @@ class Contouring(ABC):
         level = self.task.force_target + 0.6 * (self.task.force_limit - self.task.force_target)
         return hypot(*seen.force.tolist()) > level
 
+    def _may_be_the_stick(self, seen: Observation) -> bool:
+        """A force that no contact of the sphere explains: something stands out above it, or it is weak as yet."""
+        return seen.contact is not None and seen.contact.trust <= STICK_TRUST and not self._leaving
+
+    def _yields(self, seen: Observation) -> bool:
+        """Leaving what is touched, along the force: there is no better answer to it."""
+        if not (self._leaving and self._way):
+            return False
+        way = self._way[0].place - seen.pose[:3, 3]
+        return float(way @ seen.force) > YIELDING * hypot(*way.tolist()) * hypot(*seen.force.tolist())
+
     def _met(self, seen: Observation) -> bool:
         """A touch, and not the one that is being left."""
         self._leaving = self._leaving and seen.contact is not None
@@ -388,10 +429,19 @@ class Contouring(ABC):
 
     def _enter(self, event: Event, seen: Observation) -> None:
         before = self.state
-        after = self.avoid(seen) if event is Event.THREAT else TRANSITIONS[before, event]
-        if event is Event.BLOCKED and after is State.TRANSFER:
+        if event is Event.THREAT:
+            after = self._over_it(seen) if self.beneath() else self.avoid(seen)
+        else:
+            after = TRANSITIONS[before, event]
+        missed = event is Event.LINE_END and before is State.LINE
+        if (missed or event is Event.BLOCKED) and after is State.TRANSFER:
             self.itinerary.give_up(self.course.line)
-        if event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT) and after is State.TRANSFER:
+        if event is Event.STICK:
+            self._raise_line(seen)
+        if (
+            event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT, Event.STICK)
+            and after is State.TRANSFER
+        ):
             self._next_line(seen)
         if event is Event.TABLE:
             self._leaving = seen.contact is not None
@@ -411,6 +461,29 @@ class Contouring(ABC):
         self.state = after
         self._goal = None
         self.trace.append((seen.time, before.value, event.value, after.value))
+
+    def _raise_line(self, seen: Observation) -> None:
+        """Under what the stick meets nothing can be felt: the line goes on from here, above that by and by."""
+        line, here = self.course.line, seen.pose[:3, 3]
+        self._stick_met.append(here.copy())
+        height = float(here[Z]) + RAISE
+        if height > self.task.area.upper[Z]:
+            self.itinerary.give_up(line)
+            return
+        begin = float(here[line.axis]) - line.sign * self.options.retreat
+        self.itinerary.raise_line(replace(line, begin=begin, height=height, on_surface=False))
+
+    def beneath(self) -> bool:
+        """Whether a line has come in under what stands ahead, so that the stick comes near that."""
+        if self.state is State.LINE:
+            return True
+        met = self.course.plane is self.course.upright() and self.follower.normal @ self.course.ahead() < 0.0
+        return self.state is State.CONTOUR and bool(met and self.follower.normal[Z] < UNDER)
+
+    def _over_it(self, seen: Observation) -> State:
+        self._raise_line(seen)
+        self._next_line(seen)
+        return State.TRANSFER
 
     def _take_next_in_passing(self, seen: Observation) -> None:
         """A contour in X_Y has come to the next grid line: along that, from the side it is on."""
@@ -494,13 +567,26 @@ class Contouring(ABC):
         return lambda along: self.follower.approach_speed(along, rotation)
 
     def _along_line(self, seen: Observation) -> Motion:
-        if self._goal is None:
-            line = self.course.line
-            target = line.at(line.end)
-            target[Z] = seen.pose[Z, 3]
-            speed = self.follower.approach_speed(self.course.ahead(), seen.pose[:3, :3])
-            self._goal = Goal(self._pose(target), speed, self.state)
+        if self._goal is None or seen.goal_reached:
+            line, here, held = self.course.line, seen.pose[:3, 3], seen.pose[:3, :3]
+            end, towards = line.end, self.course.ahead()
+            next_to = self._stick_ahead(here)
+            if next_to is not None and next_to > WARY:
+                end = float(here[line.axis]) + line.sign * (next_to - WARY)
+            elif next_to is not None:
+                # What meets the stick near the sensor is met as hard as what meets the sphere along the stick.
+                end, towards = float(here[line.axis]) + line.sign * (next_to + 2.0 * PASSED), held[:, Z]
+            target = line.at(min(end * line.sign, line.end * line.sign) * line.sign)
+            target[Z] = here[Z]
+            self._goal = Goal(self._pose(target), self._feeling(held)(towards), self.state)
         return self._goal
+
+    def _stick_ahead(self, here: np.ndarray) -> float | None:
+        """m along the line to the next place beside which something has met the stick; None where there is none."""
+        line = self.course.line
+        beside = [place for place in self._stick_met if abs(place[line.aside] - line.place) < 1.5 * self.options.step]
+        ways = [float(place[line.axis] - here[line.axis]) * line.sign for place in beside]
+        return min((way for way in ways if way > -PASSED), default=None)
 
     def _contour(self, seen: Observation) -> Motion:
         here, normal = seen.pose[:3, 3], self._followed_normal(seen)

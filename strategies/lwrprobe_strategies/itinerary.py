@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,6 +52,7 @@ class Itinerary:
         self._coming: deque[Line] = deque()
         self._interposed: Line | None = None
         self._given_up: list[Line] = []
+        self._raised: list[Line] = []
         self._passes: deque[Callable[[], list[Line]]] = deque()
         if near_side_feet:
             self._passes.append(lambda: near_sides(*self._felt(), self._area, step, self.lowest))
@@ -72,6 +74,22 @@ class Itinerary:
         self.interpose(line.instead)
         if line.instead is not None:
             self._given_up.append(line)
+
+    def raise_line(self, line: Line) -> None:
+        """Go on with the same line higher up: at least as high as one beside it had to be driven."""
+        line = self._beginning(line)
+        self.interpose(line)
+        self._raised.append(line)
+
+    def _beginning(self, line: Line) -> Line:
+        beside = [
+            other.height
+            for other in self._raised
+            if (other.axis, other.sign) == (line.axis, line.sign)
+            and abs(other.end - line.end) < self._step
+            and abs(other.place - line.place) < 1.5 * self._step
+        ]
+        return replace(line, height=max(line.height, *beside)) if beside and not line.on_surface else line
 
     def hopeless(self, line: Line) -> bool:
         """Whether one like it had to be given up right beside it."""
@@ -100,7 +118,12 @@ class Itinerary:
         if not self._coming:
             return None
         line = self._coming.popleft()
-        return line.instead if line.instead is not None and self.hopeless(line) else line
+        if line.instead is not None and self.hopeless(line):
+            return line.instead
+        raised = self._beginning(line)
+        if raised.height > line.height:
+            self._raised.append(raised)
+        return raised
 
     def in_passing(self, here: np.ndarray) -> Line:
         """The grid's next line, to which a contour has come by itself."""

@@ -98,6 +98,10 @@ class OrientationChange(Contouring):
         safe = max(self.itinerary.height, self._leaning_since) + ABOVE
         return self.upright if seen.pose[Z, 3] > safe else None
 
+    def beneath(self) -> bool:
+        """A probe that has leaned in free space can lean further."""
+        return self.state is State.CONTOUR and Contouring.beneath(self)
+
     def avoid(self, seen: Observation) -> State:
         """In X_Y: change the motion state. In Z_Y: lean away; give the line up where that has not helped."""
         self._aborts += 1

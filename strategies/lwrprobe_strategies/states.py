@@ -49,6 +49,7 @@ class Event(StrEnum):
     CONTACT = "contact"
     LOST = "contact lost"
     GAVE_UP = "nothing found"
+    STICK = "the stick touches"
     OVERLOAD = "overlarge force"
     RELEASED = "force released"
     NEXT_LINE = "next line reached"
@@ -70,6 +71,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.TRANSFER, Event.BLOCKED): State.TRANSFER,
     (State.LINE, Event.CONTACT): State.CONTOUR,
     (State.LINE, Event.OVERLOAD): State.RELEASE,
+    (State.LINE, Event.STICK): State.TRANSFER,
     (State.LINE, Event.LINE_END): State.TRANSFER,
     (State.LINE, Event.BLOCKED): State.TRANSFER,
     (State.CONTOUR, Event.LOST): State.REAPPROACH,

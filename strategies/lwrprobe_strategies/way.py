@@ -85,6 +85,8 @@ def way_to(
     start, top = line.start, float(task.area.upper[Z])
     if line.axis == X and not line.on_surface and _met_nothing(touched, here, start, task.probe.radius):
         return [Waypoint(start, rotation=turn)]
+    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < BORDER and start[Z] > here[Z]:
+        return [Waypoint(start, rotation=turn)]  # up the probe's own column
     up = Waypoint(np.array([here[X], here[Y], top]))
     above = np.array([start[X], start[Y], top])
     if line.on_surface:
