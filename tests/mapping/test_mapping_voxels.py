@@ -54,6 +54,40 @@ def test_one_by_one_and_in_a_batch_are_the_same():
     np.testing.assert_array_equal(single.centres(), batch.centres())
 
 
+def test_nodes_that_share_an_entry_of_the_index_are_told_apart():
+    rng = np.random.default_rng(10)
+    cells = 256 * rng.integers(-127, 128, (300, 3)) + rng.integers(0, 6, (300, 3))
+    places, keys = zip(*(kernels.entry_of(*key) for key in (cells + 32768).tolist()))
+    assert len(set(places)) == 1 < len(set(keys))
+    voxels, truth = VoxelMap(EDGE), set()
+    for cell in cells.tolist():
+        assert voxels.insert_point((np.array(cell) + 0.5) * EDGE) == (tuple(cell) not in truth)
+        truth.add(tuple(cell))
+    others = np.concatenate([cells, cells + np.array([0, 0, 1]), cells + np.array([16, 0, 0]), -cells])
+    expected = [tuple(cell) in truth for cell in others.tolist()]
+    assert [voxels.occupied(point) for point in (others + 0.5) * EDGE] == expected
+    assert (voxels.states((others + 0.5) * EDGE) == np.where(expected, VoxelState.OCCUPIED, VoxelState.UNKNOWN)).all()
+
+
+def test_the_index_leads_right_where_nodes_have_filled_up():
+    points = block((32, 16, 16))
+    voxels = VoxelMap(EDGE)
+    voxels.insert(points[np.random.default_rng(11).permutation(len(points))])
+    assert len(voxels.leaves().sizes) == 2
+    assert voxels.insert(points) == 0
+    assert not voxels.insert_point(points[-1])
+    assert voxels.insert_point(points[-1] + [EDGE, 0.0, 0.0])
+    assert (voxels.states(points) == VoxelState.OCCUPIED).all()
+    assert len(voxels) == len(points) + 1
+
+
+def test_a_place_outside_is_named_when_asked_in_a_batch():
+    points = np.zeros((4, 3))
+    points[2, 1] = REACH
+    with pytest.raises(InputError, match=r"points\[2\]"):
+        VoxelMap(EDGE).states(points)
+
+
 def test_keys_are_octomaps_at_every_border():
     judge = octomap.OcTree(EDGE)
     rng = np.random.default_rng(2)
@@ -229,7 +263,7 @@ def test_growth_has_an_end(monkeypatch):
     voxels = VoxelMap(EDGE)
     with pytest.raises(InputError, match="map"):
         voxels.insert(np.random.default_rng(8).uniform(-60.0, 60.0, (2000, 3)))
-    assert MOST_WORDS <= 1 << 30  # links hold 31 bits
+    assert MOST_WORDS <= 1 << kernels.PLACE_BITS
 
 
 def test_a_list_too_long_for_memory_is_refused(monkeypatch):

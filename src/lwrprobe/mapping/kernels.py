@@ -7,6 +7,11 @@ x + 4 y + 16 z of the two key bits of its level. Keys and their range are OctoMa
 axis, so eight levels. Nodes are never taken away, and a node whose cube has filled up is replaced by `FULL`, so that
 equal sets of voxels have trees of equal shape.
 
+Most ways to a voxel begin at the same few nodes above the bottom ones, so an index leads to these: `NEAR` entries ahead
+of the root, one for each 16 x 16 x 16 pattern of their keys' last four bits, hold the node met last and its whole key.
+An object of up to 256 voxels an axis has an entry for each of its nodes; beyond, and on a miss, the way begins at the
+root. A node that was replaced by `FULL` stays where it was, full, so no entry ever misleads.
+
 `words` is int64 throughout: mixed with uint64, sums would turn into floats. No array is viewed or sliced on the way to
 a voxel: that costs more than the way.
 """
@@ -24,7 +29,9 @@ SCALE = 3  # float64, 1 / edge
 EDGE = 4  # float64, m
 LOWER = 5  # three words: smallest key set on each axis
 UPPER = 8  # three words: largest key set on each axis
-ROOT = 11
+INDEX = 11
+NEAR = 4096
+ROOT = INDEX + NEAR
 
 INNER_WORDS = 33
 TOP = 7  # level of the root
@@ -32,6 +39,7 @@ FULL = -1  # link of a child whose cube is set throughout
 CENTRE_KEY = 32768
 KEYS = 65536
 SPARE = (TOP - 1) * INNER_WORDS + 1  # words that one voxel can need
+PLACE_BITS = 28  # of an index entry; the other 36 are the key of a node of level 1
 
 KNOWN, NEW, OUTSIDE, NO_ROOM = 0, 1, -1, -2
 
@@ -56,7 +64,7 @@ def lowest_bit(word):
     return bit_count((word & -word) - 1)
 
 
-@kernel
+@kernel(borrows=True)
 def clear(words, edge):
     """Make `words` an empty tree with voxels of `edge` metres."""
     reals = words.view(np.float64)
@@ -91,14 +99,13 @@ def real(word):
     return np.int64(word).view(np.float64)
 
 
-@kernel
+@kernel(borrows=True)
 def link_at(words, node, child):
-    """Link of a child: half a word."""
-    word = words[node + 1 + (child >> 1)]
-    return word >> 32 if child & 1 else (word << 32) >> 32
+    """Link of a child: half a word, picked by a shift, since a branch on the child's number is a throw of the dice."""
+    return (words[node + 1 + (child >> 1)] << (32 - ((child & 1) << 5))) >> 32
 
 
-@kernel
+@kernel(borrows=True)
 def set_link(words, node, child, place):
     """Make `place` the link of a child."""
     word = node + 1 + (child >> 1)
@@ -108,7 +115,7 @@ def set_link(words, node, child, place):
         words[word] = (words[word] >> 32) << 32 | (place & 0xFFFFFFFF)
 
 
-@kernel
+@kernel(borrows=True)
 def enter(words, node, child, level):
     """Place of a child of an inner node of `level`, made where there is none; `FULL` where that is its link."""
     bit = np.int64(1) << child
@@ -125,7 +132,7 @@ def enter(words, node, child, level):
     return place
 
 
-@kernel
+@kernel(borrows=True)
 def is_full(words, node, level):
     """Whether every voxel of a node's cube is set."""
     if words[node] != -1:
@@ -137,7 +144,7 @@ def is_full(words, node, level):
     return True
 
 
-@kernel
+@kernel(borrows=True)
 def collapse(words, kx, ky, kz, level):
     """Replace the full node of `level` on the way to a key by `FULL`, then its parents as long as they are full."""
     while level < TOP:
@@ -151,7 +158,7 @@ def collapse(words, kx, ky, kz, level):
         level += 1
 
 
-@kernel
+@kernel(borrows=True)
 def reach_node(words, kx, ky, kz, level):
     """Node of `level` on the way to a key, made where there is none, or `FULL`."""
     node = np.int64(ROOT)
@@ -163,6 +170,32 @@ def reach_node(words, kx, ky, kz, level):
 
 
 @kernel
+def entry_of(kx, ky, kz):
+    """Where the index would have the node of level 1 on the way to a key, and the entry but for the node's place."""
+    slot = INDEX + ((kx >> 4) & 15 | ky & 0xF0 | (kz & 0xF0) << 4)
+    return slot, ((kz >> 4) << 24 | (ky >> 4) << 12 | kx >> 4) << PLACE_BITS
+
+
+@kernel(borrows=True)
+def indexed(words, slot, key):
+    """Place of a node of level 1 by the index, 0 where that knows it not."""
+    place = words[slot] ^ key
+    return place if place >> PLACE_BITS == 0 else np.int64(0)
+
+
+@kernel(borrows=True)
+def enter_near(words, kx, ky, kz):
+    """Node of level 1 on the way to a key, made where there is none and put into the index, or `FULL`."""
+    slot, key = entry_of(kx, ky, kz)
+    node = indexed(words, slot, key)
+    if node == 0:
+        node = reach_node(words, kx, ky, kz, 1)
+        if node != FULL:
+            words[slot] = key | node
+    return node
+
+
+@kernel(borrows=True)
 def widen(words, kx, ky, kz, size):
     """Take a cube of `size` voxels from a key upwards into the bounds."""
     words[LOWER] = min(words[LOWER], kx)
@@ -173,12 +206,14 @@ def widen(words, kx, ky, kz, size):
     words[UPPER + 2] = max(words[UPPER + 2], kz + size - 1)
 
 
-@kernel
+@kernel(borrows=True)
 def insert_key(words, kx, ky, kz):
     """Set one voxel: NEW, KNOWN or NO_ROOM."""
     if words.size - words[USED] < SPARE:
         return NO_ROOM
-    node = reach_node(words, kx, ky, kz, 0)
+    node = enter_near(words, kx, ky, kz)
+    if node != FULL:
+        node = enter(words, node, child_of(kx, ky, kz, 1), 1)
     if node == FULL:
         return KNOWN
     bit = np.int64(1) << child_of(kx, ky, kz, 0)
@@ -192,7 +227,7 @@ def insert_key(words, kx, ky, kz):
     return NEW
 
 
-@kernel
+@kernel(borrows=True)
 def insert_point(words, x, y, z):
     """Set the voxel of one point: NEW, KNOWN, OUTSIDE or NO_ROOM."""
     scale = real(words[SCALE])
@@ -202,7 +237,7 @@ def insert_point(words, x, y, z):
     return insert_key(words, kx, ky, kz)
 
 
-@kernel
+@kernel(borrows=True)
 def insert_points(words, points, first):
     """Set the voxels of points[first:]; number of the first point left for want of room, or the number of points."""
     scale = real(words[SCALE])
@@ -213,7 +248,7 @@ def insert_points(words, points, first):
     return points.shape[0]
 
 
-@kernel
+@kernel(borrows=True)
 def first_outside(words, points):
     """Row of the first point that is NaN or outside the range of keys, -1 where all are inside."""
     scale = real(words[SCALE])
@@ -223,7 +258,7 @@ def first_outside(words, points):
     return -1
 
 
-@kernel
+@kernel(borrows=True)
 def fill_cube(words, kx, ky, kz, depth):
     """Set an octree cube of 2^depth voxels' edge that holds nothing yet: NEW or NO_ROOM."""
     if words.size - words[USED] < SPARE:
@@ -243,21 +278,38 @@ def fill_cube(words, kx, ky, kz, depth):
     return NEW
 
 
-@kernel
-def holds_key(words, kx, ky, kz):
-    """Whether a voxel is set."""
+@kernel(borrows=True)
+def find_near(words, kx, ky, kz):
+    """Node of level 1 on the way to a key, `FULL`, or 0 where there is none."""
+    slot, key = entry_of(kx, ky, kz)
+    node = indexed(words, slot, key)
+    if node != 0:
+        return node
     node = np.int64(ROOT)
-    for level in range(TOP, 0, -1):
+    for level in range(TOP, 1, -1):
         child = child_of(kx, ky, kz, level)
         if not (words[node] >> child) & 1:
-            return False
+            return np.int64(0)
         node = link_at(words, node, child)
         if node == FULL:
-            return True
-    return ((words[node] >> child_of(kx, ky, kz, 0)) & 1) == 1
+            break
+    return node
 
 
-@kernel
+@kernel(borrows=True)
+def holds_key(words, kx, ky, kz):
+    """Whether a voxel is set."""
+    node = find_near(words, kx, ky, kz)
+    if node <= 0:
+        return node == FULL
+    child = child_of(kx, ky, kz, 1)
+    if not (words[node] >> child) & 1:
+        return False
+    node = link_at(words, node, child)
+    return node == FULL or ((words[node] >> child_of(kx, ky, kz, 0)) & 1) == 1
+
+
+@kernel(borrows=True)
 def holds_point(words, x, y, z):
     """Whether the voxel of a point is set, None outside: Python is handed the answer itself."""
     scale = real(words[SCALE])
@@ -267,18 +319,21 @@ def holds_point(words, x, y, z):
     return holds_key(words, kx, ky, kz)
 
 
-@kernel
+@kernel(borrows=True)
 def states_of(occupied, carved, points, states):
-    """states[i] = 2 occupied, 1 free, 0 unknown for points inside the range."""
+    """states[i] = 2 occupied, 1 free, 0 unknown; row of the first point outside the range, where it ends, or -1."""
     scale = real(occupied[SCALE])
     for i in range(points.shape[0]):
         kx, ky, kz = key_of(points[i, 0], scale), key_of(points[i, 1], scale), key_of(points[i, 2], scale)
+        if kx < 0 or ky < 0 or kz < 0:
+            return i
         if holds_key(occupied, kx, ky, kz):
             states[i] = 2
         elif holds_key(carved, kx, ky, kz):
             states[i] = 1
         else:
             states[i] = 0
+    return -1
 
 
 @kernel
@@ -349,7 +404,7 @@ def nearest_voxel(words, point, centre):
     return np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2)
 
 
-@kernel
+@kernel(borrows=True)
 def expand(cubes, sizes, edge, centres):
     """Centres of all voxels in cubes given by their lowest keys (n, 3) and edges in voxels (n,)."""
     row = 0

@@ -46,7 +46,7 @@ class VoxelMap:
     """Occupied and free voxels on OctoMap's grid: 2^16 voxels an axis, centred on the world's origin.
 
     A voxel that was touched stays occupied, whatever is carved; a voxel counts as free when the sphere has swept all of
-    it. Insertion and look-up walk a 64-tree of eight levels in compiled code.
+    it. Insertion and look-up walk the last levels of a 64-tree in compiled code.
 
     Parameters
     ----------
@@ -143,9 +143,11 @@ class VoxelMap:
 
     def states(self, points: np.ndarray) -> np.ndarray:
         """(n,) uint8 of `VoxelState` for (n, 3) points [m]."""
-        points = self._points(points, "points")
+        points = _rows(points, "points")
         states = np.empty(len(points), np.uint8)
-        kernels.states_of(self._occupied.words, self._carved.words, points, states)
+        row = kernels.states_of(self._occupied.words, self._carved.words, points, states)
+        if row >= 0:
+            raise self._refused(f"points[{row}]", points[row])
         return states
 
     def nearest(self, point: Vector) -> tuple[float, Vector]:
@@ -219,12 +221,7 @@ class VoxelMap:
         return centres
 
     def _points(self, points: object, field: str) -> np.ndarray:
-        try:
-            value = np.ascontiguousarray(points, np.float64)
-        except (TypeError, ValueError):
-            raise InputError(field, points, "an (n, 3) array of metres") from None
-        if value.ndim != 2 or value.shape[1] != 3:
-            raise InputError(field, value.shape, "an (n, 3) array of metres")
+        value = _rows(points, field)
         row = kernels.first_outside(self._occupied.words, value)
         if row >= 0:
             raise self._refused(f"{field}[{row}]", value[row])
@@ -249,6 +246,17 @@ def _triple(point: object, field: str) -> np.ndarray:
         raise InputError(field, point, "three numbers in metres") from None
     if value.shape != (3,):
         raise InputError(field, value.shape, "an array of shape (3,)")
+    return value
+
+
+def _rows(points: object, field: str) -> np.ndarray:
+    """Contiguous (n, 3) float64."""
+    try:
+        value = np.ascontiguousarray(points, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(field, points, "an (n, 3) array of metres") from None
+    if value.ndim != 2 or value.shape[1] != 3:
+        raise InputError(field, value.shape, "an (n, 3) array of metres")
     return value
 
 

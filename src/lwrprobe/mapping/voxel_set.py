@@ -7,7 +7,7 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe.mapping import kernels
 
-WORDS_AT_FIRST = 1 << 12
+WORDS_AT_FIRST = 1 << 13
 MOST_WORDS = 1 << 28
 """2 GiB: no input, however made, makes a map larger than that."""
 
