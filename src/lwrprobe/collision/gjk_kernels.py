@@ -17,7 +17,7 @@ TOLERANCE = 1e-7  # m, between upper and lower bound
 MOST_STEPS = 100
 
 
-@kernel
+@kernel(borrows=True)
 def cofactor(simplex, work, count, rest, j):
     """Cofactor of row j in the subset `rest` with j added: the sum of delta_i y_i (y_k - y_j), k any row of `rest`."""
     k = 0
@@ -31,7 +31,7 @@ def cofactor(simplex, work, count, rest, j):
     return total
 
 
-@kernel
+@kernel(borrows=True)
 def weigh(simplex, work, count):
     """Weights of the point nearest to the origin in the hull of `count` rows; its squared length.
 
@@ -65,7 +65,7 @@ def weigh(simplex, work, count):
     return best
 
 
-@kernel
+@kernel(borrows=True)
 def core_distance(a, b, simplex, work, cutoff, pair):
     """Distance between the cores of shapes a and b, at most `TOLERANCE` too long; witness points (3), (3) to `pair`.
 

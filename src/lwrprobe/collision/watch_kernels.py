@@ -38,7 +38,7 @@ ENOUGH = 0.5
 """A bound that is a smaller share of the distance measured last is measured anew."""
 
 
-@kernel
+@kernel(borrows=True)
 def way_since(group, tip, frames):
     """Upper bound of how much nearer the group may have come since it was measured."""
     way = 0.0
@@ -57,7 +57,7 @@ def way_since(group, tip, frames):
     return 2.0 * way if group[KIND] == EACH_OTHER else way  # two links may move towards each other
 
 
-@kernel
+@kernel(borrows=True)
 def stand(group, tip, frames):
     """Note where the carriers are now."""
     for c in range((group.size - CARRIERS) // CARRIER):
@@ -103,7 +103,7 @@ def measure(words, rows, pairs, group, tip, frames):
     group[LEAST] = min(group[LEAST], held[DISTANCE])
 
 
-@kernel
+@kernel(borrows=True)
 def estimate(words, group, tip, frames):
     """Bound the group's distance from below; whether the bound says enough: no threat, no new smallest distance, and
     not much less than there is.

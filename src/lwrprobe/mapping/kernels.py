@@ -296,7 +296,7 @@ def find_near(words, kx, ky, kz):
     return node
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def holds_key(words, kx, ky, kz):
     """Whether a voxel is set."""
     node = find_near(words, kx, ky, kz)
