@@ -65,7 +65,7 @@ def take_nearer(a, b, who, simplex, work, pair, answer):
         answer[ON_MAP + k] = pair[k] + on_b * way
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def box_around(words, edge, node, level, kx, ky, kz):
     """Box around what a cube of 4^level voxels' edge holds: centre, then half edges."""
     size = np.int64(1) << (2 * level)
@@ -111,7 +111,7 @@ def zero_of(x, g, before, slope, low, high):
     return low if g > 0.0 else high
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pair, answer):
     """Measure a link and a cube, given the link's signed distance and its gradient at the cube's centre.
 
@@ -171,7 +171,7 @@ def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
     stack[slot, 1] = kx | ky << 16 | kz << 32 | level << 48
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def descend(words, node, level, child, kx, ky, kz):
     """Where the way down from a child first forks: node (0 for a filled cube), level whose cube it is, lowest key."""
     while True:

@@ -118,7 +118,7 @@ def distance_to_box(hx, hy, hz, x, y, z):
     return dz, 0.0, 0.0, sz
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def distance_to(shape, x, y, z):
     """Signed distance from a world point to a shape and its gradient in the world; negative inside.
 
