@@ -179,7 +179,7 @@ def descend(words, node, level, child, kx, ky, kz):
         kx, ky, kz = kx + (child & 3) * size, ky + ((child >> 2) & 3) * size, kz + (child >> 4) * size
         if level == 0:
             return np.int64(0), level, kx, ky, kz
-        node = link_at(words, node, child)
+        node = link_at(words, node, child, level)
         if node == FULL:
             return np.int64(0), level, kx, ky, kz
         if bit_count(words[node]) != 1:

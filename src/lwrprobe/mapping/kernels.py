@@ -2,7 +2,8 @@
 
 Each node splits its cube into 4 x 4 x 4. An inner node is a mask word (bit c: child c has voxels) and 64 links of 32
 bits in the 32 words behind it, two a word, the even child's in the low half. A link is the child's place in the array,
-or `FULL` when every voxel of the child's cube is set. A bottom node is one word: bit c is voxel c. Child c stands for
+or `FULL` when every voxel of the child's cube is set. A bottom node is one word: bit c is voxel c. All 64 of them stand
+behind their parent's mask themselves, where a link would: neighbours share cache lines. Child c stands for
 x + 4 y + 16 z of the two key bits of its level. Keys and their range are OctoMap's: floor(x / edge) + 32768, 16 bits an
 axis, so eight levels. Nodes are never taken away, and a node whose cube has filled up is replaced by `FULL`, so that
 equal sets of voxels have trees of equal shape.
@@ -24,7 +25,7 @@ from lwrprobe.compiled import kernel
 
 USED = 0  # words in use
 COUNT = 1  # voxels set
-INNER = 2  # inner nodes, the root among them
+NODES = 2  # nodes made
 SCALE = 3  # float64, 1 / edge
 EDGE = 4  # float64, m
 LOWER = 5  # three words: smallest key set on each axis
@@ -34,11 +35,12 @@ NEAR = 4096
 ROOT = INDEX + NEAR
 
 INNER_WORDS = 33
+LOW_WORDS = 65  # of an inner node of level 1
 TOP = 7  # level of the root
 FULL = -1  # link of a child whose cube is set throughout
 CENTRE_KEY = 32768
 KEYS = 65536
-SPARE = (TOP - 1) * INNER_WORDS + 1  # words that one voxel can need
+SPARE = (TOP - 2) * INNER_WORDS + LOW_WORDS  # words that one voxel can need
 PLACE_BITS = 28  # of an index entry; the other 36 are the key of a node of level 1
 
 KNOWN, NEW, OUTSIDE, NO_ROOM = 0, 1, -1, -2
@@ -70,7 +72,7 @@ def clear(words, edge):
     reals = words.view(np.float64)
     words[: ROOT + INNER_WORDS] = 0
     words[USED] = ROOT + INNER_WORDS
-    words[INNER] = 1
+    words[NODES] = 1
     reals[SCALE] = 1.0 / edge
     reals[EDGE] = edge
     words[LOWER : LOWER + 3] = KEYS
@@ -100,14 +102,18 @@ def real(word):
 
 
 @kernel(borrows=True)
-def link_at(words, node, child):
-    """Link of a child: half a word, picked by a shift, since a branch on the child's number is a throw of the dice."""
+def link_at(words, node, child, level):
+    """Link of a child of an inner node of `level`."""
+    if level == 1:
+        place = node + 1 + child
+        return np.int64(FULL) if words[place] == -1 else place
+    # half a word, picked by a shift, since a branch on the child's number is a throw of the dice
     return (words[node + 1 + (child >> 1)] << (32 - ((child & 1) << 5))) >> 32
 
 
 @kernel(borrows=True)
 def set_link(words, node, child, place):
-    """Make `place` the link of a child."""
+    """Make `place` the link of a child of a node above level 1."""
     word = node + 1 + (child >> 1)
     if child & 1:
         words[word] = (words[word] & 0xFFFFFFFF) | place << 32
@@ -120,14 +126,15 @@ def enter(words, node, child, level):
     """Place of a child of an inner node of `level`, made where there is none; `FULL` where that is its link."""
     bit = np.int64(1) << child
     if words[node] & bit:
-        return link_at(words, node, child)
+        return link_at(words, node, child, level)
+    words[node] |= bit
+    words[NODES] += 1
+    if level == 1:
+        return node + 1 + child
     place = words[USED]
-    size = INNER_WORDS if level > 1 else 1
+    size = INNER_WORDS if level > 2 else LOW_WORDS
     words[place : place + size] = 0
     words[USED] = place + size
-    if level > 1:
-        words[INNER] += 1
-    words[node] |= bit
     set_link(words, node, child, place)
     return place
 
@@ -138,8 +145,8 @@ def is_full(words, node, level):
     if words[node] != -1:
         return False
     if level > 0:
-        for word in words[node + 1 : node + INNER_WORDS]:
-            if word != -1:  # two links, both FULL
+        for word in words[node + 1 : node + (INNER_WORDS if level > 1 else LOW_WORDS)]:
+            if word != -1:  # two links, both FULL, or a bottom node
                 return False
     return True
 
@@ -150,11 +157,12 @@ def collapse(words, kx, ky, kz, level):
     while level < TOP:
         node = np.int64(ROOT)
         for above in range(TOP, level + 1, -1):
-            node = link_at(words, node, child_of(kx, ky, kz, above))
+            node = link_at(words, node, child_of(kx, ky, kz, above), above)
         child = child_of(kx, ky, kz, level + 1)
-        if not is_full(words, link_at(words, node, child), level):
-            return
-        set_link(words, node, child, FULL)
+        if level > 0:  # a full bottom node is its own link
+            if not is_full(words, link_at(words, node, child, level + 1), level):
+                return
+            set_link(words, node, child, FULL)
         level += 1
 
 
@@ -212,17 +220,18 @@ def insert_key(words, kx, ky, kz):
     if words.size - words[USED] < SPARE:
         return NO_ROOM
     node = enter_near(words, kx, ky, kz)
-    if node != FULL:
-        node = enter(words, node, child_of(kx, ky, kz, 1), 1)
     if node == FULL:
         return KNOWN
-    bit = np.int64(1) << child_of(kx, ky, kz, 0)
-    if words[node] & bit:
+    child, bit = child_of(kx, ky, kz, 1), np.int64(1) << child_of(kx, ky, kz, 0)
+    voxels = words[node + 1 + child]
+    if voxels & bit:
         return KNOWN
-    words[node] |= bit
+    if voxels == 0:
+        enter(words, node, child, 1)
+    words[node + 1 + child] = voxels | bit
     words[COUNT] += 1
     widen(words, kx, ky, kz, 1)
-    if words[node] == -1:
+    if voxels | bit == -1:
         collapse(words, kx, ky, kz, 0)
     return NEW
 
@@ -269,8 +278,10 @@ def fill_cube(words, kx, ky, kz, depth):
     for part in range(span * span * span):
         child = first + part % span + 4 * (part // span % span) + 16 * (part // (span * span))
         words[node] |= np.int64(1) << child
-        if level > 0:
+        if level > 1:
             set_link(words, node, child, FULL)
+        elif level == 1:
+            words[node + 1 + child] = FULL
     words[COUNT] += np.int64(1) << (3 * depth)
     widen(words, kx, ky, kz, np.int64(1) << depth)
     if is_full(words, node, level):
@@ -290,7 +301,7 @@ def find_near(words, kx, ky, kz):
         child = child_of(kx, ky, kz, level)
         if not (words[node] >> child) & 1:
             return np.int64(0)
-        node = link_at(words, node, child)
+        node = link_at(words, node, child, level)
         if node == FULL:
             break
     return node
@@ -302,11 +313,8 @@ def holds_key(words, kx, ky, kz):
     node = find_near(words, kx, ky, kz)
     if node <= 0:
         return node == FULL
-    child = child_of(kx, ky, kz, 1)
-    if not (words[node] >> child) & 1:
-        return False
-    node = link_at(words, node, child)
-    return node == FULL or ((words[node] >> child_of(kx, ky, kz, 0)) & 1) == 1
+    voxels = words[node + 1 + child_of(kx, ky, kz, 1)]
+    return ((voxels >> child_of(kx, ky, kz, 0)) & 1) == 1
 
 
 @kernel(borrows=True)
@@ -379,7 +387,7 @@ def nearest_voxel(words, point, centre):
             bound = gap(px, cx, size) ** 2 + gap(py, cy, size) ** 2 + gap(pz, cz, size) ** 2
             if bound >= best:
                 continue
-            link = FULL if level == 0 else link_at(words, node, child)
+            link = FULL if level == 0 else link_at(words, node, child, level)
             if link == FULL:
                 best = bound
                 bx = min(max(np.rint(px), cx), cx + size - 1)

@@ -32,7 +32,7 @@ def link_of(words, node, level, child):
         return np.int64(ABSENT)
     if level == 0:
         return np.int64(FULL)
-    return link_at(words, node, child)
+    return link_at(words, node, child, level)
 
 
 @kernel

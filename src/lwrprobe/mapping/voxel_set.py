@@ -36,5 +36,4 @@ class VoxelSet:
     @property
     def nodes(self) -> int:
         """Nodes that were made, an upper bound of those in use."""
-        inner = int(self.words[kernels.INNER])
-        return int(self.words[kernels.USED]) - kernels.ROOT - inner * (kernels.INNER_WORDS - 1)
+        return int(self.words[kernels.NODES])
