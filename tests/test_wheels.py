@@ -1,9 +1,13 @@
 """What a user gets: the wheels, in an environment with nothing but what they declare, and a third party's strategy.
 
 The declared dependencies are linked in from the environment of the tests, with theirs and no others. Environment and
-compiled kernels are kept in pytest's cache folder: the first run compiles everything, later ones only what changed.
+compiled kernels are kept in pytest's cache folder. What the other tests have compiled from the very files that are in
+the wheels is taken over, since it is the same numba that would compile it again.
 """
 
+import filecmp
+import importlib
+import inspect
 import json
 import os
 import re
@@ -97,13 +101,37 @@ def clean(request, tmp_path_factory):
         link_declared(requirement, made.packages, done)
     install = [sys.executable, "-m", "pip", "--python", folder / "bin" / "python", "install", "--quiet"]
     subprocess.run([*install, "--no-deps", "--no-index", *made.wheels], check=True, timeout=300)
-    # numba looks at a file's time to tell whether it changed: the source's, not that of this installation
+    share_kernels(made)
+    return made
+
+
+def cache_of(name):
+    """Where numba keeps what it compiles from a module of kernels."""
+    kernels = (value for value in vars(importlib.import_module(name)).values() if hasattr(value, "py_func"))
+    return next(kernel.stats.cache_path for kernel in kernels if kernel.py_func.__module__ == name)
+
+
+def share_kernels(clean):
+    """Give the environment's numba what is compiled already from files that are the same byte for byte."""
+    same = []
     for source in SOURCES:
         for file in source.rglob("*kernels*.py"):
-            installed = made.packages / file.relative_to(source)
-            if installed.exists():
+            installed = clean.packages / file.relative_to(source)
+            if installed.exists() and filecmp.cmp(file, installed, shallow=False):
+                # numba looks at a file's time to tell whether it changed: the source's, not that of the installation
                 os.utime(installed, ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))
-    return made
+                same.append(".".join(file.relative_to(source).with_suffix("").parts))
+    ask = (
+        f"import importlib, json, sys\n{inspect.getsource(cache_of)}\nprint(json.dumps([*map(cache_of, sys.argv[1:])]))"
+    )
+    told = clean.run("python", "-c", ask, *same, cwd=clean.folder)
+    assert told.returncode == 0, told.stderr
+    for name, theirs in zip(same, json.loads(told.stdout)):
+        for file in Path(cache_of(name)).glob(f"{name.rpartition('.')[2]}.*.nb[ic]"):
+            copy = Path(theirs, file.name)
+            if not copy.exists() or copy.stat().st_mtime_ns < file.stat().st_mtime_ns:
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(file, copy)
 
 
 @pytest.fixture
