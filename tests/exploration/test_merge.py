@@ -213,7 +213,7 @@ def test_one_run_alone_or_without_touches_is_refused(tmp_path):
 
 
 def test_real_runs_over_an_object_moved_by_three_millimetres(tmp_path):
-    small = ["area.lower=[0.025, -0.050, 0.010]", "area.upper=[0.070, 0.050, 0.058]", "strategy.step=0.012"]
+    small = ["area.lower=[0.025, -0.050, 0.025]", "area.upper=[0.070, 0.010, 0.058]", "strategy.step=0.012"]
     explore(load_scene("block", [*small, "run.seed=1"]), tmp_path / "a")
     other = load_scene("block", [*small, "run.seed=2", "strategy.step=0.009"])
     shapes = [shape.model_copy(update={"at": _moved_by(shape.at, (0.0015, 0.0026))}) for shape in other.objects]
