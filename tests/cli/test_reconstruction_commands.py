@@ -6,8 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from lwrprobe.bench.sampled_lines import sample_lines, voxelised
+from lwrprobe.cli.app import app
 from lwrprobe.contracts import FormatError
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.mapping import VoxelMap
@@ -22,9 +24,14 @@ def lwrprobe(*arguments, timeout=300):
     return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=timeout)
 
 
-def as_json(*arguments):
-    done = lwrprobe(*arguments, "--json")
-    assert done.returncode == 0, done.stderr
+def as_json(*arguments, run=None):
+    """What a command that succeeds tells with `--json`, run in this process unless it is to have its own."""
+    if run is not None:
+        done = run(*arguments, "--json")
+        assert done.returncode == 0, done.stderr
+    else:
+        done = CliRunner().invoke(app, [*map(str, arguments), "--json"])
+        assert done.exit_code == 0, done.output
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
@@ -59,12 +66,12 @@ def test_a_run_that_was_killed_is_read_to_its_last_whole_line(run_folder):
 def test_reconstruct_then_evaluate(run_folder, tmp_path):
     folder, _ = run_folder
     mesh = tmp_path / "block.ply"
-    report = as_json("reconstruct", folder, "--out", mesh, "--set", "step=0.0025")
+    report = as_json("reconstruct", folder, "--out", mesh, "--set", "step=0.0025", run=lwrprobe)
     assert report["watertight"]
     assert report["without"] == []
     assert report["step"] == pytest.approx(0.0025)
     assert read_mesh(mesh).vertex_error is not None
-    figures = as_json("evaluate", mesh, "--truth", "block", "--out", tmp_path / "deviation")
+    figures = as_json("evaluate", mesh, "--truth", "block", "--out", tmp_path / "deviation", run=lwrprobe)
     assert figures["mesh"]["mean"] < 0.3
     assert {facing["facing"] for facing in figures["mesh"]["facings_mm"]} >= {"+x", "-x", "+y", "-y", "+z"}
     assert sum(facing["share"] for facing in figures["mesh"]["facings_mm"]) == pytest.approx(1.0, abs=0.01)
@@ -169,9 +176,6 @@ def test_a_line_that_is_no_contact_is_named(run_folder, tmp_path):
 
 
 def test_interrupted_it_leaves_no_mesh(run_folder, tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from lwrprobe.cli.app import app
     from lwrprobe.cli.bar import StageBar
 
     def press(bar, stage, share):
