@@ -42,7 +42,7 @@ from lwrprobe_strategies.itinerary import Itinerary, Y
 from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import HOVER, OFF, Feeling, Pace, Waypoint, held, way_to
+from lwrprobe_strategies.way import HOVER, OFF, THERE, Feeling, Pace, Waypoint, held, way_to
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEAVES = (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT, Event.STICK)
@@ -144,7 +144,7 @@ class Contouring(ABC):
         self._borne = np.inf
         self._leaving = False
         self._touching_tilt = False
-        self._stick_met: list[np.ndarray] = []
+        self._stick_met: list[tuple[np.ndarray, float]] = []  # where, and on the way in which direction
         self._edge = InnerEdge(task.force_target)
         self._mark: tuple[float, np.ndarray] | None = None
         self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
@@ -430,7 +430,7 @@ class Contouring(ABC):
     def _enter(self, event: Event, seen: Observation) -> None:
         before = self.state
         if event is Event.THREAT:
-            after = self._over_it(seen) if self.beneath() else self.avoid(seen)
+            after = self._over_it(seen) if self._beneath() else self.avoid(seen)
         else:
             after = TRANSITIONS[before, event]
         missed = event is Event.LINE_END and before is State.LINE
@@ -465,7 +465,7 @@ class Contouring(ABC):
     def _raise_line(self, seen: Observation) -> None:
         """Under what the stick meets nothing can be felt: the line goes on from here, above that by and by."""
         line, here = self.course.line, seen.pose[:3, 3]
-        self._stick_met.append(here.copy())
+        self._stick_met.append((here.copy(), line.sign))
         height = float(here[Z]) + RAISE
         if height > self.task.area.upper[Z]:
             self.itinerary.give_up(line)
@@ -473,7 +473,7 @@ class Contouring(ABC):
         begin = float(here[line.axis]) - line.sign * self.options.retreat
         self.itinerary.raise_line(replace(line, begin=begin, height=height, on_surface=False))
 
-    def beneath(self) -> bool:
+    def _beneath(self) -> bool:
         """Whether a line has come in under what stands ahead, so that the stick comes near that."""
         if self.state is State.LINE:
             return True
@@ -571,7 +571,7 @@ class Contouring(ABC):
             line, here, held = self.course.line, seen.pose[:3, 3], seen.pose[:3, :3]
             end, towards = line.end, self.course.ahead()
             next_to = self._stick_ahead(here)
-            if next_to is not None and next_to > WARY:
+            if next_to is not None and next_to > WARY + THERE:
                 end = float(here[line.axis]) + line.sign * (next_to - WARY)
             elif next_to is not None:
                 # What meets the stick near the sensor is met as hard as what meets the sphere along the stick.
@@ -582,10 +582,16 @@ class Contouring(ABC):
         return self._goal
 
     def _stick_ahead(self, here: np.ndarray) -> float | None:
-        """m along the line to the next place beside which something has met the stick; None where there is none."""
+        """m along the line to the next place beside which something has met the stick; None where there is none.
+
+        What stands out on one side may do so on the other: a line that comes from there may meet it anywhere.
+        """
         line = self.course.line
-        beside = [place for place in self._stick_met if abs(place[line.aside] - line.place) < 1.5 * self.options.step]
-        ways = [float(place[line.axis] - here[line.axis]) * line.sign for place in beside]
+        near = 1.5 * self.options.step
+        beside = [(at, sign) for at, sign in self._stick_met if abs(at[line.aside] - line.place) < near]
+        ways = [float(at[line.axis] - here[line.axis]) * line.sign for at, sign in beside if sign == line.sign]
+        if beside and not ways:
+            return 0.0
         return min((way for way in ways if way > -PASSED), default=None)
 
     def _contour(self, seen: Observation) -> Motion:

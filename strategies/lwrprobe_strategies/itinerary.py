@@ -77,7 +77,7 @@ class Itinerary:
 
     def raise_line(self, line: Line) -> None:
         """Go on with the same line higher up: at least as high as one beside it had to be driven."""
-        line = self._beginning(line)
+        line = self._beginning(replace(line, raised=True))
         self.interpose(line)
         self._raised.append(line)
 
@@ -89,7 +89,9 @@ class Itinerary:
             and abs(other.end - line.end) < self._step
             and abs(other.place - line.place) < 1.5 * self._step
         ]
-        return replace(line, height=max(line.height, *beside)) if beside and not line.on_surface else line
+        if not beside or line.on_surface:
+            return line
+        return replace(line, height=max(line.height, *beside), raised=True)
 
     def hopeless(self, line: Line) -> bool:
         """Whether one like it had to be given up right beside it."""
@@ -120,10 +122,10 @@ class Itinerary:
         line = self._coming.popleft()
         if line.instead is not None and self.hopeless(line):
             return line.instead
-        raised = self._beginning(line)
-        if raised.height > line.height:
-            self._raised.append(raised)
-        return raised
+        line = self._beginning(line)
+        if line.raised:
+            self._raised.append(line)
+        return line
 
     def in_passing(self, here: np.ndarray) -> Line:
         """The grid's next line, to which a contour has come by itself."""

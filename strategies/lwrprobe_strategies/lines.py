@@ -23,6 +23,7 @@ class Line:
     free_to : m, height down to which the way to such a beginning is known to be free
     rim : 0, or the sign on the other horizontal axis towards which a touch is followed around in the horizontal plane
     instead : to be driven where this one has to be given up
+    raised : begins above what the stick has met
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -36,6 +37,7 @@ class Line:
     rim: int = 0
     instead: Line | None = None
     free_end: bool = False
+    raised: bool = False
 
     @property
     def sign(self) -> float:

@@ -68,7 +68,7 @@ class OrientationChange(Contouring):
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
         self._leaning_since = -np.inf
-        if line.on_surface or line.rim or line.height <= self.lowest + ALMOST:
+        if line.on_surface or line.rim or line.raised or line.height <= self.lowest + ALMOST:
             return line, self.upright
         low = replace(line, height=self.lowest)
         back = np.zeros(3)
@@ -97,10 +97,6 @@ class OrientationChange(Contouring):
             return None
         safe = max(self.itinerary.height, self._leaning_since) + ABOVE
         return self.upright if seen.pose[Z, 3] > safe else None
-
-    def beneath(self) -> bool:
-        """A probe that has leaned in free space can lean further."""
-        return self.state is State.CONTOUR and Contouring.beneath(self)
 
     def avoid(self, seen: Observation) -> State:
         """In X_Y: change the motion state. In Z_Y: lean away; give the line up where that has not helped."""
