@@ -101,6 +101,19 @@ class SimArm:
         if status != 0:
             self._refuse(q, status)
 
+    def quiet(self, most: int) -> int:
+        """How many of the next cycles, up to `most`, end without a new sample; 0 where the wall clock sets the pace."""
+        return 0 if self._realtime else self._world.quiet(most)
+
+    def follow(self, set_points: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
+        """Set points (m, n) rad, a cycle each; see `lwrprobe.contracts.SteppedArm`. Raises what `command` does."""
+        if not self._open:
+            raise DriverError("the simulated arm is not open")
+        done, refused = self._world.follow(set_points, times, joints, away)
+        if refused != 0:
+            self._refuse(set_points[done], refused)
+        return done, 0
+
     def stop(self) -> None:
         """Brake all joints to rest; the next set point takes over again."""
         self._counts[kernels.BRAKING] = 1

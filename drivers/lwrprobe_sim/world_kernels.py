@@ -119,6 +119,44 @@ def advance(world, counts, chain, numbers, indices, truth):
 
 
 @kernel
+def follow(world, counts, chain, numbers, indices, truth, rows, times, joints, away):
+    """`accept` a set point and `advance`, for each row of `rows` (m, n); times (m,) and measured joints (m, n) after it.
+
+    Ends behind the first row from which a joint is further than `away`. Returns the number of rows carried out and what
+    `accept` said to the next one.
+    """
+    n = counts[JOINTS]
+    for k in range(rows.shape[0]):
+        refused = accept(world, counts, chain, rows[k])
+        if refused != 0:
+            return k, refused
+        advance(world, counts, chain, numbers, indices, truth)
+        times[k] = world[TIME]
+        astray = False
+        for i in range(n):
+            joints[k, i] = world[Q_MEASURED + i]
+            astray = astray or not abs(joints[k, i] - rows[k, i]) <= away
+        if astray:
+            return k + 1, 0
+    return rows.shape[0], 0
+
+
+@kernel
+def quiet(world, counts, most):
+    """How many of the next cycles, up to `most`, end with nothing to be fetched."""
+    if counts[N_READY] > 0:
+        return 0
+    s = world[SENSOR:SCENERY]
+    arrival = (counts[TAKEN] + 1) * s[sensor.PERIOD] + s[sensor.LATENCY]
+    if counts[N_WAITING] > 0:
+        arrival = world[WAITING + sensor.ARRIVAL]
+    cycles = 0
+    while cycles < most and (counts[CYCLES] + cycles + 1) * world[CYCLE] + 1e-12 < arrival:
+        cycles += 1
+    return cycles
+
+
+@kernel
 def _swap_records(world):
     for i in range(RECORD):
         world[RECORD_OLD + i] = world[RECORD_NEW + i]

@@ -12,6 +12,7 @@ from lwrprobe.contracts.driver import (
     Judge,
     Reading,
     Sensor,
+    SteppedArm,
     TrueContact,
 )
 from lwrprobe.contracts.motion import Done, Feed, Goal, Motion, as_pose
@@ -86,6 +87,7 @@ __all__ = [
     "SceneError",
     "Sensor",
     "StaleData",
+    "SteppedArm",
     "Strategy",
     "Task",
     "TouchRecord",

@@ -60,6 +60,28 @@ class Arm(Protocol):
 
 
 @runtime_checkable
+class SteppedArm(Arm, Protocol):
+    """An arm whose time passes only while it is asked, as a simulator's does; optional, and found by its methods.
+
+    Between two wrench samples nothing is learnt, so the set points up to the next one are known beforehand. An arm
+    that need not wait for a clock takes them in one call. Whoever keeps pace with the wall clock says 0 to `quiet`
+    and is commanded and read cycle by cycle, as any other arm.
+    """
+
+    def quiet(self, most: int) -> int:
+        """How many of the next cycles, up to `most`, end without a new sample of the same driver's sensor, for
+        certain; 0 where that is not known."""
+
+    def follow(self, set_points: Vector, times: Vector, joints: Vector, away: float) -> tuple[int, int]:
+        """As `command` and `read` in turn, once a row of `set_points` (m, n) rad; raises what these raise.
+
+        The states go into `times` (m,) s and `joints` (m, n) rad. Ends early behind the first cycle whose status is
+        not good, or in which a joint is further than `away` rad (m for prismatic joints) from its set point. Returns
+        the number of rows carried out and the status after the last one.
+        """
+
+
+@runtime_checkable
 class Sensor(Protocol):
     """A six-axis force/torque sensor with its own rate."""
 

@@ -32,14 +32,15 @@ from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
 from lwrprobe.exploration.recent import Recent
 from lwrprobe.exploration.recorder import Recorder
 from lwrprobe.exploration.rig import Rig
+from lwrprobe.exploration.set_points import MOST, SetPoints
 from lwrprobe.exploration.stage_clock import StageClock
 from lwrprobe.exploration.stillness import ObjectMoved
 from lwrprobe.exploration.way_back import WayBack
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
-    "arm", "sensor", "condition", "estimate", "map", "carve", "watch", "clearance", "strategy", "trajectory", "ik",
-    "governor", "record",
+    "arm", "sensor", "condition", "estimate", "map", "carve", "watch", "clearance", "strategy", "trajectory",
+    "set points", "governor", "record",
 )  # fmt: skip
 
 FORGET = 0.5
@@ -105,7 +106,6 @@ class Explorer:
         self.cycle = rig.arm.cycle
         n = pipeline.robot.n
         self._q = np.zeros(n)
-        self._next = np.zeros(n)
         self._ahead = np.zeros(n)
         self._recent = Recent(pipeline.robot)
         contact, safety = scene.contact, scene.safety
@@ -113,6 +113,9 @@ class Explorer:
         self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
         self._silence = SilenceGuard(max(safety.silence, 5.0 / rig.sensor.rate), self.cycle)
         self.motion_guard = MotionGuard(pipeline.robot, self.cycle, safety, table_plane(scene))
+        self._points = SetPoints(pipeline.trajectory, pipeline.solver, self.motion_guard)
+        self._times, self._joints = np.zeros(MOST), np.zeros((MOST, n))
+        self._laid = 1
         self._way_back = WayBack(safety.lift)
         self._blocked = ""
         self._motion: Motion | None = None
@@ -244,7 +247,7 @@ class Explorer:
         status, reason, cause = "ended early", "", None
         try:
             while not isinstance(self._motion, Done):
-                self._one_cycle()
+                self._go_on(time_limit)
                 if self._time - self._zero_time > time_limit:
                     reason = f"time limit of {time_limit:.0f} s of robot time"
                     break
@@ -274,7 +277,7 @@ class Explorer:
             self._contact_path,
             self._peak,
             self._range_used,
-            self.clock.round_median(),
+            self.clock.cycle_median(),
             self._guard.interventions,
             self._slowed,
             self.clock.table(),
@@ -316,9 +319,10 @@ class Explorer:
             self._remember(self.rig.arm.read())
             self._move()
 
-    def _one_cycle(self) -> None:
+    def _go_on(self, time_limit: float) -> None:
+        """One cycle, and those after it that nothing new is learnt in."""
         clock, rig = self.clock, self.rig
-        clock.start()
+        clock.start(self._laid)
         self._remember(rig.arm.read())
         clock.lap("arm")
         try:
@@ -329,7 +333,16 @@ class Explorer:
         for sample in samples:
             self._one_sample(sample)
         self._silence.check(self._time)
-        self._move()
+        self._move(self._foreseen(time_limit))
+
+    def _foreseen(self, time_limit: float) -> int:
+        """How many cycles can be gone through at once: nobody who looks once a cycle would have anything to say."""
+        stepped, governor = self.rig.stepped, self.pipe.governor
+        if stepped is None or isinstance(self._motion, Done) or not self.motion_guard.settled:
+            return 1
+        left = int((self._zero_time + time_limit - self._time) / self.cycle)
+        most = int(min(MOST, left, self._silence.looks_left, MOST if governor is None else governor.due))
+        return 1 if most <= 1 else 1 + stepped.quiet(most - 1)
 
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
@@ -444,26 +457,54 @@ class Explorer:
             self.pipe.trajectory.stop()
         return not self._blocked
 
-    def _move(self) -> None:
-        clock, pipe = self.clock, self.pipe
-        pipe.trajectory.step()
-        clock.lap("trajectory")
-        status = pipe.joints_now(self._q, self._next)
-        if status != IKStatus.CONVERGED:
-            self._blocked = f"out of reach: {IKStatus(status).name.lower()}"
+    def _move(self, most: int = 1) -> None:
+        """Set points of up to `most` cycles; the last one's answer is yet to be read."""
+        clock, pipe, points = self.clock, self.pipe, self._points
+        count = self._laid = points.lay(self._q, most)
+        if points.status != IKStatus.CONVERGED:
+            self._blocked = f"out of reach: {points.status.name.lower()}"
             pipe.trajectory.stop()
         # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
-        self._slowed += self.motion_guard.rein(self._q, self._next)
-        clock.lap("ik")
-        self._command(self._next)
+        self._slowed += points.cut
+        clock.lap("set points")
+        self._send(count)
         clock.lap("arm")
         if pipe.governor is not None:
-            pipe.governor.watch(self._q)
+            pipe.governor.watch(self._q, count)
             if pipe.governor.blocked_in < np.inf and not self._blocked:
                 # It looks as far ahead as a stop takes: now the tip still stops within its limits.
                 self._blocked = "out of reach: ahead on the way"
                 pipe.trajectory.stop()
             clock.lap("governor")
+
+    def _send(self, count: int) -> None:
+        """Have the first set points laid carried out, and the last one begun."""
+        points = self._points
+        answered = count if points.refusal is not None else count - 1
+        if answered > 0:
+            self._carry_out(answered)
+        if points.refusal is not None:
+            self.rig.arm.stop()
+            raise points.refusal
+        last = points.rows[count - 1]
+        self.rig.arm.command(last)
+        self._q[:] = last
+
+    def _carry_out(self, count: int) -> None:
+        """Set points with their answers, none of which comes with a wrench sample."""
+        assert self.rig.stepped is not None
+        points, times, joints = self._points, self._times[:count], self._joints[:count]
+        done, status = self.rig.stepped.follow(points.rows[:count], times, joints, self.motion_guard.following)
+        if done == 0:
+            return
+        self._time = float(times[done - 1])
+        self._recent.note_rows(times[:done], points.velocities[:done], joints[:done])
+        try:
+            self.motion_guard.watch_rows(points.rows[:done], times[:done], joints[:done], status)
+        except MotionStop:
+            self.rig.arm.stop()
+            raise
+        self._silence.check(self._time, done)
 
     def _command(self, q: np.ndarray) -> None:
         try:

@@ -22,7 +22,8 @@ beside the verdict (2 columns) the value that broke a limit and the limit."""
 
 GOOD, NOT_FINITE, RANGE, TOO_FAST, TOO_SUDDEN, TOO_JERKY, TIP_FAST, IN_TABLE, OUTSIDE, AWAY = range(10)
 
-_SETTLED = 10.0  # set points after which the arm is expected to follow
+SETTLED = 10.0
+"""Set points after which the arm is expected to follow."""
 
 _SLACK = 1.0 + 1e-9
 
@@ -51,7 +52,7 @@ def check(q, measured, cycle, chain, limits, state, peaks):
             state[SHARE, 0], state[SHARE, 1] = q[i], 0.0
             return 16 * i + NOT_FINITE
     count = state[MOVED, 3]
-    if count >= _SETTLED:
+    if count >= SETTLED:
         for i in range(n):
             away = abs(measured[i] - state[POSITION, i])
             if not away <= limits[TIP, FOLLOWING]:

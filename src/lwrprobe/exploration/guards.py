@@ -100,10 +100,15 @@ class SilenceGuard:
         if self._saturated >= _SATURATED_RUN:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
 
-    def check(self, time: float) -> None:
-        """Raises SensorLost after `allowed` seconds of silence."""
+    @property
+    def looks_left(self) -> int:
+        """How many looks, one a cycle, may follow before there is anything to be seen."""
+        return int((self.allowed - self._silent) / self._most)
+
+    def check(self, time: float, looks: int = 1) -> None:
+        """Raises SensorLost after `allowed` seconds of silence; `looks` are those that this one stands for."""
         if self._last is not None:
-            self._silent += min(time - self._last, self._most)
+            self._silent += min(time - self._last, looks * self._most)
         self._last = time
         if self._silent > self.allowed:
             raise SensorLost(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")

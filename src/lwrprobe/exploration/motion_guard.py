@@ -36,6 +36,13 @@ class MotionGuard:
     cycle : s between set points
     safety : the scene's table of that name
     plane : (4,) of the table: unit normal and the least height of the sphere's centre along it [m]; None = no table
+
+    Attributes
+    ----------
+    measured : (n,) where the joints were last
+    sent : (n,) the last set point that passed
+    step : (n,) that a joint may move in one cycle
+    arrays : limits, state and peaks, as `guard_kernels.check` takes them
     """
 
     def __init__(self, robot: Robot, cycle: float, safety: Any, plane: np.ndarray | None) -> None:
@@ -50,12 +57,14 @@ class MotionGuard:
         limits[k.TIP, k.LOW : k.HIGH], limits[k.TIP, k.HIGH : k.FOLLOWING] = -np.inf, np.inf
         self._limits, self._state, self._peaks = limits, np.zeros((5, n)), np.zeros(6)
         self._silence = float(safety.arm_silence)
-        self._measured = np.zeros(robot.n)
+        self.measured = np.zeros(robot.n)
+        self.sent = self._state[k.POSITION, : robot.n]
+        self.arrays = limits, self._state, self._peaks
         self._last_time: float | None = None
-        self._step = robot.speed * cycle
-        self._rein = entry(k.rein, self._measured, self._measured, self._step)
-        self._rest = (self._measured, float(cycle), robot.chain, limits, self._state, self._peaks)
-        self._check = entry(k.check, self._measured, *self._rest)
+        self.step = robot.speed * cycle
+        self._rein = entry(k.rein, self.measured, self.measured, self.step)
+        self._rest = (float(cycle), robot.chain, *self.arrays)
+        self._check = entry(k.check, self.measured, self.measured, *self._rest)
 
     def confine(self, lower: Vector, upper: Vector) -> None:
         """From now on the tip keeps to a box (m, world frame); one that is outside may come back."""
@@ -64,25 +73,62 @@ class MotionGuard:
 
     def rein(self, q: Vector, wanted: Vector) -> bool:
         """Cut a step from q (n,) to `wanted` (n,) down, in place, to what the joints' speeds allow; True where cut."""
-        return self._rein(q, wanted, self._step) > 1.0
+        return self._rein(q, wanted, self.step) > 1.0
 
     def check(self, q: Vector) -> None:
         """Raises MotionStop for a set point (n,) that must not be sent; otherwise it is remembered as sent."""
-        verdict = self._check(q, *self._rest)
+        verdict = self.verdict(q, self.measured)
         if verdict:
-            raise MotionStop(self._sentence(verdict % 16, verdict // 16))
+            raise self.refusal(verdict)
+
+    def verdict(self, q: Vector, measured: Vector) -> int:
+        """That of `guard_kernels.check` on a set point (n,), with the joints measured at (n,): 0, or why not."""
+        return self._check(q, measured, *self._rest)
+
+    def refusal(self, verdict: int) -> MotionStop:
+        """The last verdict in words."""
+        return MotionStop(self._sentence(verdict % 16, verdict // 16))
 
     def watch(self, state: ArmState) -> None:
         """Where the arm is now; raises MotionStop when it reports that it does not follow, or was silent for too long.
 
         Whether it is where it was sent is seen with the next set point.
         """
-        self._measured[:] = state.q
-        if state.status & _LAME:
-            raise MotionStop(f"the arm no longer follows: {ArmStatus(state.status & _LAME).name}")
-        last, self._last_time = self._last_time, state.time
-        if last is not None and state.time - last > self._silence:
-            gap, allowed = state.time - last, self._silence
+        self.measured[:] = state.q
+        self._heard(state.time, state.status)
+
+    def watch_rows(self, set_points: np.ndarray, times: Vector, joints: np.ndarray, status: int) -> None:
+        """`watch`, and whether the arm was where it was sent, for set points (m, n) that were followed in one call.
+
+        The arm's times (m,) and joints (m, n) after each, and its status after the last, which alone may be bad or
+        away from its set point.
+        """
+        self.measured[:] = joints[-1]
+        for time in times[:-1].tolist():
+            self._heard(time, 0)
+        self._heard(float(times[-1]), status)
+        away = np.abs(self.measured - set_points[-1])
+        joint = int(away.argmax())
+        if not away[joint] <= self.following:
+            self._state[k.SHARE, :2] = away[joint], self.following
+            raise self.refusal(16 * joint + k.AWAY)
+
+    @property
+    def following(self) -> float:
+        """rad (m for prismatic joints) that a joint may be away from its set point."""
+        return float(self._limits[k.TIP, k.FOLLOWING])
+
+    @property
+    def settled(self) -> bool:
+        """So many set points were sent that the arm is expected to follow."""
+        return bool(self._state[k.MOVED, 3] >= k.SETTLED)
+
+    def _heard(self, time: float, status: int) -> None:
+        if status & _LAME:
+            raise MotionStop(f"the arm no longer follows: {ArmStatus(status & _LAME).name}")
+        last, self._last_time = self._last_time, time
+        if last is not None and time - last > self._silence:
+            gap, allowed = time - last, self._silence
             raise MotionStop(f"no state of the arm for {gap:.3f} s (allowed {allowed:.3f} s)")
 
     @property

@@ -64,13 +64,6 @@ class Pipeline:
         else:
             self.trajectory.reset(pose)
 
-    def joints_now(self, q: np.ndarray, out: np.ndarray) -> int:
-        """Joint values (n,) for the generator's present pose into out, from those of the cycle before; an IKStatus."""
-        if isinstance(self.trajectory, JointSpaceTip):
-            out[:] = self.trajectory.q
-            return IKStatus.CONVERGED
-        return self.solver.track(self.trajectory.pose, q, out)
-
     def judge(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
         if isinstance(self.trajectory, JointSpaceTip):
@@ -165,7 +158,6 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
                 ),
                 ("deflection", no_deflection),
                 ("governor", no_governor),
-                ("stillness", "" if scene.safety.shift > 0.0 else "switched off in the scene"),
                 ("stillness", "" if scene.safety.shift > 0.0 else "switched off in the scene"),
                 ("free space", "" if scene.map.free_space else "switched off in the scene"),
             )

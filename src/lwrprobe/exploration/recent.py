@@ -28,12 +28,18 @@ class Recent:
         self.q = np.zeros(robot.n)
         three, pose = np.zeros(3), np.zeros((4, 4))
         self._note = entry(k.note, self._ring, 0, 0.0, three, self.q)
+        self._note_rows = entry(k.note_rows, self._ring, 0, three, np.zeros((1, 3)), self._ring)
         self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self.q, pose, three)
 
     def note(self, time: float, velocity: Vector, q: Vector) -> None:
         """The arm stands at q (n,) now, and its tip is to move at a velocity (3,) m/s, world frame."""
         self._note(self._ring, self._count, time, velocity, q)
         self._count += 1
+
+    def note_rows(self, times: Vector, velocities: np.ndarray, joints: np.ndarray) -> None:
+        """`note` for times (m,), velocities (m, 3) and joints (m, n), oldest first."""
+        self._note_rows(self._ring, self._count, times, velocities, joints)
+        self._count += len(times)
 
     def tip_at(self, time: float) -> tuple[np.ndarray, Vector]:
         """Tip pose (4, 4) and velocity (3,) m/s at an instant not long ago, joints interpolated linearly."""

@@ -21,6 +21,13 @@ def note(ring, count, time, velocity, q):
 
 
 @kernel
+def note_rows(ring, count, times, velocities, joints):
+    """Write states number `count` and following: times (m,), velocities (m, 3), joint values (m, n)."""
+    for k in range(times.shape[0]):
+        note(ring, count + k, times[k], velocities[k], joints[k])
+
+
+@kernel
 def tip_at(ring, count, time, chain, q, pose, velocity):
     """Tip pose (4, 4) at an instant, joints interpolated linearly into q, and its velocity (3,) in that cycle.
 

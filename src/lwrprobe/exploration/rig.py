@@ -8,19 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, InputError, Judge, Sensor
+from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, InputError, Judge, Sensor, SteppedArm
 from lwrprobe.contracts.plugins import load
 from lwrprobe.options import configure
 
 
 @dataclass(slots=True)
 class Rig:
-    """Arm, sensor and, in simulation, the judge that knows the truth."""
+    """Arm, sensor and, in simulation, the judge that knows the truth.
+
+    `stepped` is the arm where it takes several set points in one call and speaks of the same driver's sensor.
+    """
 
     arm: Arm
     sensor: Sensor
     judge: Judge | None
     drivers: dict[str, Driver]
+    stepped: SteppedArm | None = None
 
     @classmethod
     def assemble(cls, scene: Any, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Rig:
@@ -42,7 +46,9 @@ class Rig:
                 config = configure(plugin.Config, table, f"drivers.{name}")
                 drivers[name] = plugin(DriverContext(config, scene, seed, realtime))
         arm, sensor = drivers[scene.arm.driver], drivers[scene.sensor.driver]
-        return cls(arm.arm(), sensor.sensor(), arm.judge(), drivers)
+        face = arm.arm()
+        stepped = face if arm is sensor and isinstance(face, SteppedArm) else None
+        return cls(face, sensor.sensor(), arm.judge(), drivers, stepped)
 
     def __enter__(self) -> Rig:
         try:

@@ -15,12 +15,13 @@ class StageClock:
 
     def __init__(self, stages: Iterable[str]) -> None:
         self._laps = {name: array("q") for name in stages}
-        self._rounds = array("q")
+        self._rounds, self._cycles = array("q"), array("q")
         self._last = self._begun = perf_counter_ns()
 
-    def start(self) -> None:
-        """Begin a round: what came since the last lap belongs to no stage."""
+    def start(self, cycles: int = 1) -> None:
+        """Begin a round, the last one having been of so many cycles: what came since the last lap belongs to no stage."""
         self._rounds.append(self._last - self._begun)
+        self._cycles.append(cycles)
         self._last = self._begun = perf_counter_ns()
 
     def lap(self, stage: str) -> None:
@@ -29,9 +30,12 @@ class StageClock:
         self._laps[stage].append(now - self._last)
         self._last = now
 
-    def round_median(self) -> float:
-        """us, of all stages of one round together."""
-        return round(float(np.median(np.frombuffer(self._rounds, dtype=np.int64))) / 1000.0, 3) if self._rounds else 0.0
+    def cycle_median(self) -> float:
+        """us, of all stages of one cycle together; those of one round share its time."""
+        if not self._rounds:
+            return 0.0
+        rounds, cycles = np.frombuffer(self._rounds, dtype=np.int64), np.frombuffer(self._cycles, dtype=np.int64)
+        return round(float(np.median(np.repeat(rounds / cycles, cycles))) / 1000.0, 3)
 
     def table(self) -> list[dict[str, Any]]:
         """`{name, calls, us_median, us_p99, share}` a stage that ran; the shares sum to one."""

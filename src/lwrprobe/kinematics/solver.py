@@ -147,6 +147,11 @@ class IKSolver:
         """True for an arm with spherical shoulder and wrist, whose solutions are all known."""
         return bool(self._table[self.robot.n + kernels.SETTINGS, kernels.SPHERICAL])
 
+    @property
+    def table(self) -> Array:
+        """What `ik_kernels.track` takes first, for kernels that call it; one solver's own, its scratch included."""
+        return self._table
+
     def track(self, pose: Array, q_seed: Array, q_out: Array) -> int:
         """Follow a moving pose (4, 4) from the last joint values q_seed (n,) into q_out (n,); an `IKStatus` value.
 

@@ -184,12 +184,24 @@ class CartesianTrajectory:
         """
         if self._resting:
             return self.status
+        time = self._time
         if elapsed is None:
-            self._time += self.cycle
+            time += self.cycle
         elif 0.0 <= elapsed < inf:
-            self._time += elapsed
-        self._advance(self._plan, self._time, self._state)
-        return self.status if self._time < self._event else self._act()
+            time += elapsed
+        self._advance(self._plan, time, self._state)
+        return self.come_to(time)
+
+    @property
+    def course(self) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Plan, state, the time on the plan now, and when something else than going on is due: as
+        `cartesian_kernels.advance` takes them. Whoever evaluates the plan in a kernel of his own tells `come_to`."""
+        return self._plan, self._state, self._time, self._event
+
+    def come_to(self, time: float) -> int:
+        """The state has been brought to `time` on the plan, and no further than to what is due; returns the status."""
+        self._time = time
+        return self.status if time < self._event else self._act()
 
     def _is_new(self, mode: int, *numbers: float) -> bool:
         """Whether this aim, with the pose in `_given` where the mode has one, differs from the last one asked for."""

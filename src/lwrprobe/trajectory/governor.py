@@ -69,17 +69,24 @@ class SpeedGovernor:
         self._asked = (0.0, 0.0)
         self.use, self.blocked_in = 0.0, inf
 
-    def watch(self, q: np.ndarray) -> float:
-        """Call once a cycle after `step` with the joints (n,) of this cycle; returns `use`."""
+    @property
+    def due(self) -> float:
+        """Cycles from now to the next look, at least 1; inf at rest."""
+        if self._trajectory.resting:
+            return inf
+        return 1 if self.blocked_in < inf or self._is_faster() else max(self._wait + 1, 1)
+
+    def watch(self, q: np.ndarray, cycles: int = 1) -> float:
+        """Call after so many steps, up to `due`, with the joints (n,) after the last of them; returns `use`."""
         if self._trajectory.resting:
             self._trajectory.scale(1.0)
             self._wait, self._calm, self.use, self.blocked_in = 0, False, 0.0, inf
             return 0.0
-        self._wait -= 1
+        self._wait -= cycles
         if self._wait < 0 or self._is_faster():
-            cycles = PATIENCE * self._every if self._calm else self._every
-            self._wait = cycles - 1
-            self._look(q, cycles)
+            pause = PATIENCE * self._every if self._calm else self._every
+            self._wait = pause - 1
+            self._look(q, pause)
             self._calm = self.use < CALM and self.blocked_in == inf
         return self.use
 
