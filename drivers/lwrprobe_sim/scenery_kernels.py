@@ -4,7 +4,7 @@ The two solids lie behind one another in `numbers` and `indices`. Surfaces are n
 then the fixed objects, and last the movable one.
 """
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.scene.program import MESHES, SURFACES
 from lwrprobe.scene.solid_kernels import nearest, outside_bounds, sphere_contacts
 from lwrprobe.scene.surface_kernels import tree_value
@@ -90,7 +90,7 @@ def _has_table(v):
     return v[PLANE] != 0.0 or v[PLANE + 1] != 0.0 or v[PLANE + 2] != 0.0
 
 
-@kernel
+@kernel(inline="always")
 def _solid(counts, numbers, indices, k):
     a, b = counts[SPLIT_NUMBERS], counts[SPLIT_INDICES]
     if k == 0:

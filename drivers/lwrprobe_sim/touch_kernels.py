@@ -4,7 +4,7 @@ Most of the time nothing is near. Each body therefore keeps how far it can still
 again: the distance found last, minus all motion since.
 """
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe_sim import contact_kernels as contact
 from lwrprobe_sim import scenery_kernels as scenery
 
@@ -160,7 +160,8 @@ def _keep_deepest_across(rows, first, n, tip):
     if best < 0:
         return first
     if best != first:
-        rows[first] = rows[best]
+        for i in range(contact.WIDTH):
+            rows[first, i] = rows[best, i]
     return first + 1
 
 

@@ -6,7 +6,7 @@ out by the constants below.
 
 import math
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import LOWER, SPEED, UPPER, tip_and_jacobian, tip_frame
 from lwrprobe_sim import body_kernels as body
 from lwrprobe_sim import contact_kernels as contact
@@ -102,9 +102,9 @@ def advance(world, counts, chain, numbers, indices, truth):
     n = counts[JOINTS]
     q = world[Q : Q + JOINTS_MAX]
     start = world[SCRATCH + JOINTS_MAX : SCRATCH + 2 * JOINTS_MAX]
-    start[:n] = q[:n]
     joint_travel = 0.0
     for i in range(n):
+        start[i] = q[i]
         joint_travel += abs(goal[i] - start[i]) / steps
     for k in range(steps):
         share = (k + 1.0) / steps
@@ -120,7 +120,7 @@ def advance(world, counts, chain, numbers, indices, truth):
 
 @kernel
 def follow(world, counts, chain, numbers, indices, truth, rows, times, joints, away):
-    """`accept` a set point and `advance`, for each row of `rows` (m, n); times (m,) and measured joints (m, n) after it.
+    """`accept` a set point and `advance`, row by row of `rows` (m, n); times (m,) and measured joints (m, n) after.
 
     Ends behind the first row from which a joint is further than `away`. Returns the number of rows carried out and what
     `accept` said to the next one.
@@ -154,6 +154,12 @@ def quiet(world, counts, most):
     while cycles < most and (counts[CYCLES] + cycles + 1) * world[CYCLE] + 1e-12 < arrival:
         cycles += 1
     return cycles
+
+
+@kernel
+def _copy(row, to):
+    for i in range(row.shape[0]):
+        to[i] = row[i]
 
 
 @kernel
@@ -451,7 +457,7 @@ def _carry_over(world, counts, n, at, tip, step):
         if row[contact.PRESS] > 0.0:
             a = row[contact.LEVER]
             eased = _plus(eased, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
-            old_rows[kept] = row
+            _copy(row, old_rows[kept])
             kept += 1
     counts[N_ROWS], counts[N_FOUND] = kept, n
     world[PEAK] = max(world[PEAK], world[SPHERE_FORCE])
@@ -551,7 +557,7 @@ def _sample(world, counts, truth, before):
         for i in range(sensor.SAMPLE):
             last[i] = fresh[i]
         if counts[N_WAITING] < QUEUE:
-            waiting[counts[N_WAITING]] = fresh
+            _copy(fresh, waiting[counts[N_WAITING]])
             counts[N_WAITING] += 1
         else:
             counts[GAP] = 1
@@ -578,14 +584,14 @@ def _deliver(world, counts):
     while arrived < counts[N_WAITING] and waiting[arrived, sensor.ARRIVAL] <= world[TIME] + 1e-12:
         if counts[N_READY] == QUEUE:
             for k in range(QUEUE - 1):
-                ready[k] = ready[k + 1]
+                _copy(ready[k + 1], ready[k])
             counts[N_READY] -= 1
-        ready[counts[N_READY]] = waiting[arrived]
+        _copy(waiting[arrived], ready[counts[N_READY]])
         counts[N_READY] += 1
         arrived += 1
     if arrived > 0:
         for k in range(counts[N_WAITING] - arrived):
-            waiting[k] = waiting[k + arrived]
+            _copy(waiting[k + arrived], waiting[k])
         counts[N_WAITING] -= arrived
     return counts[N_READY]
 

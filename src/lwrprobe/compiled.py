@@ -19,15 +19,11 @@ import numba
 from numba.core.options import DefaultOptions
 
 
-def kernel(function: Callable | None = None, *, borrows: bool = False, **options: Any) -> Any:
+def kernel(function: Callable | None = None, **options: Any) -> Any:
     """`numba.njit` with the options of the house: cached on disk, no fast-math, errors as in Python off.
 
     Kernels take plain float64 / int64 arrays and scalars, check nothing, raise nothing, and return a status where
     they can fail.
-
-    One that `borrows` makes no array and returns none, which numba checks; it goes by those it is given, so nobody
-    counts references to them. That saves two locked instructions an array and call, some 10 ns, and at the way in from
-    Python the making of an owner for each array, 60 ns.
     """
 
     def wrap(body: Callable) -> Any:
@@ -36,13 +32,26 @@ def kernel(function: Callable | None = None, *, borrows: bool = False, **options
             options.setdefault("no_cpython_wrapper", True)
         # Nobody hands a kernel over as a C function.
         options.setdefault("no_cfunc_wrapper", True)
-        if borrows and hasattr(DefaultOptions, "_nrt"):
-            options["_nrt"] = False  # private to numba; without it the kernel works, only slower
+        if hasattr(DefaultOptions, "_nrt"):
+            # Said for each, lest a kernel takes it from whichever called it first and the disk cache keeps that.
+            options.setdefault("_nrt", True)
+        else:  # private to numba; without it all kernels work, only slower
+            options.pop("_nrt", None)
         dispatcher = numba.njit(cache=True, error_model="numpy", **options)(body)
         _stamp(dispatcher)
         return dispatcher
 
     return wrap if function is None else wrap(function)
+
+
+def view_kernel(function: Callable | None = None, **options: Any) -> Any:
+    """`kernel` for one that makes no array: its views of the caller's are not counted.
+
+    To count them costs two atomic operations a view, as much as all else together where kernels cut one array of state
+    into many, and some 0.1 us an array in a call from Python. One that makes an array does not compile. A `kernel` must
+    not take an array as a result from such a one: it would give back what was never taken.
+    """
+    return kernel(function, _nrt=False, **options)
 
 
 def entry(function: Any, *examples: Any) -> Callable:

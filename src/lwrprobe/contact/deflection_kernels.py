@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 
 
 @kernel

@@ -1,6 +1,6 @@
 """Set points for the next cycles in one call: plan, inverse kinematics and the last look at each of them."""
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.exploration.guard_kernels import GOOD, POSITION, check, rein
 from lwrprobe.kinematics.ik_kernels import CONVERGED, track
 from lwrprobe.trajectory.cartesian_kernels import STATE_MOTION, advance
@@ -13,8 +13,9 @@ ALL, DUE, BLOCKED, REFUSED = range(4)
 the nearest to a pose out of reach; the next row must not be sent."""
 
 TIME, EVENT, CYCLE, STATUS, CUT, VERDICT, NOTES = range(7)
-"""`notes`: the time on the plan and that of what is due next, in s; the cycle; of the last row the status of its inverse
-kinematics; how many steps were cut down to the joints' speeds; of the row that must not be sent the guard's verdict."""
+"""`notes`: the time on the plan and that of what is due next, in s; the cycle; of the last row the status of its
+inverse kinematics; how many steps were cut down to the joints' speeds; of the row that must not be sent the guard's
+verdict."""
 
 
 @kernel
@@ -22,8 +23,8 @@ def lay(plan, state, notes, going, table, q, step, measured, chain, limits, guar
     """Set points into `rows` (m, n), from the joints q (n,) on, and the tip's velocities into `velocities` (m, 3).
 
     `plan` and `state` are those of `cartesian_kernels`, `table` is the one of `ik_kernels`; `step` (n,) is what a joint
-    may move in a cycle. `measured` (n,) and what follows it goes to `guard_kernels.check`: where the joints are is known
-    for the first row alone. Returns the number of rows laid and how it ended.
+    may move in a cycle. `measured` (n,) and what follows it goes to `guard_kernels.check`: where the joints are is
+    known for the first row alone. Returns the number of rows laid and how it ended.
     """
     n = q.shape[0]
     pose = state[:16].reshape(4, 4)

@@ -19,7 +19,7 @@ class StageClock:
         self._last = self._begun = perf_counter_ns()
 
     def start(self, cycles: int = 1) -> None:
-        """Begin a round, the last one having been of so many cycles: what came since the last lap belongs to no stage."""
+        """Begin a round, the last one of so many cycles: what came since the last lap belongs to no stage."""
         self._rounds.append(self._last - self._begun)
         self._cycles.append(cycles)
         self._last = self._begun = perf_counter_ns()

@@ -6,7 +6,7 @@ restarts, the places of preference_kernels, the shape of a spherical-roll-spheri
 
 import math
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.kinematics import dls_kernels as dls
 from lwrprobe.kinematics import srs_kernels as srs
 from lwrprobe.kinematics.chain_kernels import LOWER, UNIT, UPPER
@@ -29,7 +29,7 @@ STRIDE, LEAST_STRIDE = 0.3, 1e-6
 NEAREST_STARTS, HEAVY = 12, 100.0
 
 
-@kernel
+@kernel(inline="always")
 def parts(table, n):
     """Chain, settings, scratch for descents, shape, scratch for the closed form."""
     rest = n + SCRATCH
@@ -37,7 +37,7 @@ def parts(table, n):
     return table[: n + 2], table[n + SETTINGS], table[rest : rest + dls.SCRATCH], shape, table[rest + dls.SCRATCH :]
 
 
-@kernel
+@kernel(inline="always")
 def places_of(table, n):
     return table[n + PLACES : n + SHAPE]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.scene.edge_kernels import edge_point
 from lwrprobe.scene.mesh_kernels import mesh_contacts, mesh_nearest, mesh_part
 from lwrprobe.scene.program import (
@@ -151,7 +151,9 @@ def _drop_buried(numbers, indices, points, normals, parts, count):
         for m in range(indices[MESHES]):
             buried = buried or mesh_nearest(numbers, indices, m, x, y, z)[0] < 0.0
         if not buried:
-            points[kept, :], normals[kept, :], parts[kept] = points[n], normals[n], parts[n]
+            for i in range(3):
+                points[kept, i], normals[kept, i] = points[n, i], normals[n, i]
+            parts[kept] = parts[n]
             kept += 1
     return kept
 

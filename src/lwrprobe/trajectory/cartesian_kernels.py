@@ -8,7 +8,7 @@ the ball: sum of squares of the axis limits = square of the limit.
 
 from math import inf, sqrt
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import view_kernel as kernel
 from lwrprobe.trajectory.profile_kernels import (
     BENT_UNTIL,
     DURATION,
@@ -121,12 +121,12 @@ def anchor(state, plan):
     orthonormalise(reference)
 
 
-@kernel
+@kernel(inline="always")
 def reference_of(plan):
     return plan[PLAN_REFERENCE : PLAN_REFERENCE + 9].reshape(3, 3)
 
 
-@kernel
+@kernel(inline="always")
 def frame_of(plan, group):
     at = PLAN_FRAMES + 3 * group
     return plan[at : at + 9].reshape(3, 3)
