@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lwrprobe.compiled import entry
 from lwrprobe.contact import deflection_kernels as kernels
 from lwrprobe.contracts import InputError, Probe
 from lwrprobe.contracts.samples import Vector
@@ -29,6 +30,7 @@ class Deflection:
         self.rigid = not self.compliance.any() and (self.joint_compliance is None or not self.joint_compliance.any())
         self._rotation = np.eye(3)
         self._force = np.zeros(3)
+        self._stick_shift = entry(kernels.stick_shift, self._rotation, self.compliance, self._force, self._force)
 
     def shift(self, rotation: np.ndarray, force: Vector, jacobian: np.ndarray | None = None) -> Vector:
         """(3,) m by which the sphere gives way, world frame.
@@ -44,7 +46,7 @@ class Deflection:
         out = np.zeros(3)
         self._rotation[:] = rotation
         self._force[:] = force
-        kernels.stick_shift(self._rotation, self.compliance, self._force, out)
+        self._stick_shift(self._rotation, self.compliance, self._force, out)
         if self.joint_compliance is not None:
             if jacobian is None or np.shape(jacobian)[1] != self.joint_compliance.size:
                 raise InputError("jacobian", np.shape(jacobian), f"(6, {self.joint_compliance.size}), the tip's")

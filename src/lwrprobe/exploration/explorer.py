@@ -12,7 +12,6 @@ import numpy as np
 
 from lwrprobe.contact import TRUSTED, UNCONFIRMED, agreed_bias
 from lwrprobe.contracts import (
-    Contact,
     Done,
     DriverError,
     Goal,
@@ -110,6 +109,7 @@ class Explorer:
         self._recent = Recent(pipeline.robot)
         contact, safety = scene.contact, scene.safety
         torque = safety.torque_share * pipeline.probe.torque_range
+        self._threshold, self._light = float(contact.threshold), 0.5 * contact.target
         self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
         self._silence = SilenceGuard(max(safety.silence, 5.0 / rig.sensor.rate), self.cycle)
         self.motion_guard = MotionGuard(pipeline.robot, self.cycle, safety, table_plane(scene))
@@ -244,6 +244,7 @@ class Explorer:
     def run(self, time_limit: float) -> Outcome:
         """Until the strategy is done; whatever ends the run early, what was measured is kept."""
         begin = perf_counter()
+        self.clock = StageClock(STAGES)  # what came before was no part of the run
         status, reason, cause = "ended early", "", None
         try:
             while not isinstance(self._motion, Done):
@@ -347,29 +348,31 @@ class Explorer:
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
         pose, velocity = self._recent.tip_at(sample.time)
-        wrench = pipe.conditioner.condition(sample, pose[:3, :3])
+        rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
+        wrench = pipe.conditioner.condition(sample, rotation)
         self._silence.heard(sample.status | wrench.status)
-        if pipe.conditioner.failing:
-            raise SensorLost(f"the sensor cannot be relied on: {pipe.conditioner.failing}")
+        failing = pipe.conditioner.failing
+        if failing:
+            raise SensorLost(f"the sensor cannot be relied on: {failing}")
         clock.lap("condition")
         size = wrench.magnitude
-        if size > 0.5 * self.scene.contact.target:
-            felt = (*wrench.force.tolist(), *wrench.torque.tolist())
-            self._range_used = max(self._range_used, *(abs(f) / most for f, most in zip(felt, self._range)))
+        if size > self._light:
+            for felt, most in zip(wrench.force.tolist() + wrench.torque.tolist(), self._range):
+                self._range_used = max(self._range_used, abs(felt) / most)
         contact = None
-        if size >= self.scene.contact.threshold:
+        if size >= self._threshold:
             if sample.time - self._touched_last > FORGET:
                 pipe.estimator.reset()
             self._touched_last = sample.time
-            centre = pose[:3, 3]
+            centre = place
             if pipe.deflection is not None:
-                centre = pipe.deflection.centre(centre, pose[:3, :3], wrench.world_force)
-            contact = pipe.estimator.estimate(wrench, centre, pose[:3, :3], velocity)
+                centre = pipe.deflection.centre(place, rotation, wrench.world_force)
+            contact = pipe.estimator.estimate(wrench, centre, rotation, velocity)
             contact.time = sample.time - self._zero_time
             clock.lap("estimate")
             self._touch_age += 1
             # A light touch says little: the error of its normal goes with one over the force.
-            settled = self._touch_age > SETTLED and size >= 0.5 * self.scene.contact.target
+            settled = self._touch_age > SETTLED and size >= self._light
             if contact.trust >= TRUSTED and settled and pipe.force.settled:
                 pipe.voxels.insert_point(contact.point)
                 clock.lap("map")
@@ -378,14 +381,14 @@ class Explorer:
         else:
             self._touch_age = 0
             if pipe.sweep is not None:
-                pipe.sweep.move_to(pose[:3, 3])
+                pipe.sweep.move_to(place)
                 clock.lap("carve")
         if contact is not None and pipe.sweep is not None:
             pipe.sweep.leave()
         pipe.force.heed(wrench, pose, contact)
         if pipe.stillness is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
             time = sample.time - self._zero_time
-            pipe.stillness.see(time, pose[:3, 3], wrench.world_force, contact, pipe.force.compliance)
+            pipe.stillness.see(time, place, wrench.world_force, contact, pipe.force.compliance)
         clock.lap("watch")
         near = pipe.clearance.nearest(pose, self._recent.q) if pipe.clearance is not None else None
         clock.lap("clearance")
@@ -410,7 +413,7 @@ class Explorer:
             motion = self.confirm.filter(motion)
         self._adopt(override or motion, urgent=override is not None)
         clock.lap("trajectory")
-        self._account(seen, contact, size, near)
+        self._account(seen, place, size)
         clock.lap("record")
 
     def _adopt(self, motion: Motion, urgent: bool = False) -> None:
@@ -462,7 +465,7 @@ class Explorer:
         clock, pipe, points = self.clock, self.pipe, self._points
         count = self._laid = points.lay(self._q, most)
         if points.status != IKStatus.CONVERGED:
-            self._blocked = f"out of reach: {points.status.name.lower()}"
+            self._blocked = f"out of reach: {IKStatus(points.status).name.lower()}"
             pipe.trajectory.stop()
         # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
         self._slowed += points.cut
@@ -495,12 +498,15 @@ class Explorer:
         assert self.rig.stepped is not None
         points, times, joints = self._points, self._times[:count], self._joints[:count]
         done, status = self.rig.stepped.follow(points.rows[:count], times, joints, self.motion_guard.following)
-        if done == 0:
-            return
-        self._time = float(times[done - 1])
-        self._recent.note_rows(times[:done], points.velocities[:done], joints[:done])
+        early = done < count
+        if early:
+            if done == 0:
+                return
+            times, joints = times[:done], joints[:done]
+        self._time = float(times[-1])
+        self._recent.note_rows(times, points.velocities[:done], joints)
         try:
-            self.motion_guard.watch_rows(points.rows[:done], times[:done], joints[:done], status)
+            self.motion_guard.watch_rows(points.rows[:done], times, joints, status, early)
         except MotionStop:
             self.rig.arm.stop()
             raise
@@ -522,8 +528,8 @@ class Explorer:
         self._recent.note(state.time, self.pipe.trajectory.velocity, state.q)
         self.motion_guard.watch(state)
 
-    def _account(self, seen: Observation, contact: Contact | None, force: float, near: Any) -> None:
-        tip = seen.pose[:3, 3]
+    def _account(self, seen: Observation, tip: np.ndarray, force: float) -> None:
+        contact, near = seen.contact, seen.clearance
         place = tip.tolist()
         if self._last_tip is not None:
             length = dist(place, self._last_tip)
@@ -536,9 +542,10 @@ class Explorer:
         self._force = force
         self._rows += 1
         trace = getattr(self.pipe.strategy, "trace", ())
-        for step in trace[self._transitions :]:
-            self.recorder.transition(*step)
-        self._transitions = len(trace)
+        if len(trace) > self._transitions:
+            for step in trace[self._transitions :]:
+                self.recorder.transition(*step)
+            self._transitions = len(trace)
         if self._rows % 5 == 0:
             distance = near.distance if near is not None else np.inf
             state = self.pipe.strategy.progress().state

@@ -42,6 +42,7 @@ class MotionGuard:
     measured : (n,) where the joints were last
     sent : (n,) the last set point that passed
     step : (n,) that a joint may move in one cycle
+    following : rad (m for prismatic joints) that a joint may be away from its set point
     arrays : limits, state and peaks, as `guard_kernels.check` takes them
     """
 
@@ -57,6 +58,7 @@ class MotionGuard:
         limits[k.TIP, k.LOW : k.HIGH], limits[k.TIP, k.HIGH : k.FOLLOWING] = -np.inf, np.inf
         self._limits, self._state, self._peaks = limits, np.zeros((5, n)), np.zeros(6)
         self._silence = float(safety.arm_silence)
+        self.following = float(safety.following)
         self.measured = np.zeros(robot.n)
         self.sent = self._state[k.POSITION, : robot.n]
         self.arrays = limits, self._state, self._peaks
@@ -97,26 +99,29 @@ class MotionGuard:
         self.measured[:] = state.q
         self._heard(state.time, state.status)
 
-    def watch_rows(self, set_points: np.ndarray, times: Vector, joints: np.ndarray, status: int) -> None:
+    def watch_rows(
+        self, set_points: np.ndarray, times: Vector, joints: np.ndarray, status: int, ended_early: bool
+    ) -> None:
         """`watch`, and whether the arm was where it was sent, for set points (m, n) that were followed in one call.
 
         The arm's times (m,) and joints (m, n) after each, and its status after the last, which alone may be bad or
-        away from its set point.
+        away from its set point, and only where the call ended early.
         """
         self.measured[:] = joints[-1]
-        for time in times[:-1].tolist():
-            self._heard(time, 0)
-        self._heard(float(times[-1]), status)
-        away = np.abs(self.measured - set_points[-1])
-        joint = int(away.argmax())
-        if not away[joint] <= self.following:
-            self._state[k.SHARE, :2] = away[joint], self.following
-            raise self.refusal(16 * joint + k.AWAY)
-
-    @property
-    def following(self) -> float:
-        """rad (m for prismatic joints) that a joint may be away from its set point."""
-        return float(self._limits[k.TIP, k.FOLLOWING])
+        last = float(times[-1])
+        if self._last_time is None or last - self._last_time > self._silence:
+            for time in times[:-1].tolist():
+                self._heard(time, 0)
+            self._heard(last, status)
+        elif status:
+            self._heard(last, status)
+        self._last_time = last
+        if ended_early:
+            away = np.abs(self.measured - set_points[-1])
+            joint = int(away.argmax())
+            if not away[joint] <= self.following:
+                self._state[k.SHARE, :2] = away[joint], self.following
+                raise self.refusal(16 * joint + k.AWAY)
 
     @property
     def settled(self) -> bool:

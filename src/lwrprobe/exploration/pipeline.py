@@ -73,10 +73,13 @@ class Pipeline:
 
 
 def _near(pose: np.ndarray, now: np.ndarray) -> bool:
-    (x, y, z), (x0, y0, z0) = pose[:3, 3].tolist(), now[:3, 3].tolist()
-    if max(abs(x - x0), abs(y - y0), abs(z - z0)) >= 0.02:
+    a, b = pose.ravel().tolist(), now.ravel().tolist()
+    if max(abs(a[3] - b[3]), abs(a[7] - b[7]), abs(a[11] - b[11])) >= 0.02:
         return False
-    return float(np.vdot(pose[:3, :3], now[:3, :3])) > CLOSE
+    trace = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    trace += a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
+    trace += a[8] * b[8] + a[9] * b[9] + a[10] * b[10]
+    return trace > CLOSE
 
 
 @dataclass(slots=True, frozen=True)
@@ -182,7 +185,7 @@ def _motion(
             "in joint space the generator keeps the joints' limits",
         )
     trajectory = CartesianTrajectory(cycle, limits)
-    return trajectory, SpeedGovernor(trajectory, solver.track, robot.speed), ""
+    return trajectory, SpeedGovernor(trajectory, solver.track_all, robot.speed), ""
 
 
 def _clearance(

@@ -28,6 +28,7 @@ class Recent:
         self.q = np.zeros(robot.n)
         three, pose = np.zeros(3), np.zeros((4, 4))
         self._note = entry(k.note, self._ring, 0, 0.0, three, self.q)
+        self._acceleration = entry(k.acceleration, self._ring, 0)
         self._note_rows = entry(k.note_rows, self._ring, 0, three, np.zeros((1, 3)), self._ring)
         self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self.q, pose, three)
 
@@ -50,4 +51,4 @@ class Recent:
     @property
     def acceleration(self) -> float:
         """m/s^2 of the tip over the last cycle, inf before there are two states."""
-        return float(k.acceleration(self._ring, self._count))
+        return self._acceleration(self._ring, self._count)

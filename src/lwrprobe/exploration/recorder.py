@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from io import FileIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -47,24 +48,24 @@ class Recorder:
         self.sequences.append(sequence)
         if self._contact_file is not None:
             (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
-            self._contact_file.write(
+            line = (
                 f"{contact.time:.6f},{x:.7f},{y:.7f},{z:.7f},{nx:.6f},{ny:.6f},{nz:.6f},"
                 f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
             )
+            self._contact_file.write(line.encode())
 
     def way(self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str) -> None:
         """Where the sphere's centre is, whether it touches, and what the strategy is doing."""
         x, y, z = tip.tolist()
         self._trace.append((time, x, y, z, force, touching, clearance))
         if self._trace_file is not None:
-            self._trace_file.write(
-                f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
-            )
+            line = f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
+            self._trace_file.write(line.encode())
 
     def transition(self, time: float, state: str, event: str, following: str) -> None:
         """One step of the strategy's state machine."""
         if self._state_file is not None:
-            self._state_file.write(f"{time:.4f},{state},{event},{following}\n")
+            self._state_file.write(f"{time:.4f},{state},{event},{following}\n".encode())
 
     def withhold(self, since: float) -> None:
         """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
@@ -115,19 +116,19 @@ class Recorder:
             self.sequences.append(NO_SAMPLE)
         self._trace += [(*row[:5], bool(row[5]), row[6]) for row in earlier.trace.tolist()]
 
-    def _open(self, name: str, header: str, go_on: bool) -> TextIO | None:
+    def _open(self, name: str, header: str, go_on: bool) -> FileIO | None:
         if self.folder is None:
             return None
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            # Line buffering: a line is on its way to the disk as soon as it is written.
+            # No buffer: a line is on its way to the disk as soon as it is written, in one piece.
             if go_on and (self.folder / name).is_file():
                 _cut_to_whole_lines(self.folder / name)
-                return open(self.folder / name, "a", buffering=1)
-            stream = open(self.folder / name, "w", buffering=1)  # noqa: SIM115
+                return open(self.folder / name, "ab", buffering=0)
+            stream = open(self.folder / name, "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
-        stream.write(header + "\n")
+        stream.write(f"{header}\n".encode())
         return stream
 
 

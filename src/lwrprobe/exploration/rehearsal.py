@@ -16,11 +16,15 @@ from lwrprobe.exploration.pipeline import Choices, compose
 @contextmanager
 def settled_memory() -> Iterator[None]:
     """While the arm moves, the collector does not walk through all that has been loaded before."""
+    young, *older = gc.get_threshold()
     gc.collect()
     gc.freeze()
+    # Nearly all that is made goes by itself: to look through the young so often finds nothing.
+    gc.set_threshold(10 * young, *older)
     try:
         yield
     finally:
+        gc.set_threshold(young, *older)
         gc.unfreeze()
 
 
@@ -42,7 +46,8 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
             pipe.sweep.move_to(pose[:3, 3])
         pipe.sweep.leave()
     if pipe.stillness is not None:
-        pipe.stillness.see(1.0, pose[:3, 3], wrench.world_force, contact)
+        pipe.stillness.see(1.0, pose[:3, 3].copy(), wrench.world_force, contact)
+        pipe.stillness.see(1.1, pose[:3, 3] + 1e-3, np.zeros(3), None)
     if pipe.clearance is not None:
         pipe.clearance.nearest(pose, q)
         pipe.clearance.objection(pose, pose, q)

@@ -12,39 +12,40 @@ ALL, DUE, BLOCKED, REFUSED = range(4)
 """How it ended: with the last row; something is due on the plan in the next row, whose step is made; the last row is
 the nearest to a pose out of reach; the next row must not be sent."""
 
-TIME, EVENT, CYCLE, STATUS, CUT, VERDICT, NOTES = range(7)
-"""`notes`: the time on the plan and that of what is due next, in s; the cycle; of the last row the status of its
-inverse kinematics; how many steps were cut down to the joints' speeds; of the row that must not be sent the guard's
-verdict."""
-
 
 @kernel
-def lay(plan, state, notes, going, table, q, step, measured, chain, limits, guard, peaks, rows, velocities):
-    """Set points into `rows` (m, n), from the joints q (n,) on, and the tip's velocities into `velocities` (m, 3).
+def lay(
+    plan, state, time, event, cycle, going, table, q, step, measured,
+    chain, limits, guard, peaks, rows, velocities, first, last,
+):  # fmt: skip
+    """Set points into `rows` (m, n) from row `first` up to `last`, from the joints q (n,) on; the tip's velocities into
+    `velocities` (m, 3).
 
-    `plan` and `state` are those of `cartesian_kernels`, `table` is the one of `ik_kernels`; `step` (n,) is what a joint
-    may move in a cycle. `measured` (n,) and what follows it goes to `guard_kernels.check`: where the joints are is
-    known for the first row alone. Returns the number of rows laid and how it ended.
+    `plan`, `state` and `time` [s] are those of `cartesian_kernels`, something is due at `event`; `table` is the one of
+    `ik_kernels`; `step` (n,) is what a joint may move in a cycle [s]. `measured` (n,) and what follows it goes to
+    `guard_kernels.check`: where the joints are is known for the first row alone.
+
+    Returns the row behind the last one laid and how it ended; the time on the plan then; how many steps were cut down
+    to the joints' speeds; the status of the last row's inverse kinematics, or the guard's verdict where it refused.
     """
     n = q.shape[0]
     pose = state[:16].reshape(4, 4)
-    for k in range(rows.shape[0]):
-        if going == STEPPING or (going == STEPPED and k > 0):
-            notes[TIME] += notes[CYCLE]
-            advance(plan, notes[TIME], state)
-            if notes[TIME] >= notes[EVENT]:
-                return k, DUE
-        before = q if k == 0 else rows[k - 1]
+    cut = 0
+    for k in range(first, last):
+        if going == STEPPING or (going == STEPPED and k > first):
+            time += cycle
+            advance(plan, time, state)
+            if time >= event:
+                return k, DUE, time, cut, CONVERGED
+        before = q if k == first else rows[k - 1]
         status = track(table, pose, before, rows[k])
-        notes[STATUS] = status
         if rein(before, rows[k], step) > 1.0:
-            notes[CUT] += 1.0
-        verdict = check(rows[k], measured if k == 0 else guard[POSITION, :n], notes[CYCLE], chain, limits, guard, peaks)
+            cut += 1
+        verdict = check(rows[k], measured if k == first else guard[POSITION, :n], cycle, chain, limits, guard, peaks)
         if verdict != GOOD:
-            notes[VERDICT] = verdict
-            return k, REFUSED
+            return k, REFUSED, time, cut, verdict
         for i in range(3):
             velocities[k, i] = state[STATE_MOTION + i]
         if status != CONVERGED:
-            return k + 1, BLOCKED
-    return rows.shape[0], ALL
+            return k + 1, BLOCKED, time, cut, status
+    return last, ALL, time, cut, CONVERGED

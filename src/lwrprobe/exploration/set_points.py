@@ -14,6 +14,8 @@ from lwrprobe.trajectory import CartesianTrajectory
 MOST = 32
 """Rows."""
 
+_CONVERGED = int(IKStatus.CONVERGED)
+
 
 class SetPoints:
     """Steps the generator, finds the joints and holds them against all limits, row by row.
@@ -28,21 +30,23 @@ class SetPoints:
     ----------
     rows : (MOST, n) rad, those that `lay` laid first
     velocities : (MOST, 3) m/s of the tip, one a row
-    status : `IKStatus` of the last row
+    status : that of the last row's inverse kinematics, an `IKStatus` value
     cut : steps of this `lay` that were cut down to the joints' speeds
     refusal : why the row behind the last one must not be sent, None where it may
     """
 
     def __init__(self, trajectory: CartesianTrajectory | JointSpaceTip, solver: IKSolver, guard: MotionGuard) -> None:
         self._trajectory, self._guard = trajectory, guard
-        n = solver.robot.n
-        self.rows, self.velocities = np.zeros((MOST, n)), np.zeros((MOST, 3))
-        self.status, self.cut = IKStatus.CONVERGED, 0
+        self.rows, self.velocities = np.zeros((MOST, solver.robot.n)), np.zeros((MOST, 3))
+        self.status, self.cut = _CONVERGED, 0
         self.refusal: MotionStop | None = None
-        self._notes = np.zeros(k.NOTES)
-        self._table, self._chain, self._step = solver.table, solver.robot.chain, guard.step
         if isinstance(trajectory, CartesianTrajectory):
-            self._lay = entry(k.lay, *self._arguments(k.RESTING, np.zeros(n), guard.measured, 0, MOST))
+            self._table = solver.table
+            self._guarded = solver.robot.chain, *guard.arrays, self.rows, self.velocities
+            plan, state, _, _ = trajectory.course
+            self._lay = entry(
+                k.lay, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
+            )
 
     def lay(self, q: np.ndarray, most: int) -> int:
         """Set points of up to `most` cycles into `rows`, the first one step from the joints q (n,); how many there are.
@@ -53,34 +57,25 @@ class SetPoints:
         self.refusal, self.cut = None, 0
         if isinstance(self._trajectory, JointSpaceTip):
             return self._lay_joints(q, most)
-        trajectory, notes = self._trajectory, self._notes
-        laid, measured, ended = 0, self._guard.measured, k.DUE
+        trajectory, guard = self._trajectory, self._guard
+        laid, measured, ended = 0, guard.measured, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
-            arguments = self._arguments(going, q, measured, laid, most)
-            before = notes[k.TIME]
-            count, ended = self._lay(*arguments)
-            self.cut += int(notes[k.CUT])
-            if notes[k.TIME] > before:
-                trajectory.come_to(float(notes[k.TIME]))
+            plan, state, time, event = trajectory.course
+            laid, ended, then, cut, detail = self._lay(
+                plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
+                *self._guarded, laid, most,
+            )  # fmt: skip
+            self.cut += cut
+            if then > time:
+                trajectory.come_to(then)
                 going = k.RESTING if trajectory.resting else k.STEPPED
-            if count > 0:
-                laid += count
-                q, measured = self.rows[laid - 1], self._guard.sent
-        self.status = IKStatus(int(notes[k.STATUS]))
+            if laid > 0:
+                q, measured = self.rows[laid - 1], guard.sent
+        self.status = detail if ended == k.BLOCKED else _CONVERGED
         if ended == k.REFUSED:
-            self.refusal = self._guard.refusal(int(notes[k.VERDICT]))
+            self.refusal = guard.refusal(detail)
         return laid
-
-    def _arguments(self, going: int, q: np.ndarray, measured: np.ndarray, first: int, most: int) -> tuple:
-        """Of the kernel, with the generator where it is."""
-        plan, state, time, event = self._trajectory.course
-        self._notes[:] = time, event, self._trajectory.cycle, k.CONVERGED, 0.0, k.GOOD
-        rows, velocities = self.rows[first:most], self.velocities[first:most]
-        return (
-            plan, state, self._notes, going, self._table, q, self._step, measured,
-            self._chain, *self._guard.arrays, rows, velocities,
-        )  # fmt: skip
 
     def _lay_joints(self, q: np.ndarray, most: int) -> int:
         """As `lay`, of a generator that has the joints itself."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from math import dist
 
 import numpy as np
 
@@ -24,19 +25,21 @@ class WayBack:
     def __init__(self, lift: float) -> None:
         self._lift = lift
         self._places: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
-        self._last: np.ndarray | None = None
-        self._outward = np.zeros(3)
+        self._last: list[float] | None = None
+        self._normal: Vector | None = None
 
     def note(self, tip: Vector, normal: Vector | None) -> None:
         """The tip (3,) is here, and touches a surface with this outward normal, or nothing."""
-        self._outward = np.zeros(3) if normal is None else self._lift * normal
-        last = self._last
-        if last is not None:
-            moved = tip - last
-            if moved @ moved < _SPACING * _SPACING:
-                return
-        self._last = tip.copy()
+        self._normal = normal
+        here, last = tip.tolist(), self._last
+        if last is not None and dist(here, last) < _SPACING:
+            return
+        self._last = here
         self._places.append(tip + self._outward)
+
+    @property
+    def _outward(self) -> np.ndarray:
+        return np.zeros(3) if self._normal is None else self._lift * self._normal
 
     def places(self, tip: Vector, length: float) -> list[np.ndarray]:
         """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m.

@@ -147,6 +147,16 @@ def track(table, pose, seed, out):
 
 
 @kernel
+def track_all(table, poses, seed, out):
+    """`track` through poses (m, 4, 4) into out (m, n), each from the one before; how many were solved before one was
+    not."""
+    for k in range(poses.shape[0]):
+        if track(table, poses[k], seed if k == 0 else out[k - 1], out[k]) != CONVERGED:
+            return k
+    return poses.shape[0]
+
+
+@kernel
 def _rescue(chain, settings, seed, jump, out, wanted, work, shape, arm_work):
     """The closed form's word where a descent got stuck: a configuration near the seed, or why there is none."""
     found = work[dls.SAVED]

@@ -160,6 +160,13 @@ class IKSolver:
         """
         return kernels.track(self._table, pose, q_seed, q_out)
 
+    def track_all(self, poses: Array, q_seed: Array, q_out: Array) -> int:
+        """`track` through poses (m, 4, 4), each from the joint values of the one before, into q_out (m, n).
+
+        Returns how many were solved before one was not, or all.
+        """
+        return kernels.track_all(self._table, poses, q_seed, q_out)
+
     def reach(self, pose: Array, q_seed: Array, q_out: Array) -> int:
         """Any joint values (n,) for a pose (4, 4), rather near q_seed, into q_out; an `IKStatus` value.
 

@@ -29,7 +29,7 @@ class SpeedGovernor:
     Parameters
     ----------
     trajectory : the generator whose speed is scaled
-    track : (pose (4, 4), q_seed (n,), q_out (n,)) -> status, 0 = solved; as `IKSolver.track`
+    track_all : (poses (m, 4, 4), q_seed (n,), q_out (m, n)) -> how many were solved in turn; as `IKSolver.track_all`
     speed : (n,) rad/s, joint limits
     every : cycles from one look to the next, `PATIENCE` times that below `CALM`
     samples : poses a look, the present one counted; half as many below `CALM`
@@ -46,7 +46,7 @@ class SpeedGovernor:
     def __init__(
         self,
         trajectory: CartesianTrajectory,
-        track: Callable[[np.ndarray, np.ndarray, np.ndarray], int],
+        track_all: Callable[[np.ndarray, np.ndarray, np.ndarray], int],
         speed: np.ndarray,
         every: int = 10,
         samples: int = 17,
@@ -58,7 +58,7 @@ class SpeedGovernor:
             raise InputError("lowest, highest, slowest", (lowest, highest, slowest), "0 < lowest < highest < 1")
         if every < 1 or samples < 3:
             raise InputError("every, samples", (every, samples), "1 or more, 3 or more")
-        self._trajectory, self._track = trajectory, track
+        self._trajectory, self._track_all = trajectory, track_all
         self._speed = np.array(speed, dtype=np.float64)
         self._every, self._slowest = every, slowest
         self._lowest, self._middle, self._highest = lowest, 0.5 * (lowest + highest), highest
@@ -104,11 +104,7 @@ class SpeedGovernor:
         spacing = seconds / (count - 1)
         trajectory.preview(seconds, poses, pace)
         joints[0] = q
-        solved = 1
-        for pose in poses[1:]:
-            if self._track(pose, joints[solved - 1], joints[solved]) != 0:
-                break
-            solved += 1
+        solved = 1 + self._track_all(poses[1:], q, joints[1:count])
         self.blocked_in = solved * spacing if solved < count else inf
         use = (np.abs(np.diff(joints[:solved], axis=0)) / self._speed).max(axis=1, initial=0.0) / spacing
         self.use = float(use.max(initial=0.0))
