@@ -70,7 +70,14 @@ class World:
 
     def follow(self, rows: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
         """Set points (m, n), a cycle each, for as long as no joint is further than `away` from them; the times (m,)
-        and measured joints (m, n) after each. Returns how many were carried out, and the refusal of the next one."""
+        and measured joints (m, n) after each. Returns how many were carried out, and the refusal of the next one.
+
+        Raises InputError for anything but arrays of these shapes of float64 numbers.
+        """
+        shape = len(times), self.robot.n
+        for name, array, wanted in (("rows", rows, shape), ("times", times, shape[:1]), ("joints", joints, shape)):
+            if array.shape != wanted or array.dtype != np.float64 or not array.flags.c_contiguous:
+                raise InputError(name, f"{array.dtype} {array.shape}", f"{wanted}, float64, contiguous")
         return self._follow(*self._arrays, self.truth, rows, times, joints, away)
 
     def quiet(self, most: int) -> int:

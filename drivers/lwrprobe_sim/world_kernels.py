@@ -147,7 +147,8 @@ def quiet(world, counts, most):
     if counts[N_READY] > 0:
         return 0
     s = world[SENSOR:SCENERY]
-    arrival = (counts[TAKEN] + 1) * s[sensor.PERIOD] + s[sensor.LATENCY]
+    number = counts[TAKEN] + 1
+    arrival = number * s[sensor.PERIOD] + sensor.delay(s, counts[SEED], number)
     if counts[N_WAITING] > 0:
         arrival = world[WAITING + sensor.ARRIVAL]
     cycles = 0

@@ -58,7 +58,7 @@ def test_summary_holds_what_it_promises(block):
     summary, folder = block
     assert summary.keys() >= WANTED
     assert json.loads((folder / "summary.json").read_text()) == summary
-    assert {"arm", "sensor", "strategy", "trajectory", "ik"} <= {stage["name"] for stage in summary["stages"]}
+    assert {"arm", "sensor", "strategy", "trajectory", "set points"} <= {stage["name"] for stage in summary["stages"]}
     assert sum(stage["share"] for stage in summary["stages"]) == pytest.approx(1.0, abs=0.01)
 
 

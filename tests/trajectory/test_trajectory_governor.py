@@ -28,7 +28,7 @@ def follow(q, way, turn, governed):
     goal = start.copy()
     goal[:3, 3] += way
     goal[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ goal[:3, :3]
-    governor = SpeedGovernor(tip, solver.track, robot.speed)
+    governor = SpeedGovernor(tip, solver.track_all, robot.speed)
     watch, out, most = Watch(tip), np.empty(7), 0.0
     tip.set_goal(goal, 0.25)
     while not tip.arrived:
@@ -51,18 +51,18 @@ def test_near_a_singularity_the_joints_keep_their_speed_limits(q, way, turn):
 def test_a_governed_tip_that_rests_is_not_slowed_any_more():
     tip = CartesianTrajectory(1e-3, LIMITS)
     tip.scale(0.1)
-    SpeedGovernor(tip, lambda pose, seed, out: 0, np.ones(7)).watch(np.zeros(7))
+    SpeedGovernor(tip, lambda poses, seed, out: len(poses), np.ones(7)).watch(np.zeros(7))
     assert tip.factor == 1.0
 
 
 def test_what_is_ahead_and_cannot_be_reached_is_said():
     tip = CartesianTrajectory(1e-3, LIMITS)
 
-    def track(pose, seed, out):
+    def track_all(poses, seed, out):
         out[:] = 0.0
-        return int(pose[0, 3] > 0.02)
+        return int(np.argmax([*(poses[:, 0, 3] > 0.02), True]))
 
-    governor = SpeedGovernor(tip, track, np.ones(7))
+    governor = SpeedGovernor(tip, track_all, np.ones(7))
     tip.set_goal(pose(0.2), 0.25)
     for _ in range(60):
         tip.step()
@@ -73,7 +73,7 @@ def test_what_is_ahead_and_cannot_be_reached_is_said():
 @pytest.mark.parametrize("change", [{"highest": 1.0}, {"lowest": 0.9}, {"every": 0}, {"samples": 2}, {"slowest": 0.0}])
 def test_a_band_that_is_none_is_refused(change):
     with pytest.raises(InputError):
-        SpeedGovernor(CartesianTrajectory(1e-3, LIMITS), lambda pose, seed, out: 0, np.ones(7), **change)
+        SpeedGovernor(CartesianTrajectory(1e-3, LIMITS), lambda poses, seed, out: len(poses), np.ones(7), **change)
 
 
 class Planar:

@@ -536,7 +536,7 @@ def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool):
     tip.reset(start)
     goal = _pose(np.zeros(3), turn) @ start
     goal[:3, 3] = start[:3, 3] + way
-    governor = SpeedGovernor(tip, solver.track, robot.speed)
+    governor = SpeedGovernor(tip, solver.track_all, robot.speed)
     tip.set_goal(goal, 0.25)
     most, ticks, looks, q = 0.0, 0, [], q.copy()
     while not tip.arrived and ticks < 20_000:

@@ -37,7 +37,7 @@ def _singularities(quick: bool) -> list[Finding]:
 
 def _governed(setting: str, robot, q: np.ndarray, goal: np.ndarray, reached: bool) -> Finding:
     solver, trajectory = IKSolver(robot), CartesianTrajectory(CYCLE, LIMITS)
-    governor = SpeedGovernor(trajectory, solver.track, robot.speed)
+    governor = SpeedGovernor(trajectory, solver.track_all, robot.speed)
     trajectory.reset(robot.fk(q).A)
     trajectory.set_goal(goal, 0.02)
     q, step, fastest, behind, ended = q.copy(), np.zeros(robot.n), 0.0, 0.0, ""
