@@ -84,7 +84,7 @@ class SimArm:
         if not self._open:
             raise DriverError("the simulated arm is not open")
         self._sensor.ready = self._world.advance()
-        now = float(self._state[kernels.TIME])
+        now = self._state.item(kernels.TIME)
         if self._realtime:
             ahead = self._began + now - time.perf_counter()
             if ahead > 0.0:

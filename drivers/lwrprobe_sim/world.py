@@ -42,6 +42,7 @@ class World:
         self.probe: Probe = scene.probe.as_probe()
         self.state = np.zeros(kernels.WORLD)
         self.counts = np.zeros(kernels.COUNTS, np.int64)
+        self._ready = self.state[kernels.READY : kernels.JACOBIAN].reshape(kernels.QUEUE, sensor.SAMPLE)
         self.truth = np.zeros((4096, 8))
         self.left_out: list[dict[str, str]] = []
         if self.robot.n > kernels.JOINTS_MAX:
@@ -64,7 +65,7 @@ class World:
     def advance(self) -> int:
         """One cycle on; returns how many samples wait to be fetched."""
         ready = self._advance(*self._arrays, self.truth)
-        if ready and self.counts[kernels.TAKEN] + self._ahead > len(self.truth):
+        if ready and self.counts.item(kernels.TAKEN) + self._ahead > len(self.truth):
             self.truth = np.concatenate([self.truth, np.zeros_like(self.truth)])
         return ready
 
@@ -86,8 +87,7 @@ class World:
 
     def fetch(self) -> list[list[float]]:
         """Samples that have arrived, oldest first, as rows of `sensor_kernels`; they are gone then."""
-        ready = self.state[kernels.READY : kernels.JACOBIAN].reshape(kernels.QUEUE, sensor.SAMPLE)
-        rows = ready[: self.counts[kernels.N_READY]].tolist()
+        rows = self._ready[: self.counts.item(kernels.N_READY)].tolist()
         self.counts[kernels.N_READY] = 0
         return rows
 

@@ -56,7 +56,7 @@ class Bench:
     def many_at_once(self, sizes):
         rows, q = [], self.q.copy()
         for size in sizes:
-            assert self.points.lay(q, size) == size
+            assert self.points.lay(q, 0, size) == size
             rows.append(np.c_[self.points.rows[:size], self.points.velocities[:size]])
             q = self.points.rows[size - 1].copy()
             self.guard.measured[:] = q
@@ -109,7 +109,7 @@ def test_rows_end_with_the_one_that_is_out_of_reach():
     bench.go((0.05, 0.0, 0.0))
     q, laid = bench.q.copy(), MOST
     while laid == MOST:
-        laid = bench.points.lay(q, MOST)
+        laid = bench.points.lay(q, 0, MOST)
         q = bench.points.rows[laid - 1].copy()
         bench.guard.measured[:] = q
     assert bench.points.status == IKStatus.JUMP
@@ -124,7 +124,7 @@ def test_a_row_that_must_not_be_sent_is_not_among_them():
     bench.go((0.05, 0.0, 0.0))
     q, laid = bench.q.copy(), MOST
     while laid == MOST:
-        laid = bench.points.lay(q, MOST)
+        laid = bench.points.lay(q, 0, MOST)
         if laid:
             q = bench.points.rows[laid - 1].copy()
             bench.guard.measured[:] = q
@@ -138,8 +138,9 @@ def test_where_the_joints_are_counts_for_the_first_row():
     bench = Bench()
     bench.many_at_once([MOST])
     bench.guard.measured[2] += 1.0
-    assert bench.points.lay(bench.guard.sent.copy(), 5) == 0
+    assert bench.points.lay(bench.guard.sent.copy(), 0, 5) == 0
     assert "joint 3 is 1.000 rad away" in str(bench.points.refusal)
+    assert bench.points.lay(bench.guard.sent.copy(), 2, 5) == 5
 
 
 def test_a_run_in_one_go_and_a_run_cycle_by_cycle_leave_the_same_files(tmp_path, monkeypatch):

@@ -155,10 +155,11 @@ class WrenchConditioner:
     @property
     def failing(self) -> str:
         """Why the stream can no longer be relied on, empty when it can."""
-        if self._counts[k.C_BAD_RUN] >= _BAD_RUN_LIMIT:
-            return f"{self._counts[k.C_BAD_RUN]} invalid readings in a row"
-        if 0 < self._params[k.P_FROZEN] <= self._counts[k.C_EQUAL_RUN]:
-            return f"the same reading {self._counts[k.C_EQUAL_RUN] + 1} times in a row"
+        bad, equal = self._counts.item(k.C_BAD_RUN), self._counts.item(k.C_EQUAL_RUN)
+        if bad >= _BAD_RUN_LIMIT:
+            return f"{bad} invalid readings in a row"
+        if 0 < self._params.item(k.P_FROZEN) <= equal:
+            return f"the same reading {equal + 1} times in a row"
         return ""
 
     def age(self, now: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from struct import Struct
 from typing import Final, Protocol
 
 import numpy as np
@@ -173,23 +174,21 @@ def shared_params(probe: Probe, settings: Settings, size: int = kernels.P_OWN) -
 
 
 class Given:
-    """One estimate's input as the kernels want it: `row` (INPUT,), and the parts of it that are filled.
-
-    Made once: to cut a part out of an array takes longer than to fill it.
-    """
+    """One estimate's input as the kernels want it: `row` (INPUT,)."""
 
     def __init__(self) -> None:
         self.row = np.zeros(kernels.INPUT)
-        self._force, self._torque = self.row[0:3], self.row[3:6]
-        self._centre, self._velocity = self.row[6:9], self.row[9:12]
-        self._rotation, self._stamp = self.row[12:21].reshape(3, 3), self.row[21:24]
+        self._centre = self.row[6:9]
+        self._pack = Struct(f"{kernels.INPUT}d").pack_into
+        self._memory = memoryview(self.row).cast("B")
 
     def fill(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> np.ndarray:
         """The row, with these in it."""
-        self._force[:], self._torque[:] = wrench.force, wrench.torque
-        self._centre[:], self._velocity[:] = centre, velocity
-        self._rotation[:] = rotation
-        self._stamp[:] = wrench.status, wrench.time, wrench.zeroing
+        # Number by number: less than half the time of an assignment to each part of the array.
+        self._pack(
+            self._memory, 0, *wrench.force.tolist(), *wrench.torque.tolist(), *centre.tolist(), *velocity.tolist(),
+            *rotation.ravel().tolist(), wrench.status, wrench.time, wrench.zeroing,
+        )  # fmt: skip
         return self.row
 
     def contact(self, out: np.ndarray, reason: int) -> Contact:

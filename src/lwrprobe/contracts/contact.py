@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
+from math import sqrt
 
 from lwrprobe.contracts.samples import Vector
 
@@ -35,7 +34,7 @@ class Contact:
     @property
     def magnitude(self) -> float:
         """|force| in N."""
-        return float(np.sqrt(self.force @ self.force))
+        return sqrt(self.force.dot(self.force))
 
 
 @dataclass(slots=True)

@@ -51,6 +51,8 @@ SETTLED = 3
 STEP_BACK = 0.002
 """m along the stick between two places at which the bias is taken."""
 
+_CONVERGED = int(IKStatus.CONVERGED)
+
 WatchFunction = Callable[["Glimpse"], None]
 
 
@@ -338,11 +340,11 @@ class Explorer:
 
     def _foreseen(self, time_limit: float) -> int:
         """How many cycles can be gone through at once: nobody who looks once a cycle would have anything to say."""
-        stepped, governor = self.rig.stepped, self.pipe.governor
+        stepped = self.rig.stepped
         if stepped is None or isinstance(self._motion, Done) or not self.motion_guard.settled:
             return 1
         left = int((self._zero_time + time_limit - self._time) / self.cycle)
-        most = int(min(MOST, left, self._silence.looks_left, MOST if governor is None else governor.due))
+        most = min(MOST, left, self._silence.looks_left)
         return 1 if most <= 1 else 1 + stepped.quiet(most - 1)
 
     def _one_sample(self, sample: WrenchSample) -> None:
@@ -462,23 +464,40 @@ class Explorer:
 
     def _move(self, most: int = 1) -> None:
         """Set points of up to `most` cycles; the last one's answer is yet to be read."""
-        clock, pipe, points = self.clock, self.pipe, self._points
-        count = self._laid = points.lay(self._q, most)
-        if points.status != IKStatus.CONVERGED:
-            self._blocked = f"out of reach: {IKStatus(points.status).name.lower()}"
-            pipe.trajectory.stop()
-        # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
-        self._slowed += points.cut
+        clock, points, governor = self.clock, self._points, self.pipe.governor
+        laid, q = 0, self._q
+        while True:
+            first, last = laid, most
+            if governor is not None and most > 1:
+                last = int(min(most, first + governor.due))
+            laid = points.lay(q, first, last)
+            if points.status != _CONVERGED:
+                self._blocked = f"out of reach: {IKStatus(points.status).name.lower()}"
+                self.pipe.trajectory.stop()
+            # The governor slows down ahead of this; should it be late, the tip falls behind its line for a moment.
+            self._slowed += points.cut
+            if laid == most or laid < last:
+                break
+            q = points.rows[laid - 1]
+            clock.lap("set points")
+            self._govern(q, laid - first)
         clock.lap("set points")
-        self._send(count)
+        self._send(laid)
+        self._laid = laid
         clock.lap("arm")
-        if pipe.governor is not None:
-            pipe.governor.watch(self._q, count)
-            if pipe.governor.blocked_in < np.inf and not self._blocked:
-                # It looks as far ahead as a stop takes: now the tip still stops within its limits.
-                self._blocked = "out of reach: ahead on the way"
-                pipe.trajectory.stop()
-            clock.lap("governor")
+        self._govern(self._q, laid - first)
+
+    def _govern(self, q: np.ndarray, cycles: int) -> None:
+        """Have the governor look ahead after so many cycles, the last of which has the joints q (n,)."""
+        governor = self.pipe.governor
+        if governor is None:
+            return
+        governor.watch(q, cycles)
+        if governor.blocked_in < np.inf and not self._blocked:
+            # It looks as far ahead as a stop takes: now the tip still stops within its limits.
+            self._blocked = "out of reach: ahead on the way"
+            self.pipe.trajectory.stop()
+        self.clock.lap("governor")
 
     def _send(self, count: int) -> None:
         """Have the first set points laid carried out, and the last one begun."""

@@ -53,7 +53,10 @@ class ForceGuard:
         stops, and the next sample says in which direction to yield, if at all.
         """
         size = hypot(*force.tolist())
-        twisted = torque is not None and any(abs(t) > most for t, most in zip(torque.tolist(), self._torque))
+        twisted = False
+        if torque is not None:
+            (x, y, z), (most_x, most_y, most_z) = torque.tolist(), self._torque
+            twisted = abs(x) > most_x or abs(y) > most_y or abs(z) > most_z
         if self._since is None:
             if size <= self.limit and not twisted:
                 return None

@@ -48,39 +48,42 @@ class SetPoints:
                 k.lay, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
             )
 
-    def lay(self, q: np.ndarray, most: int) -> int:
-        """Set points of up to `most` cycles into `rows`, the first one step from the joints q (n,); how many there are.
+    def lay(self, q: np.ndarray, first: int, last: int) -> int:
+        """Set points into `rows` from row `first` up to `last`, one cycle each, from the joints q (n,) on; the row
+        behind the last one laid.
 
-        Fewer than `most` where a pose is out of reach, that row being the last, or where a row must not be sent; then
-        the generator stands at that row and has not been told.
+        That is less than `last` where a pose is out of reach, that row being the last, or where a row must not be sent;
+        then the generator stands at that row and has not been told. Row 0 is held against where the joints are now.
         """
         self.refusal, self.cut = None, 0
+        guard = self._guard
+        measured = guard.measured if first == 0 else guard.sent
         if isinstance(self._trajectory, JointSpaceTip):
-            return self._lay_joints(q, most)
-        trajectory, guard = self._trajectory, self._guard
-        laid, measured, ended = 0, guard.measured, k.DUE
+            return self._lay_joints(q, measured, first, last)
+        trajectory, laid, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
             plan, state, time, event = trajectory.course
             laid, ended, then, cut, detail = self._lay(
                 plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
-                *self._guarded, laid, most,
+                *self._guarded, laid, last,
             )  # fmt: skip
             self.cut += cut
             if then > time:
                 trajectory.come_to(then)
                 going = k.RESTING if trajectory.resting else k.STEPPED
-            if laid > 0:
+            if laid > first:
                 q, measured = self.rows[laid - 1], guard.sent
         self.status = detail if ended == k.BLOCKED else _CONVERGED
         if ended == k.REFUSED:
             self.refusal = guard.refusal(detail)
         return laid
 
-    def _lay_joints(self, q: np.ndarray, most: int) -> int:
+    def _lay_joints(self, q: np.ndarray, measured: np.ndarray, first: int, last: int) -> int:
         """As `lay`, of a generator that has the joints itself."""
-        guard, measured = self._guard, self._guard.measured
-        for laid, row in enumerate(self.rows[:most]):
+        guard = self._guard
+        for laid in range(first, last):
+            row = self.rows[laid]
             self._trajectory.step()
             row[:] = self._trajectory.q
             self.cut += guard.rein(q, row)
@@ -90,4 +93,4 @@ class SetPoints:
                 return laid
             self.velocities[laid] = self._trajectory.velocity
             q, measured = row, guard.sent
-        return most
+        return last

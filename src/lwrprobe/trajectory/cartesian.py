@@ -23,6 +23,8 @@ from lwrprobe.trajectory.status import TrajectoryStatus as Status
 REFRESH = 10
 """Cycles between the plans of a bent move, at least."""
 
+_NO_VELOCITY = (0.0, 0.0, 0.0)
+
 
 class CartesianTrajectory:
     """Online generator of the tip's pose.
@@ -103,7 +105,7 @@ class CartesianTrajectory:
         `pose` gives an orientation to hold or turn to meanwhile, None comes to rest in orientation. A velocity
         above the limit is shortened to it. Returns the status; raises InputError.
         """
-        velocity = np.array(velocity, dtype=np.float64)
+        velocity = np.asarray(velocity, dtype=np.float64)
         numbers = velocity.tolist()
         if velocity.shape != (3,) or not isfinite(sum(numbers)):
             raise InputError("velocity", numbers, "three finite numbers")
@@ -119,7 +121,10 @@ class CartesianTrajectory:
         if pose is not None:
             self._aim[:16] = self._given[:16]
         size = hypot(*numbers)
-        self._wanted = velocity * min(1.0, self.limits.speed / size) if size > 0.0 else velocity
+        if size > self.limits.speed:
+            share = self.limits.speed / size
+            numbers = [share * number for number in numbers]
+        self._wanted = numbers
         self._asked = (min(size, self.limits.speed) or self.limits.speed, self.limits.turn_rate)
         self._mode, self._hold, self._stops = mode, hold_seconds, mode == k.FEED and size == 0.0
         return self._begin()
@@ -217,7 +222,8 @@ class CartesianTrajectory:
             aim[k.AIM_LIMITS] = self._asked[0] * factor
         else:
             aim[k.AIM_LIMITS] = self.limits.speed
-            aim[k.AIM_VELOCITY : k.AIM_LIMITS] = self._wanted * factor
+            for axis, wanted in enumerate(self._wanted, k.AIM_VELOCITY):
+                aim[axis] = wanted * factor
         aim[k.AIM_LIMITS + 3] = self._asked[1] * factor
         self._tries = 0
         self.arrived = self._resting = False
@@ -309,7 +315,7 @@ class CartesianTrajectory:
     def _give_up(self) -> None:
         """The aim is to stop."""
         self._asked_for = None
-        self._wanted = np.zeros(3)
+        self._wanted = _NO_VELOCITY
         self._mode, self._hold, self._stops = k.FEED, inf, True
         self._aim[k.AIM_VELOCITY :] = self._halt[k.AIM_VELOCITY :]
 
@@ -319,7 +325,7 @@ class CartesianTrajectory:
         self.status = Status.RESCUED if rescued else Status.RESTING
         self._resting, self._braking, self.arrived = True, False, at_goal
         self._time = self._duration = self._event = 0.0
-        self._mode, self._hold, self._stops, self._wanted = k.TO_GOAL, inf, False, np.zeros(3)
+        self._mode, self._hold, self._stops, self._wanted = k.TO_GOAL, inf, False, _NO_VELOCITY
         self._tries = 0
 
     def _use_kernels(self) -> None:
