@@ -7,7 +7,7 @@ out by the constants below.
 import math
 
 from lwrprobe.compiled import view_kernel as kernel
-from lwrprobe.kinematics.chain_kernels import LOWER, SPEED, UPPER, tip_and_jacobian, tip_frame
+from lwrprobe.kinematics.chain_kernels import LOWER, SPEED, UPPER, axes_to_jacobian, tip_and_axes, tip_frame
 from lwrprobe_sim import body_kernels as body
 from lwrprobe_sim import contact_kernels as contact
 from lwrprobe_sim import link_kernels as links
@@ -203,7 +203,8 @@ def _read_encoders(world, counts, start):
 @kernel
 def _step(world, counts, chain, numbers, indices, step, joint_travel):
     """One physical step to where the motors are now: stick, sphere, object and links."""
-    tip = tip_frame(chain, world[Q : Q + JOINTS_MAX])
+    jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
+    tip = tip_and_axes(chain, world[Q : Q + JOINTS_MAX], jac)
     old = world[TIP:CENTRE]
     moved = math.sqrt((tip[9] - old[9]) ** 2 + (tip[10] - old[10]) ** 2 + (tip[11] - old[11]) ** 2)
     turned = 0.0
@@ -219,7 +220,8 @@ def _step(world, counts, chain, numbers, indices, step, joint_travel):
     if touch.may_touch(world[TOUCH:WATCH], drift, moved, turned) or counts[N_ROWS] > 0:
         counts[NEAR_STEPS] += 1
         if counts[HAS_JOINT_COMPLIANCE] == 1:
-            _add_joints(world, counts, chain, compliance)
+            axes_to_jacobian(chain, tip, 1.0, 1.0, jac)
+            _add_joints(world, counts, jac, compliance)
         _touch(world, counts, numbers, indices, tip, drift, step)
     else:
         counts[N_FOUND] = 0
@@ -282,10 +284,8 @@ def _carrier(world, tip, step, compliance, free):
 
 
 @kernel
-def _add_joints(world, counts, chain, compliance):
+def _add_joints(world, counts, jac, compliance):
     """Add what the joints give way to `compliance`: J C J^T."""
-    jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
-    tip_and_jacobian(chain, world[Q : Q + JOINTS_MAX], jac)
     for k in range(counts[JOINTS]):
         soft = world[JOINT_COMPLIANCE + k]
         for i in range(3):

@@ -112,8 +112,8 @@ def test_batches_equal_single_calls_and_into_forms_allocate_nothing():
         robot.fk_into(q, tip), robot.jacobian_into(q, jac), robot.link_frames_into(q, frames)
         np.testing.assert_array_equal(tip, tips)
         np.testing.assert_array_equal(jac, jacs)
-    # one handle an array argument, taken by numba at the call, and nothing inside
-    assert allocations() - before == 9 * len(qs)
+    # not even a handle an array argument, which numba takes where views are counted
+    assert allocations() - before == 0
 
 
 @settings(max_examples=200, deadline=None)

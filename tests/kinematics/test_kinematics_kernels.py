@@ -79,8 +79,8 @@ def test_the_wish_is_the_descent_of_the_potential():
     robot = lwr4(tool=TOOL)
     wanted = Preference(near_posture=0.3, off_limits=0.7, off_singularity=0.2, zone=0.5)
     solver, rng, h = IKSolver(robot, preference=wanted), np.random.default_rng(4), 1e-6
-    chain, settings, work, _, _ = ik.parts(solver._table, 7)
-    places, target = ik.places_of(solver._table, 7), np.eye(4).ravel()
+    chain, settings, work, _, _ = ik.parts.py_func(solver._table, 7)
+    places, target = ik.places_of.py_func(solver._table, 7), np.eye(4).ravel()
     dls.bound(chain, robot.middle, 10.0, work)
 
     def potential(q):

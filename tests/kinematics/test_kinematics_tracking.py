@@ -89,8 +89,8 @@ def test_tracking_allocates_nothing():
     before = allocations()
     for _ in range(100):
         solver.track(pose, seed, q), solver.track(beyond, seed, q), solver.reach(pose, -seed, q)
-    # one handle an array argument, taken by numba at the call, and nothing inside
-    assert allocations() - before == 100 * 3 * 4
+    # not even a handle an array argument, which numba takes where views are counted
+    assert allocations() - before == 0
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
