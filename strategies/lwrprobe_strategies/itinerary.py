@@ -77,11 +77,9 @@ class Itinerary:
 
     def raise_line(self, line: Line) -> None:
         """Go on with the same line higher up: at least as high as one beside it had to be driven."""
-        line = self._beginning(replace(line, raised=True))
-        self.interpose(line)
-        self._raised.append(line)
+        self.interpose(self._above(replace(line, raised=True)))
 
-    def _beginning(self, line: Line) -> Line:
+    def _above(self, line: Line) -> Line:
         beside = [
             other.height
             for other in self._raised
@@ -89,9 +87,11 @@ class Itinerary:
             and abs(other.end - line.end) < self._step
             and abs(other.place - line.place) < 1.5 * self._step
         ]
-        if not beside or line.on_surface:
-            return line
-        return replace(line, height=max(line.height, *beside), raised=True)
+        if beside and not line.on_surface:
+            line = replace(line, height=max(line.height, *beside), raised=True)
+        if line.raised:
+            self._raised.append(line)
+        return line
 
     def hopeless(self, line: Line) -> bool:
         """Whether one like it had to be given up right beside it."""
@@ -110,7 +110,7 @@ class Itinerary:
         """The present line is done; the next one, None when nothing is left out. `here` (3,) m is where the tip is."""
         if self._interposed is not None:
             line, self._interposed = self._interposed, None
-            return line
+            return line if line.axis == Y else self._above(line)  # along y even the free part has to be driven
         self._driven += 1
         self._number += 1
         if self._number < len(self.grid):
@@ -122,10 +122,7 @@ class Itinerary:
         line = self._coming.popleft()
         if line.instead is not None and self.hopeless(line):
             return line.instead
-        line = self._beginning(line)
-        if line.raised:
-            self._raised.append(line)
-        return line
+        return self._above(line)
 
     def in_passing(self, here: np.ndarray) -> Line:
         """The grid's next line, to which a contour has come by itself."""

@@ -23,6 +23,8 @@ OFF = 0.003
 """m, off a surface that is left."""
 BORDER = 0.001
 """m, within which a place is one on the border."""
+COLUMN = 0.0025
+"""m sideways, within which a place above is one in the probe's own column."""
 STOP = 0.15
 """s, that a stop between two pieces of way costs."""
 RISE = 0.0015
@@ -85,7 +87,7 @@ def way_to(
     start, top = line.start, float(task.area.upper[Z])
     if line.axis == X and not line.on_surface and _met_nothing(touched, here, start, task.probe.radius):
         return [Waypoint(start, rotation=turn)]
-    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < BORDER and start[Z] > here[Z]:
+    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < COLUMN and start[Z] > here[Z]:
         return [Waypoint(start, rotation=turn)]  # up the probe's own column
     up = Waypoint(np.array([here[X], here[Y], top]))
     above = np.array([start[X], start[Y], top])
