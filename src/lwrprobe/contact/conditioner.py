@@ -129,7 +129,8 @@ class WrenchConditioner:
         except (TypeError, ValueError):
             self._raw[:] = np.nan
         self._rotation[:] = rotation
-        self._stamp[:] = sample.time, sample.sequence, sample.status
+        stamp = self._stamp
+        stamp[0], stamp[1], stamp[2] = sample.time, sample.sequence, sample.status
         out = np.empty(9)
         status = self._kernel(self._raw, self._rotation, self._stamp, self._params, self._state, self._counts, out)
         if self._collecting is not None:
