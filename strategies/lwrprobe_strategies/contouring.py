@@ -209,15 +209,17 @@ class Contouring(ABC):
             self._way.insert(0, off)
 
     def _off(self, seen: Observation) -> Waypoint | None:
-        """A place off the surface that is touched, or was last, from which the way up is free."""
+        """A place off the surface touched, or from under the one last touched, from which the way up is free."""
         here = seen.pose[:3, 3]
         normal = surface_normal(seen) if self._leaving else self.follower.normal
         flat = np.array([normal[0], normal[Y], 0.0])
         size = float(np.sqrt(flat @ flat))
+        if normal[Z] > UNDER and not self._leaving:
+            return None
         if normal[Z] > UNDER or size < 0.1:
             # Up along the stick the probe's own column is free.
             own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
-            far = OFF if believed(seen) or not self._leaving else self.options.retreat
+            far = OFF if believed(seen) else self.options.retreat
             return Waypoint(here + far * normal, Pace.FREE if own_column else Pace.FEELING)
         # Under an object: out from under it, past all that has been touched on that side.
         out = flat / size
