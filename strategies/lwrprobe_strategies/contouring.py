@@ -638,7 +638,7 @@ class Contouring(ABC):
     def _reapproach(self, seen: Observation) -> Motion:
         around = rolling(seen.pose[:3, 3], self._touched_at, self.follower.normal)
         self.follower.normal = around
-        way = 0.7 * self.follower.tangent(self.course.across()) - 0.5 * around
+        way = 0.7 * np.array(self.follower.tangent(self.course.across())) - 0.5 * around
         way /= np.sqrt(way @ way)
         velocity = min(self.follower.approach_speed(way, seen.pose[:3, :3]), self.task.contour_speed) * way
         return Feed(self.course.bounded(seen.pose[:3, 3], velocity), reason=self.state)

@@ -41,13 +41,13 @@ class Course:
         ahead[self.line.axis] = self.line.sign
         return ahead
 
-    def across(self) -> np.ndarray:
+    def across(self) -> tuple[float, float, float]:
         """The axis that the contour does not use, signed so that the tangent (normal x across) leads onward."""
         if self.plane is Plane.X_Y:
-            return np.array([0.0, 0.0, self.round])
+            return 0.0, 0.0, self.round
         if self.line.axis == 1:
-            return np.array([self.line.sign, 0.0, 0.0])
-        return np.array([0.0, -self.line.sign, 0.0])
+            return self.line.sign, 0.0, 0.0
+        return 0.0, -self.line.sign, 0.0
 
     def upright(self) -> Plane:
         """The vertical plane through the line."""

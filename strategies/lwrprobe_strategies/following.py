@@ -29,6 +29,8 @@ ROOM = 0.85
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on it is also an approach."""
 
+Vector = tuple[float, float, float]
+
 
 @dataclass(slots=True)
 class Follower:
@@ -71,16 +73,16 @@ class Follower:
         self.normal = normal / np.sqrt(normal @ normal)
         self._slope = 0.0
 
-    def tangent(self, across: np.ndarray) -> np.ndarray:
+    def tangent(self, across: Vector) -> Vector:
         """Unit direction onward: perpendicular to the normal and to `across`, the axis that the contour does not use.
 
         `across` is signed: with z up, travel in +y over an object wants +x, travel in -y wants -x: then a wall
         ahead is climbed.
         """
-        return np.array(_perpendicular(*self.normal.tolist(), *across.tolist()))
+        return _perpendicular(*self.normal.tolist(), *across)
 
     def velocity(
-        self, normal: np.ndarray, force: float, across: np.ndarray, feed: float, rotation: np.ndarray, period: float
+        self, normal: np.ndarray, force: float, across: Vector, feed: float, rotation: np.ndarray, period: float
     ) -> np.ndarray:
         """(3,) m/s for the next `period` seconds.
 
@@ -104,7 +106,7 @@ class Follower:
         press = min(max(error / damping + self._slope, -inward), self.outward)
         slack = task.force_limit - task.force_target
         steady = task.force_target / (damping / e * TURN)
-        tx, ty, tz = _perpendicular(nx, ny, nz, *across.tolist())
+        tx, ty, tz = _perpendicular(nx, ny, nz, *across)
         dive = tx * ax + ty * ay + tz * az
         if dive > DIVE:  # down a wall to a foot that nobody has felt yet, stick first
             feed = min(feed, self._approach(dive))

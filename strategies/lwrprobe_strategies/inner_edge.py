@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Observation
-from lwrprobe_strategies.following import Follower
+from lwrprobe_strategies.following import Follower, Vector
 
 STEEPEST_FRICTION = 0.5
 """Share of the normal force that may act against the feed before that means another surface."""
@@ -28,7 +28,7 @@ class InnerEdge:
         """The contour has been left."""
         self._met = None
 
-    def watch(self, seen: Observation, follower: Follower, across: np.ndarray) -> None:
+    def watch(self, seen: Observation, follower: Follower, across: Vector) -> None:
         """A force against the feed that friction does not explain: another surface has been met."""
         if self._met is not None:
             return
@@ -36,7 +36,7 @@ class InnerEdge:
         against = STEEPEST_FRICTION * max(pressed, 0.0) + MEETS * self._target
         if seen.force @ seen.force <= pressed * pressed + against * against:
             return  # nowhere along the surface is there so much
-        onward = follower.tangent(across)
+        onward = np.array(follower.tangent(across))
         if -float(seen.force @ onward) > against:
             self._met = (-onward, seen.pose[:3, 3].copy())
             follower.restart(-onward)
