@@ -36,13 +36,16 @@ from lwrprobe.contracts import (
 )
 from lwrprobe_strategies.climbing import Climbing
 from lwrprobe_strategies.course import Course, Z
+from lwrprobe_strategies.felt import believed, maybe_stick, surface_normal
 from lwrprobe_strategies.following import Follower, rolling
-from lwrprobe_strategies.inner_edge import InnerEdge, believed
+from lwrprobe_strategies.inner_edge import InnerEdge
 from lwrprobe_strategies.itinerary import Itinerary, Y
+from lwrprobe_strategies.leaving import UNDER, back, off
 from lwrprobe_strategies.lines import Line
 from lwrprobe_strategies.states import TRANSITIONS, Event, Plane, State
+from lwrprobe_strategies.stick import Stick
 from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import HOVER, OFF, THERE, Feeling, Pace, Waypoint, held, way_to
+from lwrprobe_strategies.way import Feeling, Pace, Waypoint, held, way_to
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEAVES = (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT, Event.STICK)
@@ -52,24 +55,10 @@ JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
-OWN_COLUMN = 0.9
-"""Share of the way off a surface along the stick, from which on nothing can be met on it."""
-YIELDING = 0.7
-"""Share of a way along the force, from which on it gives way to that."""
-STICK_TRUST = 0.1
-"""Trust of a contact, up to which the stick touches and not the sphere."""
 RAISE = 0.0025
 """m, by which a line is raised where the stick has met something."""
-STRAIGHT = 0.002
-"""m in height, within which a line has been driven straight from its beginning."""
-WARY = 0.012
-"""m before a place where something has met the stick, from which on a line is driven slowly."""
-PASSED = 0.005
-"""m behind such a place, from which on it does not matter any more."""
-UNDER = -0.05
-"""Share of the normal along z, below which the sphere is under what it touches."""
-FARTHEST_OUT = 0.04
-"""m, of the way out from under an object."""
+YIELDING = 0.7
+"""Share of a way along the force, from which on it gives way to that."""
 PAST = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 
@@ -144,7 +133,7 @@ class Contouring(ABC):
         self._borne = np.inf
         self._leaving = False
         self._touching_tilt = False
-        self._stick_met: list[tuple[np.ndarray, float]] = []  # where, and on the way in which direction
+        self._stick = Stick(1.5 * options.step)
         self._edge = InnerEdge(task.force_target)
         self._mark: tuple[float, np.ndarray] | None = None
         self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
@@ -199,43 +188,18 @@ class Contouring(ABC):
         self._aborts = 0
         self._leaving = seen.contact is not None
         here = seen.pose[:3, 3]
-        off = self._back(seen) if self.state is State.LINE and not self._leaving else self._off(seen)
+        if self.state is State.LINE and not self._leaving:
+            first = back(seen, self.course.line)
+        else:
+            normal = surface_normal(seen) if self._leaving else self.follower.normal
+            first = off(seen, normal, self.options.retreat, self.touched)
         line = self.itinerary.after(here)
         self._finished = line is None
         self._way = []
         if line is not None:
-            self._take(line, here if off is None else off.place)
-        if off is not None:
-            self._way.insert(0, off)
-
-    def _off(self, seen: Observation) -> Waypoint | None:
-        """A place off the surface touched, or from under the one last touched, from which the way up is free."""
-        here = seen.pose[:3, 3]
-        normal = surface_normal(seen) if self._leaving else self.follower.normal
-        flat = np.array([normal[0], normal[Y], 0.0])
-        size = float(np.sqrt(flat @ flat))
-        if normal[Z] > UNDER and not self._leaving:
-            return None
-        if normal[Z] > UNDER or size < 0.1:
-            # Up along the stick the probe's own column is free.
-            own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
-            far = OFF if believed(seen) else self.options.retreat
-            return Waypoint(here + far * normal, Pace.FREE if own_column else Pace.FEELING)
-        # Under an object: out from under it, past all that has been touched on that side.
-        out = flat / size
-        past = float((self.touched.table()[:, :3] @ out).max(initial=-np.inf) - here @ out) + HOVER
-        return Waypoint(here + min(max(past, self.options.retreat), FARTHEST_OUT) * out, Pace.FEELING)
-
-    def _back(self, seen: Observation) -> Waypoint | None:
-        """From under what comes near, or from under the place where the line should have ended: the way it has come."""
-        line, here = self.course.line, seen.pose[:3, 3]
-        threatened = seen.clearance is not None and seen.clearance.threatens
-        straight = abs(here[Z] - line.height) < STRAIGHT
-        if not straight or not (threatened or line.instead is not None):
-            return None
-        back = here.copy()
-        back[line.axis] = line.begin
-        return Waypoint(back)
+            self._take(line, here if first is None else first.place)
+        if first is not None:
+            self._way.insert(0, first)
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and how the tip is held at its beginning, (3, 3)."""
@@ -266,7 +230,7 @@ class Contouring(ABC):
         return None
 
     def _event_line(self, seen: Observation) -> Event | None:
-        if self._may_be_the_stick(seen):
+        if maybe_stick(seen) and not self._leaving:
             strong = hypot(*seen.force.tolist()) > 2.0 * self.task.force_threshold
             return Event.STICK if strong else None
         if self._overloaded(seen):
@@ -376,10 +340,6 @@ class Contouring(ABC):
         level = self.task.force_target + 0.6 * (self.task.force_limit - self.task.force_target)
         return hypot(*seen.force.tolist()) > level
 
-    def _may_be_the_stick(self, seen: Observation) -> bool:
-        """A force that no contact of the sphere explains: something stands out above it, or it is weak as yet."""
-        return seen.contact is not None and seen.contact.trust <= STICK_TRUST and not self._leaving
-
     def _yields(self, seen: Observation) -> bool:
         """Leaving what is touched, along the force: there is no better answer to it."""
         if not (self._leaving and self._way):
@@ -467,7 +427,7 @@ class Contouring(ABC):
     def _raise_line(self, seen: Observation) -> None:
         """Under what the stick meets nothing can be felt: the line goes on from here, above that by and by."""
         line, here = self.course.line, seen.pose[:3, 3]
-        self._stick_met.append((here.copy(), line.sign))
+        self._stick.meets(line, here)
         height = float(here[Z]) + RAISE
         if height > self.task.area.upper[Z]:
             self.itinerary.give_up(line)
@@ -571,30 +531,12 @@ class Contouring(ABC):
     def _along_line(self, seen: Observation) -> Motion:
         if self._goal is None or seen.goal_reached:
             line, here, held = self.course.line, seen.pose[:3, 3], seen.pose[:3, :3]
-            end, towards = line.end, self.course.ahead()
-            next_to = self._stick_ahead(here)
-            if next_to is not None and next_to > WARY + THERE:
-                end = float(here[line.axis]) + line.sign * (next_to - WARY)
-            elif next_to is not None:
-                # What meets the stick near the sensor is met as hard as what meets the sphere along the stick.
-                end, towards = float(here[line.axis]) + line.sign * (next_to + 2.0 * PASSED), held[:, Z]
-            target = line.at(min(end * line.sign, line.end * line.sign) * line.sign)
+            end, careful = self._stick.piece(line, here)
+            target = line.at(end)
             target[Z] = here[Z]
-            self._goal = Goal(self._pose(target), self._feeling(held)(towards), self.state)
+            speed = self._feeling(held)(held[:, Z] if careful else self.course.ahead())
+            self._goal = Goal(self._pose(target), speed, self.state)
         return self._goal
-
-    def _stick_ahead(self, here: np.ndarray) -> float | None:
-        """m along the line to the next place beside which something has met the stick; None where there is none.
-
-        What stands out on one side may do so on the other: a line that comes from there may meet it anywhere.
-        """
-        line = self.course.line
-        near = 1.5 * self.options.step
-        beside = [(at, sign) for at, sign in self._stick_met if abs(at[line.aside] - line.place) < near]
-        ways = [float(at[line.axis] - here[line.axis]) * line.sign for at, sign in beside if sign == line.sign]
-        if beside and not ways:
-            return 0.0
-        return min((way for way in ways if way > -PASSED), default=None)
 
     def _contour(self, seen: Observation) -> Motion:
         here, normal = seen.pose[:3, 3], self._followed_normal(seen)
@@ -656,12 +598,3 @@ class Contouring(ABC):
         pose[:3, :3] = self.rotation
         pose[:3, 3] = place
         return pose
-
-
-def surface_normal(seen: Observation) -> np.ndarray:
-    """(3,) unit: the estimated contact's, or the direction of the force where that estimate is not to be had."""
-    contact = seen.contact
-    if contact is not None and contact.trust > 0.0:
-        return contact.normal
-    size = float(np.sqrt(seen.force @ seen.force))
-    return seen.force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])

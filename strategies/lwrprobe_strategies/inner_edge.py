@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Observation
+from lwrprobe_strategies.felt import believed
 from lwrprobe_strategies.following import Follower, Vector
 
 STEEPEST_FRICTION = 0.5
 """Share of the normal force that may act against the feed before that means another surface."""
-BELIEVED = 0.5
-"""Trust of a contact, from which on it is one of the sphere with one surface."""
 MEETS = 0.5
 """Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
 EDGE_WAY = 0.001
@@ -52,8 +51,3 @@ class InnerEdge:
             return normal
         self._met = None
         return None
-
-
-def believed(seen: Observation) -> bool:
-    """Whether what is touched is one surface, and touched by the sphere."""
-    return seen.contact is not None and seen.contact.trust >= BELIEVED

@@ -4,14 +4,17 @@ import numpy as np
 import pytest
 from strategy_task import AREA, DOWN, task
 
-from lwrprobe.contracts import Observation
+from lwrprobe.contracts import Contact, Observation
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.climbing import FELT, Climbing
 from lwrprobe_strategies.course import Course
 from lwrprobe_strategies.following import Follower
 from lwrprobe_strategies.itinerary import Itinerary
+from lwrprobe_strategies.leaving import off
 from lwrprobe_strategies.lines import Line
+from lwrprobe_strategies.stick import WARY, Stick
 from lwrprobe_strategies.touched import Touched
+from lwrprobe_strategies.way import OFF, Pace
 
 LINKS = load_scene("block").probe.as_probe().links
 BORDER = float(AREA.upper[1])
@@ -89,3 +92,56 @@ def test_an_interposed_line_does_not_count_as_one_of_the_grid():
         driven.append(line.place)
     assert driven == list(itinerary.grid.x)
     assert itinerary.count()[0] == len(driven)
+
+
+def test_a_line_is_driven_with_care_only_where_the_stick_may_be_met():
+    stick = Stick(0.015)
+    line = Line(1, 0.0, -BORDER, BORDER, 0.006)
+    assert stick.piece(line, line.start) == (BORDER, False)
+    stick.meets(Line(1, 0.01, -BORDER, BORDER, 0.006), np.array([0.01, -0.03, 0.006]))
+    end, careful = stick.piece(line, line.start)
+    assert (end, careful) == (pytest.approx(-0.03 - WARY), False)
+    end, careful = stick.piece(line, line.at(end))
+    assert careful
+    assert -0.03 < end < 0.0
+    assert stick.piece(line, line.at(end)) == (BORDER, False), "behind it as fast as ever"
+    turned = line.turned()
+    assert stick.piece(turned, turned.start)[1], "what stands out on one side may do so on the other"
+    aside = Line(1, 0.03, -BORDER, BORDER, 0.006)
+    assert stick.piece(aside, aside.start) == (BORDER, False)
+
+
+def test_a_line_is_never_cut_into_pieces_without_end():
+    stick = Stick(0.015)
+    line = Line(0, 0.0, 0.09, -0.09, 0.006)
+    stick.meets(line, np.array([0.02, 0.0, 0.006]))
+    here, pieces = line.start, 0
+    while here[0] > line.end + 1e-9:
+        end, _ = stick.piece(line, here)
+        assert end < here[0] - 1e-4
+        here, pieces = line.at(end), pieces + 1
+    assert pieces <= 4
+
+
+def test_a_surface_is_left_along_its_normal_and_an_undercut_sideways():
+    touched = Touched()
+    touched.add(np.array([0.03, 0.0, 0.024]), np.array([0.024, 0.0, 0.024]), np.array([1.0, 0.0, 0.0]), np.nan)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = DOWN, (0.026, 0.0, 0.011)
+
+    def seen(trust):
+        normal = np.array([0.0, 0.0, 1.0])
+        contact = Contact(0.0, pose[:3, 3], normal, normal, pose[:3, 3], trust)
+        return Observation(0.0, pose, np.zeros(3), np.zeros(3), contact)
+
+    up = off(seen(1.0), np.array([0.0, 0.0, 1.0]), 0.01, touched)
+    assert (up.pace, up.place[2]) == (Pace.FREE, pytest.approx(0.011 + OFF)), "the probe's own column"
+    wall = off(seen(1.0), np.array([1.0, 0.0, 0.0]), 0.01, touched)
+    assert (wall.pace, wall.place[0]) == (Pace.FEELING, pytest.approx(0.026 + OFF))
+    doubted = off(seen(0.0), np.array([1.0, 0.0, 0.0]), 0.01, touched)
+    assert doubted.place[0] == pytest.approx(0.036), "further where nobody knows what is touched"
+    for contact in (seen(1.0), Observation(0.0, pose, np.zeros(3), np.zeros(3))):
+        out = off(contact, np.array([0.6, 0.0, -0.8]), 0.01, touched)
+        assert out.place[2] == pose[2, 3]
+        assert out.place[0] > 0.03, "past all that was touched there"
+    assert off(Observation(0.0, pose, np.zeros(3), np.zeros(3)), np.array([0.0, 0.0, 1.0]), 0.01, touched) is None
