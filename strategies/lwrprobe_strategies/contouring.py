@@ -55,6 +55,8 @@ JAM_DISTANCE = 0.002
 """s and m: a contour that has not come further than this in that time is stuck."""
 BEARABLE = 0.0005
 """m, by which a link may come nearer after a threat has been answered before that is a new threat."""
+DOUBTED = 2
+"""Samples after which a touch that may be one of the stick is one: the first of a touch may be too weak to tell."""
 RAISE = 0.0025
 """m, by which a line is raised where the stick has met something."""
 YIELDING = 0.7
@@ -134,6 +136,7 @@ class Contouring(ABC):
         self._leaving = False
         self._touching_tilt = False
         self._stick = Stick(1.5 * options.step)
+        self._doubts = 0
         self._edge = InnerEdge(task.force_target)
         self._mark: tuple[float, np.ndarray] | None = None
         self._goal: Goal | None = None  # asked for until something happens: a goal that never changes costs nothing
@@ -230,9 +233,9 @@ class Contouring(ABC):
         return None
 
     def _event_line(self, seen: Observation) -> Event | None:
-        if maybe_stick(seen) and not self._leaving:
-            strong = hypot(*seen.force.tolist()) > 2.0 * self.task.force_threshold
-            return Event.STICK if strong else None
+        self._doubts = self._doubts + 1 if maybe_stick(seen) and not self._leaving else 0
+        if self._doubts:
+            return Event.STICK if self._doubts >= DOUBTED else None
         if self._overloaded(seen):
             return Event.OVERLOAD
         if self._met(seen):
@@ -529,6 +532,8 @@ class Contouring(ABC):
         return lambda along: self.follower.approach_speed(along, rotation)
 
     def _along_line(self, seen: Observation) -> Motion:
+        if self._doubts:
+            return Feed(np.zeros(3), reason=self.state)  # until it is known what touches
         if self._goal is None or seen.goal_reached:
             line, here, held = self.course.line, seen.pose[:3, 3], seen.pose[:3, :3]
             end, careful = self._stick.piece(line, here)
