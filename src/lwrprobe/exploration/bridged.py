@@ -63,7 +63,8 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
     # In front of the surface just left: behind it lies the other side of a convex edge.
     inward = np.einsum("ij,ij->i", way, normals[:-1]) > 0.0
     found = np.flatnonzero((leap > LEAP) & (moved < STILL * leap) & (np.diff(times) < AT_ONCE) & inward)
-    kinds = [_kind(points, centres, int(i)) for i in found]
+    judged = [_judged(points, centres, int(i)) for i in found]
+    kinds, widths = [kind for kind, _ in judged], np.array([width for _, width in judged])
     middles = 0.5 * (points[found] + points[found + 1])
     zones = []
     for kind in sorted(set(kinds)):
@@ -71,22 +72,27 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
         for group in _together(middles[own], 1.3 * pitch):
             members = own[group]
             box = middles[members]
-            zones.append(
-                Bridged(kind, float(leap[found[members]].max()), box.min(axis=0), box.max(axis=0), len(members))
-            )
+            zones.append(Bridged(kind, float(widths[members].max()), box.min(axis=0), box.max(axis=0), len(members)))
     return sorted(zones, key=lambda zone: -zone.width)
 
 
-def _kind(points: np.ndarray, centres: np.ndarray, i: int) -> str:
-    """A gap where the contact stood still on a rim before the leap, or after it."""
+def _judged(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float]:
+    """What was passed over between contacts i and i + 1, and how wide it is, m.
+
+    A gap where the contact stood still on a rim before the leap or after it: on a wall it moves with the centre.
+    Between the rims two contacts at once may be taken for one in the middle, so that those a moment away tell the width.
+    """
+    pivots, ends = False, []
     for at, step in ((i, -1), (i + 1, 1)):
         k = at
         while 0 <= k + step < len(points) and np.linalg.norm(centres[k] - centres[at]) < BEFORE:
             k += step
-        way = np.linalg.norm(centres[k] - centres[at])
-        if not (BEFORE <= way < 3.0 * BEFORE and np.linalg.norm(points[k] - points[at]) < PIVOT * way):
-            return "inner edge"
-    return "gap"
+        way, moved = np.linalg.norm(centres[k] - centres[at]), np.linalg.norm(points[k] - points[at])
+        pivots = pivots or bool(BEFORE <= way < 3.0 * BEFORE and moved < PIVOT * way)
+        ends.append(points[k])
+    if not pivots:
+        return "inner edge", float(np.linalg.norm(points[i + 1] - points[i]))
+    return "gap", float(np.linalg.norm(ends[1] - ends[0]))
 
 
 def _together(places: np.ndarray, apart: float) -> list[np.ndarray]:
