@@ -80,7 +80,7 @@ def _judged(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float
     """What was passed over between contacts i and i + 1, and how wide it is, m.
 
     A gap where the contact stood still on a rim before the leap or after it: on a wall it moves with the centre.
-    Between the rims two contacts at once may be taken for one in the middle, so that those a moment away tell the width.
+    Between the rims two contacts at once may be taken for one in the middle: those a moment away tell the width.
     """
     pivots, ends = False, []
     for at, step in ((i, -1), (i + 1, 1)):
