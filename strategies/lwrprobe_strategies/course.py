@@ -75,8 +75,9 @@ class Course:
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` without what leads out of the area in height or across the line."""
         for axis in (self.line.aside, Z):
-            outward = place[axis] >= self.area.upper[axis] and velocity[axis] > 0.0
-            inward = place[axis] <= self.area.lower[axis] and velocity[axis] < 0.0
+            here, onward = place.item(axis), velocity.item(axis)
+            outward = onward > 0.0 and here >= self.area.upper.item(axis)
+            inward = onward < 0.0 and here <= self.area.lower.item(axis)
             if outward or inward:
                 velocity[axis] = 0.0
         return velocity

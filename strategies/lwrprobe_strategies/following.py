@@ -54,10 +54,12 @@ class Follower:
     normal: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _slope: float = 0.0
     _safe: list[float] = field(init=False)
+    _give: tuple[float, float, float] = field(init=False)
 
     def __post_init__(self) -> None:
         task = self.task
-        lateral, _, along = task.probe.compliance
+        lateral, _, along = task.probe.compliance.tolist()
+        self._give = 1.0 / task.stiffness, lateral, along
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
         # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet; it grows with the share
         # of d along the stick, so that the end of each step counts.
@@ -135,8 +137,8 @@ class Follower:
 
     def _stiffness(self, axial: float) -> float:
         angle = max(acos(min(abs(axial), 1.0)) - CONE, 0.0)
-        lateral, _, along = self.task.probe.compliance.tolist()
-        return 1.0 / (1.0 / self.task.stiffness + sin(angle) ** 2 * lateral + cos(angle) ** 2 * along)
+        series, lateral, along = self._give
+        return 1.0 / (series + sin(angle) ** 2 * lateral + cos(angle) ** 2 * along)
 
     def yielding(self, force: float, rotation: np.ndarray) -> float:
         """m/s along an overlarge force, so that what is too much is gone after about one delay."""

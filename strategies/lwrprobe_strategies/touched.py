@@ -29,11 +29,13 @@ class Touched:
         place = centre.tolist()
         if _new(self._touches, place, line_x):
             self._touches.append((*place, *point.tolist(), *normal.tolist(), line_x))
-        self.passed(centre, line_x)
+        self._stood(place, line_x)
 
     def passed(self, centre: np.ndarray, line_x: float) -> None:
         """Remember that the probe has stood there, touching or not."""
-        place = centre.tolist()
+        self._stood(centre.tolist(), line_x)
+
+    def _stood(self, place: list[float], line_x: float) -> None:
         if _new(self._passes, place, line_x):
             self._passes.append((*place, *NOWHERE, line_x))
 
