@@ -36,7 +36,7 @@ class Climbing:
 
     Attributes
     ----------
-    task : speeds, area, and what is known to be clear
+    task : speeds, area, the probe's links
     follower : how fast a descent may be
     touched : where the probe has been
     """

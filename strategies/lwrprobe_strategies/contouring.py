@@ -403,10 +403,7 @@ class Contouring(ABC):
             self.itinerary.give_up(self.course.line)
         if event is Event.STICK:
             self._raise_line(seen)
-        if (
-            event in (Event.LINE_END, Event.BLOCKED, Event.END_FOUND, Event.DESCENT, Event.STICK)
-            and after is State.TRANSFER
-        ):
+        if event in LEAVES and after is State.TRANSFER:
             self._next_line(seen)
         if event is Event.TABLE:
             self._leaving = seen.contact is not None

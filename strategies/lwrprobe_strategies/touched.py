@@ -23,6 +23,8 @@ class Touched:
 
     _touches: list[Row] = field(default_factory=list)
     _passes: list[Row] = field(default_factory=list)
+    _table: np.ndarray = field(default_factory=lambda: np.empty((0, 10)))
+    _way: np.ndarray = field(default_factory=lambda: np.empty((0, 10)))
 
     def add(self, centre: np.ndarray, point: np.ndarray, normal: np.ndarray, line_x: float) -> None:
         """Remember a touch unless the last one was as good as there."""
@@ -43,12 +45,20 @@ class Touched:
         return len(self._touches)
 
     def table(self) -> np.ndarray:
-        """(n, 10) all touches."""
-        return np.array(self._touches, dtype=np.float64).reshape(-1, 10)
+        """(n, 10) all touches; not to be written to."""
+        self._table = _grown(self._table, self._touches)
+        return self._table
 
     def way(self) -> np.ndarray:
-        """(m, 10) all places, touching or not."""
-        return np.array(self._passes, dtype=np.float64).reshape(-1, 10)
+        """(m, 10) all places, touching or not; not to be written to."""
+        self._way = _grown(self._way, self._passes)
+        return self._way
+
+
+def _grown(known: np.ndarray, rows: list[Row]) -> np.ndarray:
+    """What has come since the last time, at the end of what was made then: it is asked for in mid-motion."""
+    new = rows[len(known) :]
+    return np.concatenate([known, np.array(new, dtype=np.float64)]) if new else known
 
 
 def _new(rows: list[Row], place: list[float], line_x: float) -> bool:

@@ -188,3 +188,18 @@ def test_a_near_side_that_was_met_above_its_foot_is_felt_from_as_low_as_it_may_b
     assert line.end == pytest.approx(-0.025 * travel)
     down = line.instead
     assert (down.begin, down.end, down.height, down.on_surface) == (line.end, line.begin, 0.055, True)
+
+
+def test_the_table_grows_and_what_was_asked_for_before_stays():
+    touched, normal = Touched(), np.array([0.0, 0.0, 1.0])
+    assert touched.table().shape == touched.way().shape == (0, 10)
+    seen = []
+    for k in range(5):
+        centre = np.array([0.001 * k, 0.0, 0.05])
+        touched.add(centre, centre - RADIUS * normal, normal, 0.0)
+        touched.passed(centre + np.array([0.0, 0.001, 0.0]), 0.0)
+        seen.append((touched.table(), touched.way()))
+    for k, (table, way) in enumerate(seen):
+        assert (len(table), len(way)) == (k + 1, 2 * k + 2)
+        np.testing.assert_array_equal(table[:, 0], 0.001 * np.arange(k + 1))
+        np.testing.assert_array_equal(way, touched.way()[: len(way)])
