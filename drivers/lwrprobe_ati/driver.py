@@ -8,7 +8,7 @@ import time
 from dataclasses import asdict
 from typing import ClassVar
 
-from lwrprobe.contracts import DRIVER_CONTRACT, ConnectionLost, DriverContext, DriverError, Reading, WrenchSample
+from lwrprobe.contracts import DRIVER_CONTRACT, ConnectionLost, DriverContext, DriverError, HealthCheck, WrenchSample
 from lwrprobe.contracts.address import as_address
 from lwrprobe_ati import farewell
 from lwrprobe_ati.config import AtiConfig
@@ -116,7 +116,7 @@ class AtiSensor:
         order = {name: getattr(admission, name) for name in _ORDER}
         return order | asdict(self.stream.traffic) | {"restarts": self.restarts}
 
-    def readings(self, seconds: float) -> list[Reading]:
+    def readings(self, seconds: float) -> list[HealthCheck]:
         """Listen for some seconds and judge rate, losses, latency, noise, drift, battery and calibration."""
         opened = self._socket is not None
         self.open()
@@ -249,7 +249,7 @@ class AtiDriver:
     def judge(self) -> None:
         """A real device knows no ground truth."""
 
-    def readings(self, seconds: float) -> list[Reading]:
+    def readings(self, seconds: float) -> list[HealthCheck]:
         """Lines for `lwrprobe doctor`."""
         return self._sensor.readings(seconds)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lwrprobe.contracts import Reading, SampleStatus, WrenchSample
+from lwrprobe.contracts import HealthCheck, SampleStatus, WrenchSample
 from lwrprobe_ati.wire import battery_light
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ _POLL = 0.002
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
-def sensor_readings(sensor: AtiSensor, seconds: float) -> list[Reading]:
+def sensor_readings(sensor: AtiSensor, seconds: float) -> list[HealthCheck]:
     """Listen for `seconds`; raises ConnectionLost when the sensor falls silent."""
     samples: list[WrenchSample] = []
     ages: list[float] = []
@@ -38,30 +38,34 @@ def sensor_readings(sensor: AtiSensor, seconds: float) -> list[Reading]:
     ]
 
 
-def _timing(sensor: AtiSensor, samples: list[WrenchSample], ages: list[float]) -> list[Reading]:
+def _timing(sensor: AtiSensor, samples: list[WrenchSample], ages: list[float]) -> list[HealthCheck]:
     times = np.array([s.time for s in samples])
     rate = (samples[-1].sequence - samples[0].sequence) / max(times[-1] - times[0], 1e-9)
     oldest = 1000.0 * float(np.quantile(ages, 0.99))
     return [
-        Reading("rate", f"{rate:.1f} Hz of {sensor.rate:g}", abs(rate / sensor.rate - 1.0) < 0.05, {"rate_hz": rate}),
-        Reading(
+        HealthCheck(
+            "rate", f"{rate:.1f} Hz of {sensor.rate:g}", abs(rate / sensor.rate - 1.0) < 0.05, {"rate_hz": rate}
+        ),
+        HealthCheck(
             "jitter of arrival",
             f"median {1000.0 * float(np.median(ages)):.2f} ms, p99 {oldest:.2f} ms after the fastest",
             oldest < 1000.0 * sensor.config.late_after,
             {"p99_ms": oldest},
         ),
-        Reading("latency", f"{1000.0 * sensor.latency:.2f} ms from averaging and filter, without the radio"),
+        HealthCheck("latency", f"{1000.0 * sensor.latency:.2f} ms from averaging and filter, without the radio"),
     ]
 
 
-def _losses(counts: dict[str, int]) -> Reading:
+def _losses(counts: dict[str, int]) -> HealthCheck:
     total = counts["received"] + counts["lost"]
     bad = {k: v for k, v in counts.items() if v and k not in ("received", "datagrams")}
     text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in bad.items()) or "none"
-    return Reading("losses", f"{text} of {total}", counts["lost"] <= 0.01 * total and not counts["malformed"], counts)
+    return HealthCheck(
+        "losses", f"{text} of {total}", counts["lost"] <= 0.01 * total and not counts["malformed"], counts
+    )
 
 
-def _wrench(sensor: AtiSensor, samples: list[WrenchSample]) -> list[Reading]:
+def _wrench(sensor: AtiSensor, samples: list[WrenchSample]) -> list[HealthCheck]:
     """In N and N·mm; drift compares the last fifth with the first."""
     values = np.array([[*s.force, *(1000.0 * s.torque)] for s in samples])
     noise, mean = values.std(axis=0), values.mean(axis=0)
@@ -69,9 +73,9 @@ def _wrench(sensor: AtiSensor, samples: list[WrenchSample]) -> list[Reading]:
     drift = values[-fifth:].mean(axis=0) - values[:fifth].mean(axis=0)
     limits = sensor.setup.calibration.ratings * np.repeat([1.0, 1000.0], 3)
     return [
-        Reading("noise", _six(noise), bool((noise < 0.01 * limits).all()), {"sigma": noise.tolist()}),
-        Reading("bias", _six(mean), bool((np.abs(mean) < 0.5 * limits).all()), {"mean": mean.tolist()}),
-        Reading("drift", _six(drift), bool((np.abs(drift) < 0.01 * limits).all()), {"drift": drift.tolist()}),
+        HealthCheck("noise", _six(noise), bool((noise < 0.01 * limits).all()), {"sigma": noise.tolist()}),
+        HealthCheck("bias", _six(mean), bool((np.abs(mean) < 0.5 * limits).all()), {"mean": mean.tolist()}),
+        HealthCheck("drift", _six(drift), bool((np.abs(drift) < 0.01 * limits).all()), {"drift": drift.tolist()}),
     ]
 
 
@@ -79,25 +83,25 @@ def _six(values: np.ndarray) -> str:
     return ", ".join(f"{axis} {value:.3g}" for axis, value in zip(_AXES, values)) + " (N, N·mm)"
 
 
-def _flags(samples: list[WrenchSample]) -> Reading:
+def _flags(samples: list[WrenchSample]) -> HealthCheck:
     seen = SampleStatus.OK
     for sample in samples:
         seen |= SampleStatus(sample.status)
     text = ", ".join(flag.name.lower() for flag in SampleStatus if flag and flag in seen)
-    return Reading("flags", text or "none", seen in (SampleStatus.OK, SampleStatus.LOST_BEFORE))
+    return HealthCheck("flags", text or "none", seen in (SampleStatus.OK, SampleStatus.LOST_BEFORE))
 
 
-def _device(sensor: AtiSensor) -> list[Reading]:
+def _device(sensor: AtiSensor) -> list[HealthCheck]:
     record, calibration = sensor.stream.last, sensor.setup.calibration
     light = battery_light(record)
     named = f"serial {calibration.serial or '?'}, {calibration.part or '?'} of {calibration.date or '?'}"
     who = "the device" if calibration.device_multiplies else "this host (Mult OFF)"
     limits = calibration.ratings
     return [
-        Reading("battery", f"light {light.name.lower()}, level {record.battery}", light.name in ("GREEN", "DARK")),
-        Reading(
+        HealthCheck("battery", f"light {light.name.lower()}, level {record.battery}", light.name in ("GREEN", "DARK")),
+        HealthCheck(
             "calibration", f"{calibration.number} of transducer {calibration.transducer}: {named}; matrix by {who}"
         ),
-        Reading("range", f"{limits[0]:g} {limits[1]:g} {limits[2]:g} N, {1000.0 * limits[3]:g} N·mm"),
-        Reading("firmware", sensor.setup.firmware),
+        HealthCheck("range", f"{limits[0]:g} {limits[1]:g} {limits[2]:g} N, {1000.0 * limits[3]:g} N·mm"),
+        HealthCheck("firmware", sensor.setup.firmware),
     ]

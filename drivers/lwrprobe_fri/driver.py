@@ -17,8 +17,8 @@ from lwrprobe.contracts import (
     DeviceRefused,
     DriverContext,
     DriverError,
+    HealthCheck,
     InputError,
-    Reading,
 )
 from lwrprobe.contracts.samples import Vector
 from lwrprobe_fri.config import FriConfig
@@ -204,7 +204,7 @@ class FriArm:
         """(n, 2) s: arrival of the latest measurements by `time.monotonic`, and the time until the answer was sent."""
         return self._connected().timing()
 
-    def readings(self, seconds: float) -> list[Reading]:
+    def readings(self, seconds: float) -> list[HealthCheck]:
         """Listen for some seconds and judge cycle, timing, losses, quality and drives; nothing moves."""
         connected = self._line is not None
         self.connect()
@@ -288,7 +288,7 @@ class FriDriver:
     def judge(self) -> None:
         """A real device knows no ground truth."""
 
-    def readings(self, seconds: float) -> list[Reading]:
+    def readings(self, seconds: float) -> list[HealthCheck]:
         """Lines for `lwrprobe doctor`."""
         return self._arm.readings(seconds)
 

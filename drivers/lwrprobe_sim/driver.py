@@ -101,15 +101,15 @@ class SimArm:
         if status != 0:
             self._refuse(q, status)
 
-    def quiet(self, most: int) -> int:
+    def cycles_until_sample(self, most: int) -> int:
         """How many of the next cycles, up to `most`, end without a new sample; 0 where the wall clock sets the pace."""
-        return 0 if self._realtime else self._world.quiet(most)
+        return 0 if self._realtime else self._world.cycles_until_sample(most)
 
-    def follow(self, set_points: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
+    def step_many(self, set_points: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
         """Set points (m, n) rad, a cycle each; see `lwrprobe.contracts.SteppedArm`. Raises what `command` does."""
         if not self._open:
             raise DriverError("the simulated arm is not open")
-        done, refused = self._world.follow(set_points, times, joints, away)
+        done, refused = self._world.step_many(set_points, times, joints, away)
         if refused != 0:
             self._refuse(set_points[done], refused)
         return done, 0

@@ -58,8 +58,8 @@ class World:
         self._arrays = (self.state, self.counts, self.robot.chain, self.numbers, self.indices)
         self._advance = entry(kernels.advance, *self._arrays, self.truth)
         self._accept = entry(kernels.accept, *self._arrays[:3], self.state)
-        self._follow = entry(kernels.follow, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
-        self._quiet = entry(kernels.quiet, self.state, self.counts, 0)
+        self._follow = entry(kernels.step_many, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
+        self._cycles_until_sample = entry(kernels.cycles_until_sample, self.state, self.counts, 0)
         self.place(self._start())
 
     def advance(self) -> int:
@@ -69,7 +69,7 @@ class World:
             self.truth = np.concatenate([self.truth, np.zeros_like(self.truth)])
         return ready
 
-    def follow(self, rows: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
+    def step_many(self, rows: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
         """Set points (m, n), a cycle each, for as long as no joint is further than `away` from them; the times (m,)
         and measured joints (m, n) after each. Returns how many were carried out, and the refusal of the next one.
 
@@ -81,9 +81,9 @@ class World:
                 raise InputError(name, f"{array.dtype} {array.shape}", f"{wanted}, float64, contiguous")
         return self._follow(*self._arrays, self.truth, rows, times, joints, away)
 
-    def quiet(self, most: int) -> int:
+    def cycles_until_sample(self, most: int) -> int:
         """How many of the next cycles, up to `most`, end with nothing to fetch."""
-        return self._quiet(self.state, self.counts, most)
+        return self._cycles_until_sample(self.state, self.counts, most)
 
     def fetch(self) -> list[list[float]]:
         """Samples that have arrived, oldest first, as rows of `sensor_kernels`; they are gone then."""

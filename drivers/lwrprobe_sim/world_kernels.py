@@ -119,7 +119,7 @@ def advance(world, counts, chain, numbers, indices, truth):
 
 
 @kernel
-def follow(world, counts, chain, numbers, indices, truth, rows, times, joints, away):
+def step_many(world, counts, chain, numbers, indices, truth, rows, times, joints, away):
     """`accept` a set point and `advance`, row by row of `rows` (m, n); times (m,) and measured joints (m, n) after.
 
     Ends behind the first row from which a joint is further than `away`. Returns the number of rows carried out and what
@@ -142,7 +142,7 @@ def follow(world, counts, chain, numbers, indices, truth, rows, times, joints, a
 
 
 @kernel
-def quiet(world, counts, most):
+def cycles_until_sample(world, counts, most):
     """How many of the next cycles, up to `most`, end with nothing to be fetched."""
     if counts[N_READY] > 0:
         return 0

@@ -79,7 +79,7 @@ def press(stiffness, normal, damping=0.0, delay=0.0, top=0.8, noise=3e-3, seed=1
 def test_a_soft_object_is_told_from_the_stick(normal, damping, delay):
     touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)
     assert not touch.settled
-    changed = [touch.heed(*sample) for sample in press(800.0, normal, damping, delay)]
+    changed = [touch.update(*sample) for sample in press(800.0, normal, damping, delay)]
     assert sum(changed) == 1
     assert touch.settled
     # Force and speed go in step here, so damping and delay cannot be told from stiffness.
@@ -93,7 +93,7 @@ def test_a_soft_object_is_told_from_the_stick(normal, damping, delay):
 def test_a_stiff_object_is_left_alone(normal):
     touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)
     for sample in press(1e5, normal):
-        touch.heed(*sample)
+        touch.update(*sample)
     assert touch.settled
     assert touch.compliance == 0.0
 
@@ -108,7 +108,7 @@ def test_sliding_on_with_a_wrong_normal_is_not_taken_for_sinking_in():
             pose[0, 3] -= 0.02 * wrench.time
             if contact is not None:
                 contact.normal = tilted
-            touch.heed(wrench, pose, contact)
+            touch.update(wrench, pose, contact)
         found.append(touch.compliance)
     assert found[0] == 0.0
     assert found[1] > 1e-4

@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import Done, Goal, InputError, Progress
-from lwrprobe.exploration import pipeline
-from lwrprobe.exploration.arm_clearance import ArmClearanceStage
-from lwrprobe.exploration.explore import explore, start_posture
-from lwrprobe.exploration.pipeline import robot_of
+from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.stages import pipeline
+from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
+from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene

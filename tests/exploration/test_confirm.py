@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Done, Feed, Goal, SafetyStop
-from lwrprobe.exploration.confirm import Confirm, TypedLines
-from lwrprobe.exploration.explore import explore
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.safety.confirm import Confirm, TypedLines
 from lwrprobe.scene import load_scene
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lwrprobe.exploration.dry_run import dry_run
+from lwrprobe.exploration.procedures.dry_run import dry_run
 from lwrprobe.scene import load_scene
 
 SMALL = ["area.lower=[-0.006, -0.045, 0.006]", "area.upper=[0.006, 0.045, 0.058]", "strategy.step=0.012"]

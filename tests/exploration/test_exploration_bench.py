@@ -6,7 +6,7 @@ import pytest
 from lwrprobe.bench import exploration
 from lwrprobe.bench.threat_pictures import touches_of
 from lwrprobe.contracts import InputError, UnknownNameError
-from lwrprobe.exploration.recorder import CONTACT_COLUMNS
+from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
 from lwrprobe.scene import load_scene, write_scene
 
 

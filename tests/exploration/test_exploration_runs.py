@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.explore import explore
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.meshes import read_mesh

@@ -5,7 +5,7 @@ import pytest
 
 from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
 from lwrprobe.contracts import Contact, Feed, Goal, SafetyStop, WrenchSample
-from lwrprobe.exploration.force_stage import ForceStage, TouchRefused
+from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
 from lwrprobe.scene import load_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -44,11 +44,11 @@ def test_a_surface_that_no_speed_is_safe_for_is_refused_with_the_numbers():
 def test_a_stream_that_fails_stops_the_run():
     force, conditioner = stage()
     force.begin(0.0135)
-    force.heed(wrench(1.0, (0, 0, 0)), np.eye(4), None)
+    force.update(wrench(1.0, (0, 0, 0)), np.eye(4), None)
     for k in range(3):
         conditioner.condition(WrenchSample(2.0 + k / 125.0, np.full(3, np.nan), np.zeros(3), 200 + k), DOWN)
     with pytest.raises(SafetyStop, match="3 invalid readings"):
-        force.heed(wrench(2.1, (0, 0, 0)), np.eye(4), None)
+        force.update(wrench(2.1, (0, 0, 0)), np.eye(4), None)
 
 
 def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
@@ -59,13 +59,13 @@ def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
     for k in range(24):
         time = 0.024 * k
         size = 0.8 + (0.6 if k % 2 else -0.6)
-        force.heed(wrench(time, (0, 0, size)), pose, touching(size))
-    slowed = force.calm(feed, wrench(time, (0, 0, 0.8)), 0.0)
+        force.update(wrench(time, (0, 0, size)), pose, touching(size))
+    slowed = force.limit(feed, wrench(time, (0, 0, 0.8)), 0.0)
     assert slowed.velocity[0] < 0.006
     assert force.report()["limit_cycles"] >= 1
     for k in range(2000):
-        force.heed(wrench(time + 0.008 * k, (0, 0, 0.8)), pose, touching(0.8))
-    assert force.calm(feed, wrench(time + 16.1, (0, 0, 0.8)), 0.0).velocity[0] == 0.01
+        force.update(wrench(time + 0.008 * k, (0, 0, 0.8)), pose, touching(0.8))
+    assert force.limit(feed, wrench(time + 16.1, (0, 0, 0.8)), 0.0).velocity[0] == 0.01
 
 
 @pytest.mark.parametrize(("motion", "moved"), [(Goal(np.eye(4), 0.1), True), (Feed(np.zeros(3)), False)])
@@ -75,7 +75,7 @@ def test_the_zero_is_followed_on_the_way_to_a_goal_only(motion, moved):
     before = conditioner.bias
     for k in range(200):
         time = 1.0 + 0.008 * k
-        force.calm(motion, wrench(time, (0.004, 0.0, 0.0)), 0.0)
+        force.limit(motion, wrench(time, (0.004, 0.0, 0.0)), 0.0)
     assert (force.report()["zero_moved"] > 0) == moved
     assert (conditioner.bias[0] > before[0] + 0.003) == moved
 
@@ -87,5 +87,5 @@ def test_a_touch_on_the_way_or_a_changing_speed_leaves_the_zero_alone():
         before = conditioner.bias
         for k in range(200):
             time = 1.0 + 0.008 * k
-            force.calm(Goal(np.eye(4), 0.1), wrench(time, (touch, 0.0, 0.0)), acceleration)
+            force.limit(Goal(np.eye(4), 0.1), wrench(time, (touch, 0.0, 0.0)), acceleration)
         np.testing.assert_array_equal(conditioner.bias, before)

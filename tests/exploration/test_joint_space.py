@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.explore import explore
-from lwrprobe.exploration.joint_space import JointSpaceTip
+from lwrprobe.exploration.loop.joint_space import JointSpaceTip
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.kinematics import IKSolver, IKStatus, lwr4
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, bow

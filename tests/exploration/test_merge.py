@@ -10,8 +10,8 @@ from lwrprobe.bench.sampled_lines import sample_lines
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation.mesh_error import is_watertight
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.exploration.explore import explore
-from lwrprobe.exploration.merge import merge
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.merge import merge
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.meshes import read_mesh

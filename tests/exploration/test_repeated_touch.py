@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import InputError, SafetyStop
-from lwrprobe.exploration.repeat import Plan, Touch, repeat, statistics
+from lwrprobe.exploration.procedures.repeat import Plan, Touch, repeat, statistics
 from lwrprobe.scene import load_scene
 
 

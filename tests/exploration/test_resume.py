@@ -17,8 +17,8 @@ from lwrprobe.contracts import (
     Progress,
     Task,
 )
-from lwrprobe.exploration.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
-from lwrprobe.exploration.resumed import Resumed
+from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
+from lwrprobe.exploration.recording.resume import Resumed
 
 NOTHING = np.zeros(3)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import SafetyStop, SampleStatus
-from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
-from lwrprobe.exploration.way_back import WayBack
+from lwrprobe.exploration.safety.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.retreat import Retreat
 
 
 def run_silent(guard, cycle, status=None):
@@ -69,7 +69,7 @@ def test_torque_yields_as_force_does():
 
 
 def test_way_back_leads_off_the_surface_and_back_where_it_came_from():
-    way = WayBack(0.002)
+    way = Retreat(0.002)
     descent = np.array([[0.0, 0.0, 0.02 - 0.0005 * k] for k in range(41)])
     for tip in descent:
         way.note(tip, None)
@@ -89,7 +89,7 @@ def test_way_back_leads_off_the_surface_and_back_where_it_came_from():
 
 
 def test_way_back_of_free_motion_is_its_own_way():
-    way = WayBack(0.002)
+    way = Retreat(0.002)
     for k in range(100):
         way.note(np.array([0.0, 0.001 * k, 0.05]), None)
     places = way.places(np.array([0.0, 0.0995, 0.05]), 0.02)

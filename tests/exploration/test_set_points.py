@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.explore import explore, start_posture
-from lwrprobe.exploration.joint_space import JointSpaceTip
-from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop
-from lwrprobe.exploration.pipeline import robot_of
-from lwrprobe.exploration.rig import Rig
-from lwrprobe.exploration.set_points import MOST, SetPoints
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.joint_space import JointSpaceTip
+from lwrprobe.exploration.loop.set_points import MOST, SetPoints
+from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
+from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory
@@ -46,7 +46,7 @@ class Bench:
             self.tip.step()
             out = np.empty_like(q)
             assert self.solver.track(self.tip.pose, q, out) == IKStatus.CONVERGED
-            self.guard.rein(q, out)
+            self.guard.clamp(q, out)
             self.guard.check(out)
             self.guard.measured[:] = out
             rows.append(np.r_[out, self.tip.velocity])
@@ -56,7 +56,7 @@ class Bench:
     def many_at_once(self, sizes):
         rows, q = [], self.q.copy()
         for size in sizes:
-            assert self.points.lay(q, 0, size) == size
+            assert self.points.generate(q, 0, size) == size
             rows.append(np.c_[self.points.rows[:size], self.points.velocities[:size]])
             q = self.points.rows[size - 1].copy()
             self.guard.measured[:] = q
@@ -109,7 +109,7 @@ def test_rows_end_with_the_one_that_is_out_of_reach():
     bench.go((0.05, 0.0, 0.0))
     q, laid = bench.q.copy(), MOST
     while laid == MOST:
-        laid = bench.points.lay(q, 0, MOST)
+        laid = bench.points.generate(q, 0, MOST)
         q = bench.points.rows[laid - 1].copy()
         bench.guard.measured[:] = q
     assert bench.points.status == IKStatus.JUMP
@@ -124,7 +124,7 @@ def test_a_row_that_must_not_be_sent_is_not_among_them():
     bench.go((0.05, 0.0, 0.0))
     q, laid = bench.q.copy(), MOST
     while laid == MOST:
-        laid = bench.points.lay(q, 0, MOST)
+        laid = bench.points.generate(q, 0, MOST)
         if laid:
             q = bench.points.rows[laid - 1].copy()
             bench.guard.measured[:] = q
@@ -138,24 +138,24 @@ def test_where_the_joints_are_counts_for_the_first_row():
     bench = Bench()
     bench.many_at_once([MOST])
     bench.guard.measured[2] += 1.0
-    assert bench.points.lay(bench.guard.sent.copy(), 0, 5) == 0
+    assert bench.points.generate(bench.guard.sent.copy(), 0, 5) == 0
     assert "joint 3 is 1.000 rad away" in str(bench.points.refusal)
-    assert bench.points.lay(bench.guard.sent.copy(), 2, 5) == 5
+    assert bench.points.generate(bench.guard.sent.copy(), 2, 5) == 5
 
 
 def test_a_run_in_one_go_and_a_run_cycle_by_cycle_leave_the_same_files(tmp_path, monkeypatch):
     """The same contacts to the last byte, and the same way, states and map."""
     settings = ["run.seed=7", "run.time_limit=12.0"]
     explore(load_scene("block", settings), tmp_path / "at once")
-    assemble = Rig.assemble
+    assemble = Devices.assemble
 
     def one_by_one(*given):
-        rig = assemble(*given)
-        assert rig.stepped is not None
-        rig.stepped = None
-        return rig
+        devices = assemble(*given)
+        assert devices.stepped is not None
+        devices.stepped = None
+        return devices
 
-    monkeypatch.setattr(Rig, "assemble", one_by_one)
+    monkeypatch.setattr(Devices, "assemble", one_by_one)
     explore(load_scene("block", settings), tmp_path / "one by one")
     for name in ("contacts.csv", "trace.csv", "states.csv", "map.bt"):
         assert (tmp_path / "at once" / name).read_bytes() == (tmp_path / "one by one" / name).read_bytes(), name

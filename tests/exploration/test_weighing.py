@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import InputError
-from lwrprobe.exploration.weighing import weigh
+from lwrprobe.exploration.procedures.weigh import weigh
 from lwrprobe.scene import load_scene
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Area
-from lwrprobe.exploration.bridged import bridged
-from lwrprobe.exploration.open_border import open_borders
+from lwrprobe.exploration.recording.bridged import bridged
+from lwrprobe.exploration.recording.open_border import open_borders
 
 RADIUS = 0.005
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Arm, DeviceRefused, Driver, DriverContext, DriverError, InputError, Judge, Sensor
+from lwrprobe.contracts import Arm, DeviceRefused, Driver, DriverContext, DriverError, GroundTruth, InputError, Sensor
 from lwrprobe.scene import load_scene
 from lwrprobe_sim import SimConfig, SimDriver
 
@@ -22,7 +22,7 @@ def test_fills_the_contract():
     assert isinstance(driver, Driver)
     assert isinstance(driver.arm(), Arm)
     assert isinstance(driver.sensor(), Sensor)
-    assert isinstance(driver.judge(), Judge)
+    assert isinstance(driver.judge(), GroundTruth)
 
 
 def test_each_read_is_one_cycle():

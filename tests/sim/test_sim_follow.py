@@ -37,7 +37,7 @@ def test_many_at_once_are_the_same_as_one_by_one(config):
     other, _, twin = opened(**config)
     rows = swing(200)
     times, joints = np.empty(200), np.empty((200, 7))
-    assert arm.follow(rows, times, joints, 0.1) == (200, 0)
+    assert arm.step_many(rows, times, joints, 0.1) == (200, 0)
     states = []
     for row in rows:
         other.command(row)
@@ -49,13 +49,13 @@ def test_many_at_once_are_the_same_as_one_by_one(config):
 
 
 @pytest.mark.parametrize(("rate", "config"), [(125.0, {}), (1000.0, {}), (90.0, FAULTS), (7.0, {"latency": 0.0})])
-def test_no_sample_comes_while_it_is_quiet_and_one_comes_then(rate, config):
+def test_no_sample_comes_while_none_is_due_and_one_comes_then(rate, config):
     arm, sensor, _ = opened(rate, **config)
     surely = config is not FAULTS  # what is lost never comes
     came = 0
     for _ in range(60):
-        quiet = arm.quiet(500)
-        for _ in range(quiet):
+        silent = arm.cycles_until_sample(500)
+        for _ in range(silent):
             arm.read()
             assert sensor.read() == []
         arm.read()
@@ -63,16 +63,16 @@ def test_no_sample_comes_while_it_is_quiet_and_one_comes_then(rate, config):
         came += len(samples)
         assert samples or not surely
     assert came > 30
-    assert arm.quiet(0) == 0
+    assert arm.cycles_until_sample(0) == 0
 
 
-def test_it_is_not_quiet_while_a_sample_waits():
+def test_cycles_are_not_foreseen_while_a_sample_waits():
     arm, sensor, _ = opened()
     for _ in range(40):
         arm.read()
-    assert arm.quiet(100) == 0
+    assert arm.cycles_until_sample(100) == 0
     sensor.read()
-    assert arm.quiet(100) > 0
+    assert arm.cycles_until_sample(100) > 0
 
 
 def test_what_is_refused_ends_it_with_the_rows_before_carried_out():
@@ -80,7 +80,7 @@ def test_what_is_refused_ends_it_with_the_rows_before_carried_out():
     rows, times, joints = swing(10), np.zeros(10), np.empty((10, 7))
     rows[6, 2] += 1.0
     with pytest.raises(DeviceRefused, match="joint 3"):
-        arm.follow(rows, times, joints, 0.1)
+        arm.step_many(rows, times, joints, 0.1)
     assert times[5] == pytest.approx(0.006)
     assert not times[6:].any()
     assert world.counts[0] == 6
@@ -89,7 +89,7 @@ def test_what_is_refused_ends_it_with_the_rows_before_carried_out():
 def test_a_joint_that_is_not_where_it_was_sent_ends_it():
     arm, _, _ = opened(lag=0.05)
     rows, times, joints = swing(50), np.empty(50), np.empty((50, 7))
-    done, status = arm.follow(rows, times, joints, 1e-3)
+    done, status = arm.step_many(rows, times, joints, 1e-3)
     assert (0 < done < 50, status) == (True, 0)
     away = np.abs(joints[:done] - rows[:done]).max(axis=1)
     assert (away[:-1] <= 1e-3).all()
@@ -97,12 +97,12 @@ def test_a_joint_that_is_not_where_it_was_sent_ends_it():
 
 
 def test_with_the_wall_clock_it_goes_cycle_by_cycle():
-    assert opened(realtime=True)[0].quiet(100) == 0
+    assert opened(realtime=True)[0].cycles_until_sample(100) == 0
 
 
 def test_wrong_shapes_are_refused():
     arm, _, _ = opened()
     with pytest.raises(InputError, match="rows"):
-        arm.follow(np.zeros((3, 6)), np.zeros(3), np.zeros((3, 7)), 0.1)
+        arm.step_many(np.zeros((3, 6)), np.zeros(3), np.zeros((3, 7)), 0.1)
     with pytest.raises(InputError, match="joints"):
-        arm.follow(swing(3), np.zeros(3), np.zeros((2, 7)), 0.1)
+        arm.step_many(swing(3), np.zeros(3), np.zeros((2, 7)), 0.1)

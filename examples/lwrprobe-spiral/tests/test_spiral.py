@@ -4,7 +4,7 @@ import pytest
 from lwrprobe_spiral import SpiralConfig
 
 from lwrprobe.contracts import InputError
-from lwrprobe.exploration.explore import explore
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.scene import load_scene
 
 

@@ -105,7 +105,7 @@ def _listed(options: dict[str, str], name: str, default: tuple[str, ...]) -> lis
 
 def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
-    from lwrprobe.exploration.explore import explore
+    from lwrprobe.exploration.procedures.explore import explore
     from lwrprobe.scene import load_scene
 
     name, strategy, profile, seed = job

@@ -27,9 +27,9 @@ from lwrprobe.bench.loopback import free_addresses
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverError, UnknownNameError
 from lwrprobe.evaluation.machine import machine
-from lwrprobe.exploration.explore import explore, start_posture
-from lwrprobe.exploration.explorer import Glimpse
-from lwrprobe.exploration.pipeline import robot_of
+from lwrprobe.exploration.loop.explorer import ProgressSnapshot
+from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene, load_scene
 
 _SCENE = "cylinder_vertical"
@@ -228,15 +228,15 @@ class _Trigger:
         self._begun: float | None = None
         self._ended = False
 
-    def __call__(self, glimpse: Glimpse) -> None:
+    def __call__(self, snapshot: ProgressSnapshot) -> None:
         now = time.monotonic()
         if self._watching is None:
-            if glimpse.contacts >= _TOUCHED and glimpse.force > 0.0:
+            if snapshot.contacts >= _TOUCHED and snapshot.force > 0.0:
                 self._operator.watch()
                 self._watching = now
         elif self._begun is None:
             if now - self._watching > _BEFORE:
-                self._outcome.before = glimpse.contacts
+                self._outcome.before = snapshot.contacts
                 self._operator.begin(self._outcome.fault.line)
                 self._begun = time.monotonic()
         elif not self._outcome.fault.words and not self._ended and time.monotonic() - self._begun > _WATCHED:

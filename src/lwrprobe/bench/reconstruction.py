@@ -27,7 +27,7 @@ from lwrprobe.contracts import InputError, LwrprobeError, TouchRecord, UnknownNa
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.exploration.explore import explore
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.reconstruction.concave_hull import ConcaveHull
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import ConvexHull

@@ -63,7 +63,7 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         for reading in driver.readings(seconds):
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
     if {"arm", "sensor"} <= faces.keys():
-        from lwrprobe.exploration.dry_run import stability
+        from lwrprobe.exploration.procedures.dry_run import stability
 
         reading = stability(loaded, faces["arm"].cycle, faces["sensor"].latency)
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good

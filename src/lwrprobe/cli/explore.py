@@ -50,8 +50,8 @@ def explore(
         loaded = load_scene(scene, overrides, profile)
         if dry:
             return _rehearse(loaded, line, as_json)
-        from lwrprobe.exploration.confirm import Confirm
-        from lwrprobe.exploration.explore import explore as run
+        from lwrprobe.exploration.procedures.explore import explore as run
+        from lwrprobe.exploration.safety.confirm import Confirm
 
         folder = out if out is not None else Path("runs") / loaded.name
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
@@ -72,7 +72,7 @@ def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) ->
 
 
 def _rehearse(scene: Any, line: Any, as_json: bool) -> None:
-    from lwrprobe.exploration.dry_run import dry_run
+    from lwrprobe.exploration.procedures.dry_run import dry_run
 
     found = dry_run(scene, line.tell)
     for reading in found.readings:

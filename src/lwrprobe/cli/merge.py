@@ -18,7 +18,7 @@ def merge(
     quiet: Annotated[bool, typer.Option(help="No words.")] = False,
 ) -> None:
     """Join the contacts of runs over the same object, moved by a few millimetres in between or not."""
-    from lwrprobe.exploration.merge import merge as run
+    from lwrprobe.exploration.procedures.merge import merge as run
 
     tell = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))
     summary = run(runs, out, method=method, as_is=as_is, tell=tell)

@@ -35,15 +35,15 @@ class ProgressLine:
         self._bar.stop()
         self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
 
-    def watch(self, glimpse: Any) -> None:
+    def watch(self, snapshot: Any) -> None:
         """Where the exploration stands."""
         if self._task is None:
             self._task = self._bar.add_task("", total=1.0, facts="")
             self._bar.start()
         facts = (
-            f"{glimpse.contacts} contacts  {glimpse.force:4.2f} N  "
-            f"robot {glimpse.time:6.1f} s  wall {glimpse.wall:5.1f} s"
+            f"{snapshot.contacts} contacts  {snapshot.force:4.2f} N  "
+            f"robot {snapshot.time:6.1f} s  wall {snapshot.wall:5.1f} s"
         )
         self._bar.update(
-            self._task, completed=glimpse.progress.covered, description=f"{glimpse.progress.doing:<34}", facts=facts
+            self._task, completed=snapshot.progress.covered, description=f"{snapshot.progress.doing:<34}", facts=facts
         )

@@ -30,8 +30,8 @@ def repeat(
 ) -> None:
     """Touch one place COUNT times at each speed: mean, sigma and range along the touch, and the bias of each speed."""
     from lwrprobe.cli.progress import ProgressLine
-    from lwrprobe.exploration.repeat import Plan
-    from lwrprobe.exploration.repeat import repeat as touch
+    from lwrprobe.exploration.procedures.repeat import Plan
+    from lwrprobe.exploration.procedures.repeat import repeat as touch
     from lwrprobe.scene import load_scene
 
     given = (("arm.driver", arm), ("sensor.driver", sensor))

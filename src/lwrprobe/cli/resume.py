@@ -21,8 +21,8 @@ def resume(
 ) -> None:
     """Go on where the probe was last free, with map, contacts and strategy as they were."""
     from lwrprobe.cli.progress import ProgressLine
-    from lwrprobe.exploration.confirm import Confirm
-    from lwrprobe.exploration.explore import resume as take_up
+    from lwrprobe.exploration.procedures.explore import resume as take_up
+    from lwrprobe.exploration.safety.confirm import Confirm
 
     with ProgressLine(quiet) as line:
         asking = Confirm(confirm, line.tell) if confirm > 0 else None

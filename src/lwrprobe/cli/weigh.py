@@ -16,8 +16,8 @@ def weigh(
 
     Prints the two settings that belong into the scene.
     """
-    from lwrprobe.exploration.confirm import Confirm
-    from lwrprobe.exploration.weighing import weigh as run
+    from lwrprobe.exploration.procedures.weigh import weigh as run
+    from lwrprobe.exploration.safety.confirm import Confirm
     from lwrprobe.scene import load_scene
 
     asking = Confirm(confirm, typer.echo) if confirm > 0 else None

@@ -60,7 +60,7 @@ class TouchIdentification:
         """The first touch has been judged."""
         return self._looked_at > 0
 
-    def heed(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
+    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
         """One sample and the tip's nominal pose (4, 4) at its instant; True when a touch has changed `compliance`."""
         if self._looked_at >= TOUCHES or not wrench.usable:
             return False

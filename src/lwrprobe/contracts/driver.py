@@ -63,16 +63,16 @@ class Arm(Protocol):
 class SteppedArm(Arm, Protocol):
     """An arm whose time passes only while it is asked, as a simulator's does; optional, and found by its methods.
 
-    Between two wrench samples nothing is learnt, so the set points up to the next one are known beforehand. An arm
-    that need not wait for a clock takes them in one call. Whoever keeps pace with the wall clock says 0 to `quiet`
-    and is commanded and read cycle by cycle, as any other arm.
+    Between two wrench samples nothing new is measured, so the set points up to the next sample are known in advance.
+    An arm that need not wait for a clock takes them in one call. An arm that keeps pace with the wall clock answers 0
+    to `cycles_until_sample` and is commanded and read cycle by cycle, as any other arm.
     """
 
-    def quiet(self, most: int) -> int:
+    def cycles_until_sample(self, most: int) -> int:
         """How many of the next cycles, up to `most`, end without a new sample of the same driver's sensor, for
         certain; 0 where that is not known."""
 
-    def follow(self, set_points: Vector, times: Vector, joints: Vector, away: float) -> tuple[int, int]:
+    def step_many(self, set_points: Vector, times: Vector, joints: Vector, away: float) -> tuple[int, int]:
         """As `command` and `read` in turn, once a row of `set_points` (m, n) rad; raises what these raise.
 
         The states go into `times` (m,) s and `joints` (m, n) rad. Ends early behind the first cycle whose status is
@@ -117,7 +117,7 @@ class TrueContact:
 
 
 @runtime_checkable
-class Judge(Protocol):
+class GroundTruth(Protocol):
     """What only a simulator can offer: the truth, handed to the evaluator and to nobody else."""
 
     @property
@@ -133,7 +133,7 @@ class Judge(Protocol):
 
 
 @dataclass(slots=True, frozen=True)
-class Reading:
+class HealthCheck:
     """One line of `lwrprobe doctor`: a name, a value, and whether it is as it should be."""
 
     name: str
@@ -161,5 +161,5 @@ class Driver(Protocol):
     def sensor(self) -> Sensor:
         """The sensor's face; raises DriverError where `roles` lacks it."""
 
-    def judge(self) -> Judge | None:
+    def judge(self) -> GroundTruth | None:
         """Ground truth, None for a real device."""

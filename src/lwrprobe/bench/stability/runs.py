@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.exploration.explore import explore
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.scene import Scene, load_scene
 from lwrprobe.scene.solid import Solid
 

@@ -7,8 +7,8 @@ import numpy as np
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.collision import ClearanceQuery
 from lwrprobe.contracts import Probe, SceneError
-from lwrprobe.exploration.arm_clearance import ArmClearanceStage
-from lwrprobe.exploration.clearance_stage import PLAY
+from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
+from lwrprobe.exploration.stages.clearance import PLAY
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, follow, lwr4, straight_line
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import WrenchSample
-from lwrprobe.exploration.pipeline import Choices, compose
+from lwrprobe.exploration.stages.pipeline import Choices, compose
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def settled_memory() -> Iterator[None]:
         gc.unfreeze()
 
 
-def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
+def warm_up(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
     """Call each stage of a throw-away pipeline with a made-up touch at the start pose."""
     pipe = compose(scene, choices, cycle, rate)
     pipe.robot.fk_into(q, np.empty((4, 4)))
@@ -45,9 +45,9 @@ def rehearse(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.n
         for _ in range(2):
             pipe.sweep.move_to(pose[:3, 3])
         pipe.sweep.leave()
-    if pipe.stillness is not None:
-        pipe.stillness.see(1.0, pose[:3, 3].copy(), wrench.world_force, contact)
-        pipe.stillness.see(1.1, pose[:3, 3] + 1e-3, np.zeros(3), None)
+    if pipe.object_motion is not None:
+        pipe.object_motion.see(1.0, pose[:3, 3].copy(), wrench.world_force, contact)
+        pipe.object_motion.see(1.1, pose[:3, 3] + 1e-3, np.zeros(3), None)
     if pipe.clearance is not None:
         pipe.clearance.nearest(pose, q)
         pipe.clearance.objection(pose, pose, q)

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Done, Goal, Motion, Observation, PluginError, Progress, Strategy, Task
-from lwrprobe.exploration.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
-from lwrprobe.exploration.pipeline import Pipeline
-from lwrprobe.exploration.recorder import Recorder
+from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.stages.pipeline import Pipeline
 
 ARRIVED = 2e-4
 """m"""
@@ -124,5 +124,5 @@ def _remember(pipeline: Pipeline, seen: Observation) -> None:
             pipeline.sweep.move_to(place)
         else:
             pipeline.sweep.leave()
-    if pipeline.stillness is not None:
-        pipeline.stillness.recall(place, seen.contact)
+    if pipeline.object_motion is not None:
+        pipeline.object_motion.recall(place, seen.contact)

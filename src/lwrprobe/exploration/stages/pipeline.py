@@ -18,11 +18,11 @@ from lwrprobe.contracts import (
     Strategy,
 )
 from lwrprobe.contracts.plugins import load
-from lwrprobe.exploration.arm_clearance import ArmClearanceStage
-from lwrprobe.exploration.clearance_stage import ClearanceStage
-from lwrprobe.exploration.force_stage import ForceStage
-from lwrprobe.exploration.joint_space import JointSpaceTip
-from lwrprobe.exploration.stillness import Stillness
+from lwrprobe.exploration.loop.joint_space import JointSpaceTip
+from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
+from lwrprobe.exploration.stages.clearance import ClearanceStage
+from lwrprobe.exploration.stages.force import ForceStage
+from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.options import configure
@@ -46,7 +46,7 @@ class Pipeline:
     estimator: Any
     deflection: Deflection | None
     force: ForceStage
-    stillness: Stillness | None
+    object_motion: ObjectMotionMonitor | None
     voxels: VoxelMap
     sweep: SweptSphere | None
     clearance: ClearanceStage | ArmClearanceStage | None
@@ -142,7 +142,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         estimator=estimator,
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
-        stillness=_stillness(scene, probe),
+        object_motion=_object_motion(scene, probe),
         voxels=voxels,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
@@ -203,9 +203,13 @@ def _clearance(
     return ClearanceStage(probe.links, voxels, keep, stick), ""
 
 
-def _stillness(scene: Any, probe: Probe) -> Stillness | None:
+def _object_motion(scene: Any, probe: Probe) -> ObjectMotionMonitor | None:
     tolerance, knows_friction = scene.safety.shift, scene.contact.estimator != "force_direction"
-    return Stillness(probe.radius, tolerance, scene.contact.threshold, knows_friction) if tolerance > 0.0 else None
+    return (
+        ObjectMotionMonitor(probe.radius, tolerance, scene.contact.threshold, knows_friction)
+        if tolerance > 0.0
+        else None
+    )
 
 
 def _deflection(scene: Any, probe: Probe) -> tuple[Deflection | None, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.compiled import entry
-from lwrprobe.exploration import set_point_kernels as k
-from lwrprobe.exploration.joint_space import JointSpaceTip
-from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop
+from lwrprobe.exploration.loop import set_point_kernels as k
+from lwrprobe.exploration.loop.joint_space import JointSpaceTip
+from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.trajectory import CartesianTrajectory
 
@@ -28,10 +28,10 @@ class SetPoints:
 
     Attributes
     ----------
-    rows : (MOST, n) rad, those that `lay` laid first
+    rows : (MOST, n) rad, those that `generate` laid first
     velocities : (MOST, 3) m/s of the tip, one a row
     status : that of the last row's inverse kinematics, an `IKStatus` value
-    cut : steps of this `lay` that were cut down to the joints' speeds
+    cut : steps of this `generate` that were cut down to the joints' speeds
     refusal : why the row behind the last one must not be sent, None where it may
     """
 
@@ -44,11 +44,11 @@ class SetPoints:
             self._table = solver.table
             self._guarded = solver.robot.chain, *guard.arrays, self.rows, self.velocities
             plan, state, _, _ = trajectory.course
-            self._lay = entry(
-                k.lay, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
+            self._generate = entry(
+                k.generate, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
             )
 
-    def lay(self, q: np.ndarray, first: int, last: int) -> int:
+    def generate(self, q: np.ndarray, first: int, last: int) -> int:
         """Set points into `rows` from row `first` up to `last`, one cycle each, from the joints q (n,) on; the row
         behind the last one laid.
 
@@ -59,12 +59,12 @@ class SetPoints:
         guard = self._guard
         measured = guard.measured if first == 0 else guard.sent
         if isinstance(self._trajectory, JointSpaceTip):
-            return self._lay_joints(q, measured, first, last)
+            return self._generate_joints(q, measured, first, last)
         trajectory, laid, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
             plan, state, time, event = trajectory.course
-            laid, ended, then, cut, detail = self._lay(
+            laid, ended, then, cut, detail = self._generate(
                 plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
                 *self._guarded, laid, last,
             )  # fmt: skip
@@ -79,14 +79,14 @@ class SetPoints:
             self.refusal = guard.refusal(detail)
         return laid
 
-    def _lay_joints(self, q: np.ndarray, measured: np.ndarray, first: int, last: int) -> int:
-        """As `lay`, of a generator that has the joints itself."""
+    def _generate_joints(self, q: np.ndarray, measured: np.ndarray, first: int, last: int) -> int:
+        """As `generate`, of a generator that has the joints itself."""
         guard = self._guard
         for laid in range(first, last):
             row = self.rows[laid]
             self._trajectory.step()
             row[:] = self._trajectory.q
-            self.cut += guard.rein(q, row)
+            self.cut += guard.clamp(q, row)
             verdict = guard.verdict(row, measured)
             if verdict:
                 self.refusal = guard.refusal(verdict)

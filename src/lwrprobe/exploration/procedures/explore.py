@@ -12,15 +12,15 @@ import numpy as np
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.table_touches import find_table
-from lwrprobe.exploration.confirm import Confirm
-from lwrprobe.exploration.explorer import Explorer, Outcome, WatchFunction
-from lwrprobe.exploration.logbook import Logbook, Logged, read_log
-from lwrprobe.exploration.pipeline import Choices, Pipeline, choose, compose, robot_of
-from lwrprobe.exploration.recorder import Recorder
-from lwrprobe.exploration.rehearsal import rehearse, settled_memory
-from lwrprobe.exploration.resumed import Resumed
-from lwrprobe.exploration.rig import Rig
-from lwrprobe.exploration.summary import summarise
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
+from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
+from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.resume import Resumed
+from lwrprobe.exploration.recording.summary import summarise
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene, write_scene
@@ -48,7 +48,7 @@ def explore(
     scene : from `lwrprobe.scene.load_scene`
     out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
     realtime : a simulator keeps pace with the wall clock
-    watch : called some ten times a second with a `Glimpse`
+    watch : called some ten times a second with a `ProgressSnapshot`
     tell : called with a sentence at each new phase
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
@@ -71,12 +71,12 @@ def explore(
 
     tell("loading kernels; the first time they are compiled, which takes about a minute")
     begin = perf_counter()
-    rig = Rig.assemble(scene, scene.run.seed, realtime, q)
-    pipeline = compose(scene, choices, rig.arm.cycle, rig.sensor.rate)
-    for driver in rig.drivers.values():
+    devices = Devices.assemble(scene, scene.run.seed, realtime, q)
+    pipeline = compose(scene, choices, devices.arm.cycle, devices.sensor.rate)
+    for driver in devices.drivers.values():
         pipeline.left_out += getattr(driver, "left_out", [])
-    rehearse(scene, choices, rig.arm.cycle, rig.sensor.rate, pose, q)
-    explorer = Explorer(scene, pipeline, rig, recorder, watch, confirm)
+    warm_up(scene, choices, devices.arm.cycle, devices.sensor.rate, pose, q)
+    explorer = Explorer(scene, pipeline, devices, recorder, watch, confirm)
     log = _logged(pipeline, out, earlier)
     if isinstance(pipeline.strategy, Resumed):
         tell("going through what was done")
@@ -84,7 +84,7 @@ def explore(
         pipeline.strategy.recall(explorer.task(), pipeline, recorder)
     elapsed = earlier.duration if earlier is not None else 0.0
     before = len(recorder.contacts)
-    with settled_memory(), rig:
+    with settled_memory(), devices:
         refused = _make_ready(explorer, pose, q, elapsed)
         seconds["compile"] = perf_counter() - begin
         tell("exploring")
@@ -93,8 +93,8 @@ def explore(
     recorder.close()
     if log is not None:
         log.close()
-    if pipeline.stillness is not None and pipeline.stillness.moved_since is not None:
-        recorder.withhold(pipeline.stillness.moved_since)
+    if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
+        recorder.withhold(pipeline.object_motion.moved_since)
     table = _leave_table_out(recorder, scene, pipeline)
     seconds["explore"] = perf_counter() - begin
 
@@ -104,10 +104,10 @@ def explore(
     record.pitch = getattr(pipeline.options, "step", None)
     surface, lack = _reconstruct(record, pipeline)
     pipeline.left_out += lack
-    summary = summarise(scene, pipeline, rig.judge, recorder, outcome, surface, seconds["explore"])
+    summary = summarise(scene, pipeline, devices.judge, recorder, outcome, surface, seconds["explore"])
     summary["table_found"] = table
     summary["limits_used"] = explorer.motion_guard.peaks
-    summary["devices"] = rig.account()
+    summary["devices"] = devices.account()
     summary["resumed"] = {"from_s": round(elapsed, 3), "contacts_before": before} if earlier is not None else None
     if out is not None:
         _write(out, scene, pipeline, recorder, surface, summary)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contact.force_law import Refusal, choose_force_law
-from lwrprobe.contracts.driver import Reading
-from lwrprobe.exploration.explore import explore, start_posture, unreachable_part
-from lwrprobe.exploration.pipeline import reaction_delay, robot_of
-from lwrprobe.exploration.rig import Rig
+from lwrprobe.contracts.driver import HealthCheck
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.procedures.explore import explore, start_posture, unreachable_part
+from lwrprobe.exploration.stages.pipeline import reaction_delay, robot_of
 from lwrprobe.scene import Scene
 
 _NEAR = np.radians(5.0)  # of a joint limit
@@ -28,7 +28,7 @@ class DryRun:
     summary : of the run in the simulator
     """
 
-    readings: list[Reading]
+    readings: list[HealthCheck]
     summary: dict[str, Any]
 
     @property
@@ -42,14 +42,14 @@ def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> Dr
     The objects are those of the scene file; where it has none, as for an object nobody knows, the lines are driven
     through the air down to the table. No device is opened. Raises InputError for a scene that cannot be run.
     """
-    rig = Rig.assemble(scene, scene.run.seed, False)
-    cycle, latency = rig.arm.cycle, rig.sensor.latency
+    devices = Devices.assemble(scene, scene.run.seed, False)
+    cycle, latency = devices.arm.cycle, devices.sensor.latency
     readings = [*_posture(scene), stability(scene, cycle, latency)]
     summary = explore(_simulated(scene, cycle, latency), tell=tell)
     return DryRun(readings + _driven(scene, summary), summary)
 
 
-def stability(scene: Scene, cycle: float, latency: float) -> Reading:
+def stability(scene: Scene, cycle: float, latency: float) -> HealthCheck:
     """S = K tau / B of the stiffest direction, and how fast it may be touched (see `contact.force_law`)."""
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     probe, contact = scene.probe.as_probe(), scene.contact
@@ -64,12 +64,12 @@ def stability(scene: Scene, cycle: float, latency: float) -> Reading:
     )
     facts = f"K {1.0 / soft:.3g} N/m, delay {1e3 * delay:.1f} ms"
     if isinstance(law, Refusal):
-        return Reading("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)
+        return HealthCheck("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)
     text = f"{law.stability_number:.3f} ({facts}); touch at up to {1e3 * law.approach_speed:.2f} mm/s"
-    return Reading("stability number", ", ".join([text, *law.warnings]), True, {"S": law.stability_number})
+    return HealthCheck("stability number", ", ".join([text, *law.warnings]), True, {"S": law.stability_number})
 
 
-def _posture(scene: Scene) -> list[Reading]:
+def _posture(scene: Scene) -> list[HealthCheck]:
     robot = robot_of(scene)
     pose, q = start_posture(scene, robot)
     margins = np.minimum(q - robot.lower, robot.upper - q)
@@ -78,13 +78,13 @@ def _posture(scene: Scene) -> list[Reading]:
     joints = ", ".join(f"{v:.1f}" for v in np.degrees(q))
     beyond = unreachable_part(scene, robot, pose, q)
     return [
-        Reading("start", f"tip at {place} m, joints {joints} deg"),
-        Reading(
+        HealthCheck("start", f"tip at {place} m, joints {joints} deg"),
+        HealthCheck(
             "joint limits at the start",
             f"joint {tight + 1} is nearest, {np.degrees(margins[tight]):.1f} deg from its limit",
             bool(margins[tight] > _NEAR),
         ),
-        Reading("area", beyond or "all of it is within reach", not beyond),
+        HealthCheck("area", beyond or "all of it is within reach", not beyond),
     ]
 
 
@@ -100,18 +100,18 @@ def _simulated(scene: Scene, cycle: float, latency: float) -> Scene:
     )
 
 
-def _driven(scene: Scene, summary: dict[str, Any]) -> list[Reading]:
+def _driven(scene: Scene, summary: dict[str, Any]) -> list[HealthCheck]:
     used = summary["limits_used"]
     share = ", ".join(f"{name.replace('_', ' ')} {value:.0%}" for name, value in used.items())
     readings = [
-        Reading("run", f"{summary['status']}: {summary['reason']}", summary["status"] == "done"),
-        Reading("time and way", f"{summary['sim_time_s']:.0f} s, {summary['path_length_m']:.2f} m"),
-        Reading("limits used at most", share, max(used.values()) <= 1.0, used),
-        Reading("slowed for the joints' sake", f"{summary['slowed_cycles']} cycles", summary["slowed_cycles"] == 0),
+        HealthCheck("run", f"{summary['status']}: {summary['reason']}", summary["status"] == "done"),
+        HealthCheck("time and way", f"{summary['sim_time_s']:.0f} s, {summary['path_length_m']:.2f} m"),
+        HealthCheck("limits used at most", share, max(used.values()) <= 1.0, used),
+        HealthCheck("slowed for the joints' sake", f"{summary['slowed_cycles']} cycles", summary["slowed_cycles"] == 0),
     ]
     if scene.objects:
         touched = f"{summary['contacts']} contacts, peak {summary['peak_force_n']:.2f} N of {scene.contact.limit:g} N"
-        readings.append(Reading("touch", touched, summary["peak_force_n"] <= scene.contact.limit))
+        readings.append(HealthCheck("touch", touched, summary["peak_force_n"] <= scene.contact.limit))
         collisions = summary["link_collisions"]
-        readings.append(Reading("link collisions", str(collisions), collisions == 0))
+        readings.append(HealthCheck("link collisions", str(collisions), collisions == 0))
     return readings

@@ -16,7 +16,7 @@ import numpy as np
 from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
-from lwrprobe.exploration.recorder import CONTACT_COLUMNS, TRACE_COLUMNS
+from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.registration import Registration, intruding, register

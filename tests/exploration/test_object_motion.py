@@ -2,23 +2,23 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Contact
-from lwrprobe.exploration.stillness import ObjectMoved, Stillness
-from lwrprobe.exploration.stillness_kernels import deepest
+from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor, ObjectMoved
+from lwrprobe.exploration.stages.object_motion_kernels import deepest
 
 RADIUS = 0.005
 NOTHING = np.zeros(3)
 
 
-def watch(**options) -> Stillness:
-    return Stillness(RADIUS, 0.0006, 0.2, **options)
+def watch(**options) -> ObjectMotionMonitor:
+    return ObjectMotionMonitor(RADIUS, 0.0006, 0.2, **options)
 
 
-def touch(stillness: Stillness, time: float, centre: np.ndarray, normal: np.ndarray, tilt: float = 0.0) -> None:
+def touch(monitor: ObjectMotionMonitor, time: float, centre: np.ndarray, normal: np.ndarray, tilt: float = 0.0) -> None:
     """A contact on a surface with that normal; the one estimated leans by `tilt` rad along y."""
     lean = normal + np.tan(tilt) * np.array([0.0, 1.0, 0.0])
     lean /= np.linalg.norm(lean)
     contact = Contact(time, centre - RADIUS * lean, lean, 0.8 * normal, centre)
-    stillness.see(time, centre, 0.8 * normal, contact)
+    monitor.see(time, centre, 0.8 * normal, contact)
 
 
 def along(start, end, spacing: float = 2e-4):
@@ -32,92 +32,92 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @pytest.mark.parametrize("tilt", [0.0, 0.1, -0.1])
 def test_sliding_to_and_fro_over_a_plane_says_nothing(tilt):
-    stillness = watch()
+    monitor = watch()
     for k, place in enumerate([*along((0, -0.03, 0), (0, 0.03, 0)), *along((0, 0.03, 0), (0, -0.03, 0))]):
-        touch(stillness, 0.008 * k, place, UP, tilt)
-    assert stillness.moved_since is None
-    assert stillness.report()["pushed_mm"] < 0.1
+        touch(monitor, 0.008 * k, place, UP, tilt)
+    assert monitor.moved_since is None
+    assert monitor.report()["pushed_mm"] < 0.1
 
 
 def test_an_object_that_is_pushed_by_the_touch_is_noticed_within_two_millimetres():
-    stillness = watch()
+    monitor = watch()
     gone = []
 
     def push():
         for k, place in enumerate(along((0, 0, 0), (0, 0.02, 0.02))):  # up its side, and into it as much
             gone.append(place[1])
-            touch(stillness, 0.008 * k, place, np.array([0.0, -1.0, 0.0]))
+            touch(monitor, 0.008 * k, place, np.array([0.0, -1.0, 0.0]))
 
     with pytest.raises(ObjectMoved, match="gave way"):
         push()
     assert gone[-1] < 0.002
-    assert stillness.moved_since == pytest.approx(0.0, abs=0.05)
+    assert monitor.moved_since == pytest.approx(0.0, abs=0.05)
 
 
 def test_an_object_too_light_for_a_contact_is_noticed_by_the_force_that_does_not_grow():
-    stillness = watch()
+    monitor = watch()
 
     def push():
         for k, place in enumerate(along((0, 0, 0), (0, 0.02, 0))):
-            stillness.see(0.008 * k, place, np.array([0.0, -0.15, -0.05]), None)
+            monitor.see(0.008 * k, place, np.array([0.0, -0.15, -0.05]), None)
 
     with pytest.raises(ObjectMoved, match="gave way"):
         push()
 
 
 def test_pressing_into_something_soft_is_no_movement():
-    stillness = watch()
+    monitor = watch()
     for k, place in enumerate(along((0, 0, 0), (0, 0.004, 0), 4e-5)):
         force = np.array([0.0, -200.0 * place[1], 0.0])
-        stillness.see(0.008 * k, place, force, None, compliance=1.0 / 200.0)
-    assert stillness.moved_since is None
+        monitor.see(0.008 * k, place, force, None, compliance=1.0 / 200.0)
+    assert monitor.moved_since is None
 
 
 @pytest.mark.parametrize(("shift", "noticed"), [(0.0003, False), (0.001, True), (-0.001, True)])
 def test_lines_that_cross_tell_of_a_movement_in_between(shift, noticed):
-    stillness = watch()
+    monitor = watch()
     for k, place in enumerate(along((0, -0.02, 0), (0, 0.02, 0))):
-        touch(stillness, 0.008 * k, place, UP)
+        touch(monitor, 0.008 * k, place, UP)
 
     def cross():
         for k, place in enumerate(along((-0.02, 0, shift), (0.02, 0, shift), 1e-4)):
-            touch(stillness, 10.0 + 0.008 * k, place, UP)
+            touch(monitor, 10.0 + 0.008 * k, place, UP)
 
     if noticed:
         with pytest.raises(ObjectMoved, match="contradict"):
             cross()
-        assert stillness.moved_since == pytest.approx(11.6, abs=0.3)
+        assert monitor.moved_since == pytest.approx(11.6, abs=0.3)
     else:
         cross()
 
 
 def test_free_flight_through_what_was_touched_is_noticed():
-    stillness = watch()
+    monitor = watch()
     for k, place in enumerate(along((0, -0.02, 0), (0, 0.02, 0))):
-        touch(stillness, 0.008 * k, place, UP)
+        touch(monitor, 0.008 * k, place, UP)
 
     def fly():
         for place in along((0, -0.02, -0.003), (0, 0.02, -0.003)):
-            stillness.see(5.0, place, NOTHING, None)
+            monitor.see(5.0, place, NOTHING, None)
 
     with pytest.raises(ObjectMoved, match="contradict"):
         fly()
 
 
 def test_both_faces_of_a_thin_plate_are_no_contradiction():
-    stillness = watch()
+    monitor = watch()
     for side in (1.0, -1.0):
         for place in along((0, side * 0.00525, 0), (0, side * 0.00525, 0.03)):
-            touch(stillness, 0.0, place, np.array([0.0, side, 0.0]))
-        stillness.see(0.0, np.array([0.0, 0.0, 0.05]), NOTHING, None)
-    assert stillness.moved_since is None
+            touch(monitor, 0.0, place, np.array([0.0, side, 0.0]))
+        monitor.see(0.0, np.array([0.0, 0.0, 0.05]), NOTHING, None)
+    assert monitor.moved_since is None
 
 
 def test_the_force_direction_alone_is_given_more_room():
     def slide(**options):
-        stillness = watch(**options)
+        monitor = watch(**options)
         for k, place in enumerate(along((0, -0.02, 0), (0, 0.02, 0))):
-            touch(stillness, 0.008 * k, place, UP, tilt=-0.29)  # friction 0.3, for which the normal is not corrected
+            touch(monitor, 0.008 * k, place, UP, tilt=-0.29)  # friction 0.3, for which the normal is not corrected
 
     slide(knows_friction=False)
     with pytest.raises(ObjectMoved):

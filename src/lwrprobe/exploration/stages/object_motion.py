@@ -23,7 +23,7 @@ import numpy as np
 from lwrprobe.contact import TRUSTED
 from lwrprobe.contracts import Contact, SafetyStop
 from lwrprobe.contracts.samples import Vector
-from lwrprobe.exploration.stillness_kernels import deepest
+from lwrprobe.exploration.stages.object_motion_kernels import deepest
 
 SPACING = 0.0005
 """m between two places that are remembered."""
@@ -50,7 +50,7 @@ class ObjectMoved(SafetyStop):
     """The object is no longer where it was touched; what was touched before and after must not be put together."""
 
 
-class Stillness:
+class ObjectMotionMonitor:
     """Remembers where the sphere was, touching or not, and looks for contradictions.
 
     Parameters

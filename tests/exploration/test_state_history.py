@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.recent import HISTORY, Recent
+from lwrprobe.exploration.loop.state_history import HISTORY, StateHistory
 from lwrprobe.kinematics import lwr4
 
 ROBOT = lwr4()
@@ -31,7 +31,7 @@ def naive(times, velocities, joints, time):
 @pytest.mark.parametrize("count", [1, 2, 10, HISTORY, 3 * HISTORY + 5])
 def test_pose_and_velocity_are_those_of_the_samples_instant(count):
     times, velocities, joints = states(count)
-    recent = Recent(ROBOT)
+    recent = StateHistory(ROBOT)
     for time, velocity, q in zip(times, velocities, joints):
         recent.note(time, velocity, q)
     known = times[-HISTORY:]
@@ -43,7 +43,7 @@ def test_pose_and_velocity_are_those_of_the_samples_instant(count):
 
 
 def test_what_is_handed_out_is_the_callers_own():
-    recent = Recent(ROBOT)
+    recent = StateHistory(ROBOT)
     velocity = np.ones(3)
     recent.note(0.0, velocity, np.zeros(7))
     velocity[:] = 2.0
@@ -54,7 +54,7 @@ def test_what_is_handed_out_is_the_callers_own():
 
 
 def test_acceleration_is_that_of_the_last_cycle():
-    recent = Recent(ROBOT)
+    recent = StateHistory(ROBOT)
     assert recent.acceleration == np.inf
     recent.note(0.0, np.zeros(3), np.zeros(7))
     assert recent.acceleration == np.inf

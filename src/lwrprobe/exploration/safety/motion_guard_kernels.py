@@ -29,7 +29,7 @@ _SLACK = 1.0 + 1e-9
 
 
 @kernel
-def rein(q, wanted, step):
+def clamp(q, wanted, step):
     """Largest share of a step (n,) that a joint takes from q to `wanted`; more than one is cut down to one in place."""
     used = 0.0
     for i in range(len(q)):

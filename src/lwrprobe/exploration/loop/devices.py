@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, InputError, Judge, Sensor, SteppedArm
+from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, GroundTruth, InputError, Sensor, SteppedArm
 from lwrprobe.contracts.plugins import load
 from lwrprobe.options import configure
 
 
 @dataclass(slots=True)
-class Rig:
+class Devices:
     """Arm, sensor and, in simulation, the judge that knows the truth.
 
     `stepped` is the arm where it takes several set points in one call and speaks of the same driver's sensor.
@@ -22,12 +22,12 @@ class Rig:
 
     arm: Arm
     sensor: Sensor
-    judge: Judge | None
+    judge: GroundTruth | None
     drivers: dict[str, Driver]
     stepped: SteppedArm | None = None
 
     @classmethod
-    def assemble(cls, scene: Any, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Rig:
+    def assemble(cls, scene: Any, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
         """Make the drivers that the scene names; one that fills both roles is made once.
 
         `start_q` is where a simulated arm stands at first; a driver without such an option is not told.
@@ -50,7 +50,7 @@ class Rig:
         stepped = face if arm is sensor and isinstance(face, SteppedArm) else None
         return cls(face, sensor.sensor(), arm.judge(), drivers, stepped)
 
-    def __enter__(self) -> Rig:
+    def __enter__(self) -> Devices:
         try:
             self.arm.open()
             self.sensor.open()

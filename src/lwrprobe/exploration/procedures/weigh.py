@@ -9,11 +9,11 @@ import numpy as np
 
 from lwrprobe.contact import Payload, identify_payload
 from lwrprobe.contracts import InputError, WrenchSample
-from lwrprobe.exploration.explore import start_posture
-from lwrprobe.exploration.explorer import Explorer
-from lwrprobe.exploration.pipeline import choose, compose, robot_of
-from lwrprobe.exploration.recorder import Recorder
-from lwrprobe.exploration.rig import Rig
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.explorer import Explorer
+from lwrprobe.exploration.procedures.explore import start_posture
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.kinematics.path import rotations
 
@@ -58,12 +58,12 @@ def weigh(scene: Any, confirm: Any = None) -> Weighing:
         if result.status != IKStatus.CONVERGED:
             raise InputError("area", np.round(pose[:3, 3], 4).tolist(), "a start above which the probe can lean")
         places.append((pose, result.q))
-    rig = Rig.assemble(scene, scene.run.seed, False, q)
-    pipeline = compose(scene, choose(scene), rig.arm.cycle, rig.sensor.rate)
-    explorer = Explorer(scene, pipeline, rig, Recorder(None), None, confirm)
+    devices = Devices.assemble(scene, scene.run.seed, False, q)
+    pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
+    explorer = Explorer(scene, pipeline, devices, Recorder(None), None, confirm)
     samples: list[WrenchSample] = []
     rotations_of: list[np.ndarray] = []
-    with rig:
+    with devices:
         for pose, goal in places:
             explorer.take_place(pose, goal)
             explorer.listen(REST)

@@ -1,7 +1,7 @@
 """Set points for the next cycles in one call: plan, inverse kinematics and the last look at each of them."""
 
 from lwrprobe.compiled import view_kernel as kernel
-from lwrprobe.exploration.guard_kernels import GOOD, POSITION, check, rein
+from lwrprobe.exploration.safety.motion_guard_kernels import GOOD, POSITION, check, clamp
 from lwrprobe.kinematics.ik_kernels import CONVERGED, track
 from lwrprobe.trajectory.cartesian_kernels import STATE_MOTION, advance
 
@@ -14,7 +14,7 @@ the nearest to a pose out of reach; the next row must not be sent."""
 
 
 @kernel
-def lay(
+def generate(
     plan, state, time, event, cycle, going, table, q, step, measured,
     chain, limits, guard, peaks, rows, velocities, first, last,
 ):  # fmt: skip
@@ -39,7 +39,7 @@ def lay(
                 return k, DUE, time, cut, CONVERGED
         before = q if k == first else rows[k - 1]
         status = track(table, pose, before, rows[k])
-        if rein(before, rows[k], step) > 1.0:
+        if clamp(before, rows[k], step) > 1.0:
             cut += 1
         verdict = check(rows[k], measured if k == first else guard[POSITION, :n], cycle, chain, limits, guard, peaks)
         if verdict != GOOD:

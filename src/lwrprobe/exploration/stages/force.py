@@ -90,7 +90,7 @@ class ForceStage:
         """m/N of the object as far as the first touches told; 0 where it is too stiff to tell."""
         return self._touch.compliance
 
-    def heed(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
+    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
         """One sample.
 
         Raises SafetyStop when the sensor's stream cannot be relied on, TouchRefused when the surface turns out too
@@ -103,10 +103,10 @@ class ForceStage:
             self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
         elif self._cycle is not None:
             self._cycle.reset()
-        if self._touch.heed(wrench, pose, contact):
+        if self._touch.update(wrench, pose, contact):
             self._adopt()
 
-    def calm(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
+    def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
         There must be no acceleration [m/s^2] then that the tip's weight would be felt in.

@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.compiled import entry
 from lwrprobe.contracts import ArmState, ArmStatus, SafetyStop
 from lwrprobe.contracts.samples import Vector
-from lwrprobe.exploration import guard_kernels as k
+from lwrprobe.exploration.safety import motion_guard_kernels as k
 from lwrprobe.kinematics import Robot
 
 _LAME = int(ArmStatus.NOT_COMMANDING | ArmStatus.POWER_OFF | ArmStatus.FAULT)
@@ -64,7 +64,7 @@ class MotionGuard:
         self.arrays = limits, self._state, self._peaks
         self._last_time: float | None = None
         self.step = robot.speed * cycle
-        self._rein = entry(k.rein, self.measured, self.measured, self.step)
+        self._clamp = entry(k.clamp, self.measured, self.measured, self.step)
         self._rest = (float(cycle), robot.chain, *self.arrays)
         self._check = entry(k.check, self.measured, self.measured, *self._rest)
 
@@ -73,9 +73,9 @@ class MotionGuard:
         self._limits[k.TIP, k.LOW : k.HIGH] = lower
         self._limits[k.TIP, k.HIGH : k.FOLLOWING] = upper
 
-    def rein(self, q: Vector, wanted: Vector) -> bool:
+    def clamp(self, q: Vector, wanted: Vector) -> bool:
         """Cut a step from q (n,) to `wanted` (n,) down, in place, to what the joints' speeds allow; True where cut."""
-        return self._rein(q, wanted, self.step) > 1.0
+        return self._clamp(q, wanted, self.step) > 1.0
 
     def check(self, q: Vector) -> None:
         """Raises MotionStop for a set point (n,) that must not be sent; otherwise it is remembered as sent."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contact import approach_speed
-from lwrprobe.contracts import InputError, Judge, Reconstruction
+from lwrprobe.contracts import GroundTruth, InputError, Reconstruction
 from lwrprobe.evaluation import (
     Reach,
     coverage,
@@ -23,12 +23,12 @@ from lwrprobe.evaluation import (
     upright_coverage,
 )
 from lwrprobe.evaluation.machine import machine, versions
-from lwrprobe.exploration.bridged import Bridged, bridged
-from lwrprobe.exploration.clearance_stage import STICK
-from lwrprobe.exploration.explorer import Outcome
-from lwrprobe.exploration.open_border import open_borders
-from lwrprobe.exploration.pipeline import Pipeline
-from lwrprobe.exploration.recorder import Recorder
+from lwrprobe.exploration.loop.explorer import Outcome
+from lwrprobe.exploration.recording.bridged import Bridged, bridged
+from lwrprobe.exploration.recording.open_border import open_borders
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.stages.clearance import STICK
+from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 from lwrprobe.scene.table import Pose
 
@@ -39,7 +39,7 @@ _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 def summarise(
     scene: Scene,
     pipeline: Pipeline,
-    judge: Judge | None,
+    judge: GroundTruth | None,
     recorder: Recorder,
     outcome: Outcome,
     surface: Reconstruction | None,
@@ -70,7 +70,7 @@ def summarise(
         "slowed_cycles": outcome.slowed_cycles,
         "bridged": [zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         "open_borders": [side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
-        "stillness": pipeline.stillness.report() if pipeline.stillness is not None else None,
+        "stillness": pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
         "cycle_us": outcome.cycle_us,
         "force_control": pipeline.force.report(),
@@ -84,7 +84,7 @@ def summarise(
 
 def _against_truth(
     scene: Scene,
-    judge: Judge | None,
+    judge: GroundTruth | None,
     recorder: Recorder,
     pipeline: Pipeline,
     points: np.ndarray,

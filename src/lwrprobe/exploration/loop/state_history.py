@@ -6,14 +6,14 @@ import numpy as np
 
 from lwrprobe.compiled import entry
 from lwrprobe.contracts.samples import Vector
-from lwrprobe.exploration import recent_kernels as k
+from lwrprobe.exploration.loop import state_history_kernels as k
 from lwrprobe.kinematics import Robot
 
 HISTORY = 64
 """Cycles that are remembered: longer than any sample is late."""
 
 
-class Recent:
+class StateHistory:
     """Joint states and tip velocities of the last `HISTORY` cycles of one robot.
 
     Attributes

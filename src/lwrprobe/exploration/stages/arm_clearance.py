@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.collision import ClearanceWatch, LinkGroup
 from lwrprobe.contracts import Clearance, InputError, LinkShape, Probe
-from lwrprobe.exploration.clearance_stage import PLAY, STICK
+from lwrprobe.exploration.stages.clearance import PLAY, STICK
 from lwrprobe.kinematics import IKSolver, IKStatus, Robot, straight_line
 from lwrprobe.mapping import VoxelMap
 

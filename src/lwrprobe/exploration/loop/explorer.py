@@ -23,18 +23,18 @@ from lwrprobe.contracts import (
     Task,
     WrenchSample,
 )
-from lwrprobe.exploration.arm_clearance import ArmClearanceStage
-from lwrprobe.exploration.confirm import Confirm
-from lwrprobe.exploration.guards import ForceGuard, SensorLost, SilenceGuard
-from lwrprobe.exploration.motion_guard import MotionGuard, MotionStop, table_plane
-from lwrprobe.exploration.pipeline import Pipeline, reaction_delay
-from lwrprobe.exploration.recent import Recent
-from lwrprobe.exploration.recorder import Recorder
-from lwrprobe.exploration.rig import Rig
-from lwrprobe.exploration.set_points import MOST, SetPoints
-from lwrprobe.exploration.stage_clock import StageClock
-from lwrprobe.exploration.stillness import ObjectMoved
-from lwrprobe.exploration.way_back import WayBack
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.set_points import MOST, SetPoints
+from lwrprobe.exploration.loop.stage_clock import StageClock
+from lwrprobe.exploration.loop.state_history import StateHistory
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.safety.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop, table_plane
+from lwrprobe.exploration.safety.retreat import Retreat
+from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
+from lwrprobe.exploration.stages.object_motion import ObjectMoved
+from lwrprobe.exploration.stages.pipeline import Pipeline, reaction_delay
 from lwrprobe.kinematics import IKStatus, follow, straight_line
 
 STAGES = (
@@ -53,11 +53,11 @@ STEP_BACK = 0.002
 
 _CONVERGED = int(IKStatus.CONVERGED)
 
-WatchFunction = Callable[["Glimpse"], None]
+WatchFunction = Callable[["ProgressSnapshot"], None]
 
 
 @dataclass(slots=True, frozen=True)
-class Glimpse:
+class ProgressSnapshot:
     """What a progress display is shown ten times a second of wall time."""
 
     time: float
@@ -86,39 +86,39 @@ class Outcome:
 
 
 class Explorer:
-    """Runs one strategy over one rig until it is done, stopped or interrupted."""
+    """Runs one strategy over one devices until it is done, stopped or interrupted."""
 
     def __init__(
         self,
         scene: Any,
         pipeline: Pipeline,
-        rig: Rig,
+        devices: Devices,
         recorder: Recorder,
         watch: WatchFunction | None,
         confirm: Confirm | None = None,
     ) -> None:
         self.scene = scene
         self.pipe = pipeline
-        self.rig = rig
+        self.devices = devices
         self.recorder = recorder
         self.watch = watch
         self.confirm = confirm
         self.clock = StageClock(STAGES)
-        self.cycle = rig.arm.cycle
+        self.cycle = devices.arm.cycle
         n = pipeline.robot.n
         self._q = np.zeros(n)
         self._ahead = np.zeros(n)
-        self._recent = Recent(pipeline.robot)
+        self._history = StateHistory(pipeline.robot)
         contact, safety = scene.contact, scene.safety
         torque = safety.torque_share * pipeline.probe.torque_range
         self._threshold, self._light = float(contact.threshold), 0.5 * contact.target
         self._guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
-        self._silence = SilenceGuard(max(safety.silence, 5.0 / rig.sensor.rate), self.cycle)
+        self._silence = SilenceGuard(max(safety.silence, 5.0 / devices.sensor.rate), self.cycle)
         self.motion_guard = MotionGuard(pipeline.robot, self.cycle, safety, table_plane(scene))
         self._points = SetPoints(pipeline.trajectory, pipeline.solver, self.motion_guard)
         self._times, self._joints = np.zeros(MOST), np.zeros((MOST, n))
         self._laid = 1
-        self._way_back = WayBack(safety.lift)
+        self._retreat = Retreat(safety.lift)
         self._blocked = ""
         self._motion: Motion | None = None
         self._zero_time = 0.0
@@ -140,7 +140,7 @@ class Explorer:
 
     def take_place(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Move to the start in joint space when the arm stands elsewhere, then rest there."""
-        state = self.rig.arm.read()
+        state = self.devices.arm.read()
         robot = self.pipe.robot
         self._q[:] = state.q
         if np.abs(state.q - q).max() > 1e-6:
@@ -160,7 +160,7 @@ class Explorer:
                     self.confirm.watch()
                 move.step()
                 self._command(move.q)
-                self._remember(self.rig.arm.read())
+                self._remember(self.devices.arm.read())
         self._q[:] = q
         self.pipe.place_tip(pose, q)
 
@@ -171,7 +171,7 @@ class Explorer:
         what = f"all joints to the start at 30 % of their speed, up to {np.degrees(farthest):.1f} deg"
         while not self.confirm.ask(("start",), what):
             self._command(self._q)
-            self._remember(self.rig.arm.read())
+            self._remember(self.devices.arm.read())
 
     def take_bias(self, seconds: float) -> None:
         """Take the sensor's bias where two places agree on it; raises SafetyStop when the probe stays in contact."""
@@ -186,9 +186,9 @@ class Explorer:
         begin = None
         while begin is None or self._time < begin + seconds:
             self._command(self._q)
-            self._remember(self.rig.arm.read())
+            self._remember(self.devices.arm.read())
             begin = self._time if begin is None else begin
-            samples += self.rig.sensor.read()
+            samples += self.devices.sensor.read()
         return [sample for sample in samples if sample.time > begin]
 
     def _step_back(self) -> None:
@@ -200,8 +200,8 @@ class Explorer:
         trajectory.set_goal(goal, self.scene.motion.approach_speed)
         end = self._time + 2.0
         while not trajectory.arrived and self._time < end:
-            self._remember(self.rig.arm.read())
-            self.rig.sensor.read()
+            self._remember(self.devices.arm.read())
+            self.devices.sensor.read()
             self._move()
         if np.linalg.norm(trajectory.pose[:3, 3] - start) < 0.5 * STEP_BACK:
             raise SafetyStop("the bias cannot be taken at the start: the arm cannot step back")
@@ -234,7 +234,7 @@ class Explorer:
             force_limit=scene.contact.limit,
             clearance_threshold=scene.clearance.threshold,
             stiffness=scene.contact.stiffness,
-            delay=reaction_delay(scene, self.cycle, self.rig.sensor.latency, self.rig.sensor.rate),
+            delay=reaction_delay(scene, self.cycle, self.devices.sensor.latency, self.devices.sensor.rate),
             map=pipe.voxels,
             options=pipe.options,
             reachable=self._can_follow,
@@ -295,20 +295,20 @@ class Explorer:
         try:
             if isinstance(error, MotionStop):
                 for _ in range(int(0.5 / self.cycle)):
-                    self.rig.arm.read()
+                    self.devices.arm.read()
                 return
             self.pipe.trajectory.stop()
             self._follow(1.0)
             if isinstance(error, SensorLost | ObjectMoved):
                 self._go_back()
-            self.rig.arm.stop()
+            self.devices.arm.stop()
         except (DriverError, SafetyStop):
             return
 
     def _go_back(self) -> None:
         """Blind now: off the surface and back on the tip's own way, where nothing was in it a moment ago."""
         trajectory = self.pipe.trajectory
-        for place in self._way_back.places(trajectory.pose[:3, 3], self.scene.safety.retreat):
+        for place in self._retreat.places(trajectory.pose[:3, 3], self.scene.safety.retreat):
             pose = trajectory.pose.copy()
             pose[:3, 3] = place
             trajectory.set_goal(pose, self.scene.motion.approach_speed)
@@ -319,17 +319,17 @@ class Explorer:
         for _ in range(int(seconds / self.cycle)):
             if self.pipe.trajectory.resting:
                 break
-            self._remember(self.rig.arm.read())
+            self._remember(self.devices.arm.read())
             self._move()
 
     def _go_on(self, time_limit: float) -> None:
         """One cycle, and those after it that nothing new is learnt in."""
-        clock, rig = self.clock, self.rig
+        clock, devices = self.clock, self.devices
         clock.start(self._laid)
-        self._remember(rig.arm.read())
+        self._remember(devices.arm.read())
         clock.lap("arm")
         try:
-            samples = rig.sensor.read()
+            samples = devices.sensor.read()
         except DriverError as error:
             raise SensorLost(str(error)) from error
         clock.lap("sensor")
@@ -340,16 +340,16 @@ class Explorer:
 
     def _foreseen(self, time_limit: float) -> int:
         """How many cycles can be gone through at once: nobody who looks once a cycle would have anything to say."""
-        stepped = self.rig.stepped
+        stepped = self.devices.stepped
         if stepped is None or isinstance(self._motion, Done) or not self.motion_guard.settled:
             return 1
         left = int((self._zero_time + time_limit - self._time) / self.cycle)
         most = min(MOST, left, self._silence.looks_left)
-        return 1 if most <= 1 else 1 + stepped.quiet(most - 1)
+        return 1 if most <= 1 else 1 + stepped.cycles_until_sample(most - 1)
 
     def _one_sample(self, sample: WrenchSample) -> None:
         clock, pipe = self.clock, self.pipe
-        pose, velocity = self._recent.tip_at(sample.time)
+        pose, velocity = self._history.tip_at(sample.time)
         rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
         wrench = pipe.conditioner.condition(sample, rotation)
         self._silence.heard(sample.status | wrench.status)
@@ -387,12 +387,12 @@ class Explorer:
                 clock.lap("carve")
         if contact is not None and pipe.sweep is not None:
             pipe.sweep.leave()
-        pipe.force.heed(wrench, pose, contact)
-        if pipe.stillness is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
+        pipe.force.update(wrench, pose, contact)
+        if pipe.object_motion is not None and pipe.force.settled and not wrench.status & UNCONFIRMED:
             time = sample.time - self._zero_time
-            pipe.stillness.see(time, place, wrench.world_force, contact, pipe.force.compliance)
+            pipe.object_motion.see(time, place, wrench.world_force, contact, pipe.force.compliance)
         clock.lap("watch")
-        near = pipe.clearance.nearest(pose, self._recent.q) if pipe.clearance is not None else None
+        near = pipe.clearance.nearest(pose, self._history.q) if pipe.clearance is not None else None
         clock.lap("clearance")
         seen = Observation(
             time=sample.time - self._zero_time,
@@ -407,7 +407,7 @@ class Explorer:
         confirmed = not wrench.status & UNCONFIRMED
         override = self._guard.check(self._time, wrench.world_force, wrench.torque, confirmed)
         if confirmed or override is None:
-            motion = pipe.force.calm(self._of_plugin(pipe.strategy.step, seen), wrench, self._recent.acceleration)
+            motion = pipe.force.limit(self._of_plugin(pipe.strategy.step, seen), wrench, self._history.acceleration)
         else:
             motion = override  # maybe a spike: the strategy is not shown it, the tip holds still until the next sample
         clock.lap("strategy")
@@ -470,7 +470,7 @@ class Explorer:
             first, last = laid, most
             if governor is not None and most > 1:
                 last = int(min(most, first + governor.due))
-            laid = points.lay(q, first, last)
+            laid = points.generate(q, first, last)
             if points.status != _CONVERGED:
                 self._blocked = f"out of reach: {IKStatus(points.status).name.lower()}"
                 self.pipe.trajectory.stop()
@@ -506,28 +506,28 @@ class Explorer:
         if answered > 0:
             self._carry_out(answered)
         if points.refusal is not None:
-            self.rig.arm.stop()
+            self.devices.arm.stop()
             raise points.refusal
         last = points.rows[count - 1]
-        self.rig.arm.command(last)
+        self.devices.arm.command(last)
         self._q[:] = last
 
     def _carry_out(self, count: int) -> None:
         """Set points with their answers, none of which comes with a wrench sample."""
-        assert self.rig.stepped is not None
+        assert self.devices.stepped is not None
         points, times, joints = self._points, self._times[:count], self._joints[:count]
-        done, status = self.rig.stepped.follow(points.rows[:count], times, joints, self.motion_guard.following)
+        done, status = self.devices.stepped.step_many(points.rows[:count], times, joints, self.motion_guard.following)
         early = done < count
         if early:
             if done == 0:
                 return
             times, joints = times[:done], joints[:done]
         self._time = float(times[-1])
-        self._recent.note_rows(times, points.velocities[:done], joints)
+        self._history.note_rows(times, points.velocities[:done], joints)
         try:
             self.motion_guard.watch_rows(points.rows[:done], times, joints, status, early)
         except MotionStop:
-            self.rig.arm.stop()
+            self.devices.arm.stop()
             raise
         self._silence.check(self._time, done)
 
@@ -535,16 +535,16 @@ class Explorer:
         try:
             self.motion_guard.check(q)
         except MotionStop:
-            self.rig.arm.stop()
+            self.devices.arm.stop()
             raise
-        self.rig.arm.command(q)
+        self.devices.arm.command(q)
         self._q[:] = q
 
     # Keeping track
 
     def _remember(self, state: Any) -> None:
         self._time = state.time
-        self._recent.note(state.time, self.pipe.trajectory.velocity, state.q)
+        self._history.note(state.time, self.pipe.trajectory.velocity, state.q)
         self.motion_guard.watch(state)
 
     def _account(self, seen: Observation, tip: np.ndarray, force: float) -> None:
@@ -556,7 +556,7 @@ class Explorer:
             if contact is not None:
                 self._contact_path += length
         self._last_tip = place
-        self._way_back.note(tip, contact.normal if contact is not None else None)
+        self._retreat.note(tip, contact.normal if contact is not None else None)
         self._peak = max(self._peak, force)
         self._force = force
         self._rows += 1
@@ -576,7 +576,9 @@ class Explorer:
         progress = self.pipe.strategy.progress()
         assert self.watch is not None
         self.watch(
-            Glimpse(self._time - self._zero_time, now - begin, progress, len(self.recorder.contacts), self._force)
+            ProgressSnapshot(
+                self._time - self._zero_time, now - begin, progress, len(self.recorder.contacts), self._force
+            )
         )
 
     def _of_plugin(self, call: Callable[[Any], Any], argument: Any) -> Any:

@@ -26,10 +26,10 @@ from lwrprobe.contracts import (
     Task,
 )
 from lwrprobe.contracts.samples import Vector
-from lwrprobe.exploration.explore import explore
-from lwrprobe.exploration.explorer import WatchFunction
-from lwrprobe.exploration.pipeline import choose, reaction_delay
-from lwrprobe.exploration.rig import Rig
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.explorer import WatchFunction
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.stages.pipeline import choose, reaction_delay
 from lwrprobe.scene import Scene
 
 STANDOFF = 0.005
@@ -189,8 +189,8 @@ def repeat(
     Raises InputError for a speed at which the force limit would be passed, SafetyStop with the reason when the series
     did not come to its end.
     """
-    rig = Rig.assemble(scene, scene.run.seed, False)
-    fastest = safe_speed(scene, rig.arm.cycle, rig.sensor.latency)
+    devices = Devices.assemble(scene, scene.run.seed, False)
+    fastest = safe_speed(scene, devices.arm.cycle, devices.sensor.latency)
     if not plan.speeds:
         plan = replace(plan, speeds=tuple(share * fastest for share in (0.25, 0.5, 1.0)))
     for speed in plan.speeds:

@@ -14,7 +14,7 @@ _REMEMBERED = 256
 _STRIDE = 0.003  # m between two places to go back to: round an edge the chord cuts 0.2 mm off the way, less than a lift
 
 
-class WayBack:
+class Retreat:
     """The last stretch of the tip's way; places that touched are remembered a little off the surface.
 
     Parameters

@@ -1,0 +1,1 @@
+"""The control loop: from wrench samples and arm states to set points."""
