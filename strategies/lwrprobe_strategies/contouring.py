@@ -26,13 +26,13 @@ import numpy as np
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Done,
-    Feed,
     Goal,
     InputError,
     Motion,
     Observation,
     Progress,
     Task,
+    VelocityCommand,
 )
 from lwrprobe_strategies.climbing import Climbing
 from lwrprobe_strategies.course import Course, Z
@@ -498,7 +498,7 @@ class Contouring(ABC):
         if self.state is State.RELEASE:
             return self._release(seen)
         if self.state is State.RETREAT:
-            return Feed(self._retreat_along * self.task.approach_speed, reason=self.state)
+            return VelocityCommand(self._retreat_along * self.task.approach_speed, reason=self.state)
         if self.state is State.TILT:
             return self._tilt(seen)
         if self.state is State.REAPPROACH:
@@ -530,7 +530,7 @@ class Contouring(ABC):
 
     def _along_line(self, seen: Observation) -> Motion:
         if self._doubts:
-            return Feed(np.zeros(3), reason=self.state)  # until it is known what touches
+            return VelocityCommand(np.zeros(3), reason=self.state)  # until it is known what touches
         if self._goal is None or seen.goal_reached:
             line, here, held = self.course.line, seen.pose[:3, 3], seen.pose[:3, :3]
             end, careful = self._stick.piece(line, here)
@@ -550,7 +550,7 @@ class Contouring(ABC):
             feed = min(feed, self.follower.approach_speed(DOWN, seen.pose[:3, :3]))
         velocity = self.follower.velocity(normal, force, self.course.across(), feed, seen.pose[:3, :3], self._period)
         velocity += self.course.back(here, self.follower.normal)
-        return Feed(self.course.bounded(here, velocity), reason=self.state, pose=self._held(seen))
+        return VelocityCommand(self.course.bounded(here, velocity), reason=self.state, pose=self._held(seen))
 
     def _followed_normal(self, seen: Observation) -> np.ndarray:
         """That of the surface; in an inner edge, where two are felt at once, that of the one met last."""
@@ -567,11 +567,11 @@ class Contouring(ABC):
     def _tilt(self, seen: Observation) -> Motion:
         """Hold the contact, if there is one, by its force alone while the probe turns about the sphere's centre."""
         if not self._touching_tilt:
-            return Feed(np.zeros(3), reason=self.state, pose=self._held(seen))
+            return VelocityCommand(np.zeros(3), reason=self.state, pose=self._held(seen))
         normal = surface_normal(seen) if seen.contact is not None else self.follower.normal
         force = max(float(seen.force @ normal), 0.0)
         velocity = self.follower.velocity(normal, force, self.course.across(), 0.0, seen.pose[:3, :3], self._period)
-        return Feed(velocity, reason=self.state, pose=self._held(seen))
+        return VelocityCommand(velocity, reason=self.state, pose=self._held(seen))
 
     def _held(self, seen: Observation) -> np.ndarray | None:
         """The orientation to turn to, None while it is held anyway."""
@@ -585,12 +585,12 @@ class Contouring(ABC):
         way = 0.7 * np.array(self.follower.tangent(self.course.across())) - 0.5 * around
         way /= np.sqrt(way @ way)
         velocity = min(self.follower.approach_speed(way, seen.pose[:3, :3]), self.task.contour_speed) * way
-        return Feed(self.course.bounded(seen.pose[:3, 3], velocity), reason=self.state)
+        return VelocityCommand(self.course.bounded(seen.pose[:3, 3], velocity), reason=self.state)
 
     def _release(self, seen: Observation) -> Motion:
         size = float(np.sqrt(seen.force @ seen.force))
         along = seen.force / size if size > 1e-9 else self.follower.normal
-        return Feed(
+        return VelocityCommand(
             self.course.bounded(seen.pose[:3, 3], along * self.follower.yielding(size, seen.pose[:3, :3])),
             reason=self.state,
         )

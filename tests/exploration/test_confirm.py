@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Done, Feed, Goal, SafetyStop
+from lwrprobe.contracts import Done, Goal, SafetyStop, VelocityCommand
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.safety.confirm import Confirm, TypedLines
 from lwrprobe.scene import load_scene
@@ -45,14 +45,14 @@ def test_each_goal_waits_for_its_yes_and_is_asked_for_once():
 
 def test_what_holds_the_tip_does_not_move_it():
     held = Operator().confirm(1).filter(goal(0.1))
-    assert isinstance(held, Feed)
+    assert isinstance(held, VelocityCommand)
     assert not held.velocity.any()
 
 
 def test_a_feed_is_one_motion_whatever_its_velocity():
     confirm = Operator("").confirm(1)
     for k in range(5):
-        feed = Feed(np.array([0.001 * k, 0.0, 0.0]), reason="contour")
+        feed = VelocityCommand(np.array([0.001 * k, 0.0, 0.0]), reason="contour")
         assert confirm.filter(feed) is feed
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
-from lwrprobe.contracts import Contact, Feed, Goal, SafetyStop, WrenchSample
+from lwrprobe.contracts import Contact, Goal, SafetyStop, VelocityCommand, WrenchSample
 from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
 from lwrprobe.scene import load_scene
 
@@ -54,7 +54,7 @@ def test_a_stream_that_fails_stops_the_run():
 def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
     force, _ = stage()
     force.begin(0.0135)
-    feed, pose = Feed(np.array([0.01, 0.0, 0.0])), np.eye(4)
+    feed, pose = VelocityCommand(np.array([0.01, 0.0, 0.0])), np.eye(4)
     time = 0.0
     for k in range(24):
         time = 0.024 * k
@@ -68,7 +68,7 @@ def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
     assert force.limit(feed, wrench(time + 16.1, (0, 0, 0.8)), 0.0).velocity[0] == 0.01
 
 
-@pytest.mark.parametrize(("motion", "moved"), [(Goal(np.eye(4), 0.1), True), (Feed(np.zeros(3)), False)])
+@pytest.mark.parametrize(("motion", "moved"), [(Goal(np.eye(4), 0.1), True), (VelocityCommand(np.zeros(3)), False)])
 def test_the_zero_is_followed_on_the_way_to_a_goal_only(motion, moved):
     force, conditioner = stage()
     force.begin(0.0135)

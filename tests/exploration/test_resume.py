@@ -9,13 +9,13 @@ from lwrprobe.contracts import (
     Clearance,
     Contact,
     Done,
-    Feed,
     FormatError,
     Goal,
     Observation,
     Probe,
     Progress,
     Task,
+    VelocityCommand,
 )
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
 from lwrprobe.exploration.recording.resume import Resumed
@@ -43,12 +43,12 @@ class Counting:
     def start(self, task: Task) -> None:
         self.task, self.shown, self.answers, self.trace = task, [], [], []
 
-    def step(self, observation: Observation) -> Feed:
+    def step(self, observation: Observation) -> VelocityCommand:
         self.shown.append(observation)
         if len(self.shown) % 5 == 0:
             self.answers.append(self.task.reachable([observation.pose]))
             self.trace.append((observation.time, "a", "fifth", "b"))
-        return Feed(np.array([float(len(self.shown)), 0.0, 0.0]))
+        return VelocityCommand(np.array([float(len(self.shown)), 0.0, 0.0]))
 
     def progress(self) -> Progress:
         return Progress("counting")

@@ -15,7 +15,7 @@ from lwrprobe.contracts.driver import (
     SteppedArm,
     TrueContact,
 )
-from lwrprobe.contracts.motion import Done, Feed, Goal, Motion, as_pose
+from lwrprobe.contracts.motion import Done, Goal, Motion, VelocityCommand, as_pose
 from lwrprobe.contracts.probe import LinkShape, Probe
 from lwrprobe.contracts.samples import ArmState, ArmStatus, SampleStatus, WrenchSample
 from lwrprobe.contracts.strategy import (
@@ -65,7 +65,6 @@ __all__ = [
     "Driver",
     "DriverContext",
     "DriverError",
-    "Feed",
     "FormatError",
     "Goal",
     "GroundTruth",
@@ -94,6 +93,7 @@ __all__ = [
     "TriangleMesh",
     "TrueContact",
     "UnknownNameError",
+    "VelocityCommand",
     "WrenchSample",
     "as_pose",
 ]

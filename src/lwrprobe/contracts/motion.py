@@ -55,7 +55,7 @@ class Goal:
 
 
 @dataclass(slots=True)
-class Feed:
+class VelocityCommand:
     """Keep the tip moving at a velocity until the next step; after `hold` seconds without one, stop.
 
     Attributes
@@ -82,4 +82,4 @@ class Done:
     complete: bool = True
 
 
-Motion = Goal | Feed | Done
+Motion = Goal | VelocityCommand | Done

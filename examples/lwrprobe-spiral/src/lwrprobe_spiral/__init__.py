@@ -10,13 +10,13 @@ import numpy as np
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Done,
-    Feed,
     Goal,
     InputError,
     Motion,
     Observation,
     Progress,
     Task,
+    VelocityCommand,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -108,4 +108,4 @@ class Spiral:
         yielding = np.e * self.task.delay * self.task.stiffness
         press = np.clip((force - self.task.force_target) / yielding, -0.01, 0.02)
         feed = 0.5 * self.task.contour_speed if seen.contact is not None else 0.0
-        return Feed(feed * tangent + press * normal, reason="spiral")
+        return VelocityCommand(feed * tangent + press * normal, reason="spiral")

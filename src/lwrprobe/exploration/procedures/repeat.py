@@ -15,7 +15,6 @@ from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Contact,
     Done,
-    Feed,
     Goal,
     InputError,
     LwrprobeError,
@@ -24,6 +23,7 @@ from lwrprobe.contracts import (
     Progress,
     SafetyStop,
     Task,
+    VelocityCommand,
 )
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop.devices import Devices
@@ -141,7 +141,7 @@ class RepeatedTouch:
             if seen.contact is not None and seen.contact.trust >= TRUSTED:
                 self._felt.append(seen.contact)
             if len(self._felt) < _SAMPLES and self._held < _PATIENCE:
-                return Feed(np.zeros(3), reason="hold")
+                return VelocityCommand(np.zeros(3), reason="hold")
             if not self._felt:
                 return Done("the touch was not firm enough to be measured", complete=False)
             self._note(speed)
@@ -155,7 +155,7 @@ class RepeatedTouch:
         gone = float((seen.pose[:3, 3] - self._from) @ direction)
         if gone > self._reach:
             return Done(f"nothing was touched within {1e3 * self._reach:.0f} mm", complete=False)
-        return Feed(speed * direction, reason="touch")
+        return VelocityCommand(speed * direction, reason="touch")
 
     def _note(self, speed: float) -> None:
         if self._first:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lwrprobe.contracts import Done, Feed, Goal, Motion, SafetyStop
+from lwrprobe.contracts import Done, Goal, Motion, SafetyStop, VelocityCommand
 
 _HOLD = 0.1  # s, until the next look
 
@@ -76,7 +76,7 @@ class Confirm:
             return motion
         if self.ask(kind, _described(motion)):
             return motion
-        return Feed(np.zeros(3), _HOLD, "waiting for the operator")
+        return VelocityCommand(np.zeros(3), _HOLD, "waiting for the operator")
 
     def ask(self, kind: tuple, what: str) -> bool:
         """Whether the operator has allowed it; asks once and never waits. Raises SafetyStop on a no."""
@@ -98,13 +98,13 @@ class Confirm:
             raise SafetyStop("the operator stopped the motion")
 
 
-def _kind(motion: Goal | Feed) -> tuple:
+def _kind(motion: Goal | VelocityCommand) -> tuple:
     if isinstance(motion, Goal):
         return ("goal", *np.round(motion.pose[:3], 5).ravel().tolist())
     return ("feed", motion.reason)
 
 
-def _described(motion: Goal | Feed) -> str:
+def _described(motion: Goal | VelocityCommand) -> str:
     why = f" ({motion.reason})" if motion.reason else ""
     if isinstance(motion, Goal):
         x, y, z = motion.pose[:3, 3]

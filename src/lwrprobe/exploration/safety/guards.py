@@ -7,7 +7,7 @@ from math import hypot
 import numpy as np
 
 from lwrprobe.contact.wrench import UNUSABLE
-from lwrprobe.contracts import Feed, SafetyStop, SampleStatus
+from lwrprobe.contracts import SafetyStop, SampleStatus, VelocityCommand
 from lwrprobe.contracts.samples import Vector
 
 _SATURATED = int(SampleStatus.SATURATED)
@@ -46,7 +46,9 @@ class ForceGuard:
         self.interventions = 0
         self._since: float | None = None
 
-    def check(self, time: float, force: Vector, torque: Vector | None = None, confirmed: bool = True) -> Feed | None:
+    def check(
+        self, time: float, force: Vector, torque: Vector | None = None, confirmed: bool = True
+    ) -> VelocityCommand | None:
         """A motion that overrides the strategy's, or None; raises SafetyStop when releasing does not help.
 
         An overload that one sample alone tells of may be a spike, and yielding to a spike may be pushing: the tip
@@ -61,7 +63,7 @@ class ForceGuard:
             if size <= self.limit and not twisted:
                 return None
             if not confirmed:
-                return Feed(np.zeros(3), reason="force limit, unconfirmed")
+                return VelocityCommand(np.zeros(3), reason="force limit, unconfirmed")
             self._since = time
             self.interventions += 1
         elif size < self.release_below and not twisted:
@@ -69,7 +71,8 @@ class ForceGuard:
             return None
         elif time - self._since > self.patience:
             raise SafetyStop(f"force {size:.2f} N stays above {self.release_below:.2f} N for {self.patience:.1f} s")
-        return Feed(force * (self.speed / max(size, 1e-9)), reason="torque limit" if twisted else "force limit")
+        reason = "torque limit" if twisted else "force limit"
+        return VelocityCommand(force * (self.speed / max(size, 1e-9)), reason=reason)
 
 
 class SilenceGuard:

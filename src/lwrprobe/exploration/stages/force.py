@@ -17,7 +17,7 @@ from lwrprobe.contact import (
     WrenchConditioner,
     choose_force_law,
 )
-from lwrprobe.contracts import Contact, Feed, Goal, Motion, Probe, SafetyStop
+from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
@@ -116,9 +116,9 @@ class ForceStage:
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
             self._drift.rezero()
-        if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, Feed):
+        if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
-        return Feed(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
+        return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
 
     def _adopt(self) -> None:
         """A touch has been fitted: the dent is taken off from now on, and the damping is held against the stiffness."""
