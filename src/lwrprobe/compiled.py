@@ -12,14 +12,21 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, overload
 from zlib import crc32
 
 import numba
 from numba.core.options import DefaultOptions
 
+Body = TypeVar("Body", bound=Callable[..., Any])
+"""A kernel keeps the signature of the function that it is made from."""
 
-def kernel(function: Callable | None = None, **options: Any) -> Any:
+
+@overload
+def kernel(function: Body, **options: Any) -> Body: ...
+@overload
+def kernel(function: None = None, **options: Any) -> Callable[[Body], Body]: ...
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`numba.njit` with the options of the house: cached on disk, no fast-math, errors as in Python off.
 
     Kernels take plain float64 / int64 arrays and scalars, check nothing, raise nothing, and return a status where
@@ -44,14 +51,18 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
     return wrap if function is None else wrap(function)
 
 
-def view_kernel(function: Callable | None = None, **options: Any) -> Any:
+@overload
+def view_kernel(function: Body, **options: Any) -> Body: ...
+@overload
+def view_kernel(function: None = None, **options: Any) -> Callable[[Body], Body]: ...
+def view_kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`kernel` for one that makes no array: its views of the caller's are not counted.
 
     To count them costs two atomic operations a view, as much as all else together where kernels cut one array of state
     into many, and some 0.1 us an array in a call from Python. One that makes an array does not compile. A `kernel` must
     not take an array as a result from such a one: it would give back what was never taken.
     """
-    return kernel(function, _nrt=False, **options)
+    return kernel(_nrt=False, **options) if function is None else kernel(function, _nrt=False, **options)
 
 
 def entry(function: Any, *examples: Any) -> Callable:
