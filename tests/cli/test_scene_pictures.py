@@ -12,7 +12,7 @@ from lwrprobe.contracts import InputError
 from lwrprobe.evaluation.scene_picture import BOX, OBJECT, TABLE, draw_scene
 from lwrprobe.scene import load_scene, scene_names
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
 def hues(picture):

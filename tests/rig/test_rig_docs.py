@@ -11,7 +11,7 @@ from lwrprobe.options import configure
 from lwrprobe.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "real-devices.md").read_text()
+PAGE = (ROOT / "docs" / "how-to" / "real-devices.md").read_text()
 
 
 def test_scene_of_the_page(tmp_path):

@@ -246,8 +246,8 @@ def test_the_table_leans_about_its_axis():
 
 def test_the_schema_accepts_the_built_in_scenes_and_is_the_published_one():
     schema = json_schema()
-    published = Path(__file__).parents[2] / "docs" / "scene.schema.json"
-    assert json.loads(published.read_text()) == schema, "write json_schema() to docs/scene.schema.json anew"
+    published = Path(__file__).parents[2] / "docs" / "reference" / "scene.schema.json"
+    assert json.loads(published.read_text()) == schema, "write json_schema() to docs/reference/scene.schema.json anew"
     known = set(schema["properties"])
     for name in scene_names():
         from lwrprobe.scene.library import scene_path

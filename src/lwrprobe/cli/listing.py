@@ -55,7 +55,7 @@ def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
     lines = [
         "# Built-in scenes",
         "",
-        "`lwrprobe list scenes --pictures docs` makes this page. x runs to the lower right, y,",
+        "`lwrprobe list scenes --pictures docs/reference` makes this page. x runs to the lower right, y,",
     ]
     lines += ["along which the lines go, to the upper right; the frame is where the sphere's centre may move.", ""]
     lines += ["| | |", "|---|---|"]

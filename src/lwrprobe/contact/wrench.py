@@ -46,7 +46,7 @@ class Wrench:
 
     @property
     def magnitude(self) -> float:
-        """|force| in N."""
+        """N, length of the force."""
         return hypot(*self.force.tolist())
 
     @property

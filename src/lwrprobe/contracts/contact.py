@@ -33,7 +33,7 @@ class Contact:
 
     @property
     def magnitude(self) -> float:
-        """|force| in N."""
+        """N, length of the force."""
         return sqrt(self.force.dot(self.force))
 
 
