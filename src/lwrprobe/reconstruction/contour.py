@@ -1,4 +1,4 @@
-"""From a sampled field to a closed mesh."""
+"""From a sampled field to a closed mesh with sharp edges."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lwrprobe.contracts import InputError, TriangleMesh
-from lwrprobe.reconstruction.contour_kernels import compose, connect, crossings, interpolate, place
+from lwrprobe.reconstruction.composition_kernels import compose
+from lwrprobe.reconstruction.dual_contouring import Topology, split, topology
 from lwrprobe.reconstruction.grid import Grid
 
 SHARPNESS = 0.1
@@ -26,19 +27,12 @@ def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None) -> T
     _check_border(values)
     while compose(values, 1e-6 * grid.step):
         pass
-    lookup, nothing = np.full((*grid.shape, 3), -1, dtype=np.int32), np.empty((0, 4), dtype=np.int64)
-    edges = np.empty((crossings(values, lookup, nothing), 4), dtype=np.int64)
-    crossings(values, lookup, edges)
-    positions, normals = np.empty((len(edges), 3)), np.empty((len(edges), 3))
-    if hermite is None:
-        interpolate(values, edges, positions, normals)
-    else:
-        hermite(edges, positions, normals)
-    owner = np.empty(tuple(n - 1 for n in grid.shape), dtype=np.int64)
-    vertices = np.empty((place(lookup, positions, normals, SHARPNESS, owner, np.empty((0, 3))), 3))
-    place(lookup, positions, normals, SHARPNESS, owner, vertices)
-    faces = np.empty((2 * len(edges), 3), dtype=np.int64)
-    connect(values, edges, owner, vertices, faces)
+    surface = topology(values < 0.0)
+    positions, normals = np.empty((2, len(surface.edges), 3))
+    (hermite or _interpolation(values))(surface.edges, positions, normals)
+    vertices = _meet(surface, positions, normals)
+    corners = vertices[surface.quads]
+    faces = split(surface.quads, _flatness(corners) < _flatness(np.roll(corners, -1, axis=1)))
     return TriangleMesh(grid.origin + grid.step * vertices, faces)
 
 
@@ -48,3 +42,54 @@ def _check_border(values: np.ndarray) -> None:
     for axis in range(3):
         if (np.take(values, [0, -1], axis=axis) < 0.0).any():
             raise InputError("contacts", "the surface leaves the grid", "contacts with normals that enclose a solid")
+
+
+def _interpolation(values: np.ndarray) -> Hermite:
+    """Crossings by linear interpolation, normals from central differences."""
+
+    def fill(edges: np.ndarray, positions: np.ndarray, normals: np.ndarray) -> None:
+        begin, end = edges[:, :3], edges[:, :3] + np.eye(3, dtype=np.int64)[edges[:, 3]]
+        low, high = values[tuple(begin.T)], values[tuple(end.T)]
+        share = (low / (low - high))[:, None]
+        positions[:] = begin + share * (end - begin)
+        slope = (1.0 - share) * _slopes(values, begin) + share * _slopes(values, end)
+        normals[:] = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-150)
+
+    return fill
+
+
+def _slopes(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Central differences (n, 3) at nodes (n, 3), one-sided at the grid's border."""
+    slopes = np.empty(nodes.shape)
+    for axis, size in enumerate(values.shape):
+        low, high = nodes.copy(), nodes.copy()
+        low[:, axis] = np.maximum(nodes[:, axis] - 1, 0)
+        high[:, axis] = np.minimum(nodes[:, axis] + 1, size - 1)
+        slopes[:, axis] = (values[tuple(high.T)] - values[tuple(low.T)]) / (high - low)[:, axis]
+    return slopes
+
+
+def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """The vertices (n, 3) in units of the grid: where the tangent planes of a cell's crossings meet, in the cell.
+
+    A vertex minimises the squared distances to the planes; directions whose eigenvalue is below `SHARPNESS` of the
+    largest are taken from the crossings' mean.
+    """
+    middle = surface.means(positions)
+    planes = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 1, 9)
+    matrix = surface.sums(np.repeat(planes, 4, axis=1)).reshape(-1, 3, 3)
+    heights = np.einsum("ek,eck->ec", normals, positions[:, None] - middle[surface.quads])
+    right = surface.sums(heights[:, :, None] * normals[:, None])
+    values, vectors = np.linalg.eigh(matrix)
+    sharp = values > SHARPNESS * values[:, -1:]
+    along = np.einsum("nij,ni->nj", vectors, right) * sharp / np.where(sharp, values, 1.0)
+    return np.clip(middle + np.einsum("nij,nj->ni", vectors, along), surface.cells, surface.cells + 1)
+
+
+def _flatness(corners: np.ndarray) -> np.ndarray:
+    """Cosine between the two triangles into which quadrangles (m, 4, 3) are split from their first corner."""
+    diagonal = corners[:, 2] - corners[:, 0]
+    first = np.cross(corners[:, 1] - corners[:, 0], diagonal)
+    second = np.cross(diagonal, corners[:, 3] - corners[:, 0])
+    squares = np.einsum("ij,ij->i", first, first) * np.einsum("ij,ij->i", second, second)
+    return np.einsum("ij,ij->i", first, second) / np.sqrt(np.maximum(squares, 1e-300))
