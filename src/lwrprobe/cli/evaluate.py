@@ -42,10 +42,10 @@ def evaluate(
             "rms_after_mm": 1e3 * motion.after,
         }
         if mesh is not None:
-            mesh.vertices = motion.move(mesh.vertices)
+            mesh.vertices = motion.points(mesh.vertices)
         if cloud is not None:
-            cloud.points = motion.move(cloud.points)
-            cloud.normals = None if cloud.normals is None else cloud.normals @ motion.rotation.T
+            cloud.points = motion.points(cloud.points)
+            cloud.normals = None if cloud.normals is None else motion.directions(cloud.normals)
     if cloud is not None:
         figures["contacts"] = _cloud_figures(cloud, solid, above)
     if mesh is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from lwrprobe.contracts import InputError, TouchRecord
+from lwrprobe.reconstruction.alignment import STILL, Alignment, Pairs, RigidMotion
 
 CELL = 0.0015
 """m, touches that lie so close and face the same way are averaged into one."""
@@ -23,7 +24,6 @@ SAME_WAY = np.cos(np.radians(25.0))
 NEIGHBOURS = 12
 STARTS = np.array([(0.0, 0.0), (5.0, 0.0), (-5.0, 0.0), (0.0, 5.0), (0.0, -5.0)]) * 1e-3
 ROUNDS, ROUNDS_A_START = 40, 15
-DONE = 1e-8
 OPEN = 0.05
 """Share of the best determined direction below which a direction counts as open: it keeps its value."""
 GAP = 2e-3
@@ -32,39 +32,26 @@ DIRECTIONS = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 
 @dataclass(slots=True, frozen=True)
-class Registration:
-    """The motion p -> rotation @ p + translation that lays one run's touches over another's, and how well.
+class Registration(RigidMotion):
+    """The motion that lays one run's touches over another's, and how well.
 
     Attributes
     ----------
-    rotation, translation : (3, 3) and (3,) m
     shift : m, by which the middle of the touches moves
-    angle : rad
     before, after : m, median distance of the pairs along their normals, unmoved and moved
     misfit : share of the pairs that are more than 1.5 mm apart when moved
     overlap : share of the moved run's (thinned) touches that have a partner
     pairs : their number
-    open : directions that the touches tell nothing about
+    open : directions that the touches do not determine
     """
 
-    rotation: np.ndarray
-    translation: np.ndarray
     shift: float
-    angle: float
     before: float
     after: float
     misfit: float
     overlap: float
     pairs: int
     open: tuple[str, ...]
-
-    def points(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) m moved."""
-        return points @ self.rotation.T + self.translation
-
-    def directions(self, directions: np.ndarray) -> np.ndarray:
-        """Directions (n, 3) turned."""
-        return directions @ self.rotation.T
 
 
 def register(moving: TouchRecord, fixed: TouchRecord, on_table: bool) -> Registration:
@@ -76,36 +63,22 @@ def register(moving: TouchRecord, fixed: TouchRecord, on_table: bool) -> Registr
     for name, record in (("moving", moving), ("fixed", fixed)):
         if record.normals is None or len(record.points) == 0:
             raise InputError(name, f"{len(record.points)} touches", "touches with normals")
-    other = _Side(*thinned(fixed.points, fixed.normals))
-    points, normals = thinned(moving.points, moving.normals)
-    middle = points.mean(axis=0)
     free = np.array([0, 1, 5] if on_table else range(6))
-    unmoved = other.pair(points, normals)
-
-    def descend(rotation: np.ndarray, translation: np.ndarray, rounds: int) -> tuple[np.ndarray, np.ndarray]:
-        for _ in range(rounds):
-            turn, shift, *_ = _step(other, points, normals, middle, rotation, translation, free)
-            rotation, translation = turn @ rotation, turn @ translation + shift
-            if np.abs(shift).max() < DONE and np.abs(turn - np.eye(3)).max() < DONE:
-                break
-        return rotation, translation
-
-    # motions are about the middle of the moving touches: middle + rotation (p - middle) + translation
-    ends = [descend(np.eye(3), np.array([*start, 0.0]), ROUNDS_A_START) for start in STARTS]
-    scores = [_score(other, points, normals, middle, *end) for end in ends]
-    rotation, translation = descend(*ends[int(np.argmin(scores))], ROUNDS)
-    *_, unknown, size = _step(other, points, normals, middle, rotation, translation, free)
-    rotation, translation = _without(rotation, translation, unknown, size)
-    found = other.pair(middle + (points - middle) @ rotation.T + translation, normals @ rotation.T)
+    other = _Side(*thinned(fixed.points, fixed.normals))
+    fit = Alignment(other, *thinned(moving.points, moving.normals), _tukey, OPEN, free)
+    starts = [RigidMotion(np.eye(3), np.array([*start, 0.0])) for start in STARTS]
+    ends = [fit.descend(start, ROUNDS_A_START) for start in starts]
+    best = min(ends, key=lambda end: _score(fit, end))
+    motion, unknown = fit.without_open(fit.descend(best, ROUNDS))
+    found, whole = fit.pairs(motion), fit.about_origin(motion)
     return Registration(
-        rotation=rotation,
-        translation=middle + translation - rotation @ middle,
-        shift=float(np.linalg.norm(translation)),
-        angle=float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0))),
-        before=unmoved.median,
+        whole.rotation,
+        whole.translation,
+        shift=float(np.linalg.norm(motion.translation)),
+        before=fit.pairs(STILL).median,
         after=found.median,
         misfit=float((np.abs(found.apart) > 1.5e-3).mean()) if len(found.apart) else 1.0,
-        overlap=len(found.apart) / len(points),
+        overlap=len(found.apart) / len(fit.points),
         pairs=len(found.apart),
         open=tuple(dict.fromkeys(DIRECTIONS[int(np.argmax(np.abs(way)))] for way in unknown)),
     )
@@ -141,19 +114,6 @@ def thinned(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.nda
     return mean, facing / np.linalg.norm(facing, axis=1, keepdims=True)
 
 
-@dataclass(slots=True, frozen=True)
-class _Pairs:
-    """Which of the moving touches have a partner (m,), the pairs' distances along the mean normal, and that (m, 3)."""
-
-    who: np.ndarray
-    apart: np.ndarray
-    normal: np.ndarray
-
-    @property
-    def median(self) -> float:
-        return float(np.median(np.abs(self.apart))) if len(self.apart) else np.inf
-
-
 class _Side:
     """The touches that stay, ready to be asked for partners."""
 
@@ -161,7 +121,7 @@ class _Side:
         self.points, self.normals = points, normals
         self._tree = KDTree(points)
 
-    def pair(self, points: np.ndarray, normals: np.ndarray) -> _Pairs:
+    def pair(self, points: np.ndarray, normals: np.ndarray) -> Pairs:
         count = min(NEIGHBOURS, len(self.points))
         distance, index = self._tree.query(points, k=range(1, count + 1), distance_upper_bound=GATE)
         near = np.isfinite(distance)
@@ -171,71 +131,17 @@ class _Side:
         partner = index[who, np.argmax(fits[who], axis=1)]
         normal = normals[who] + self.normals[partner]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        return _Pairs(who, np.einsum("ik,ik->i", points[who] - self.points[partner], normal), normal)
+        return Pairs(who, np.einsum("ik,ik->i", points[who] - self.points[partner], normal), normal)
 
 
-def _step(
-    other: _Side,
-    points: np.ndarray,
-    normals: np.ndarray,
-    middle: np.ndarray,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    free: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """One Gauss-Newton step: turn (3, 3) and shift (3,) about the middle; then the directions (k, 6) that stay open, of
-    shift and turn times size, and that size [m]."""
-    lever = (points - middle) @ rotation.T
-    pairs = other.pair(middle + lever + translation, normals @ rotation.T)
-    if len(pairs.who) < 6:
-        return np.eye(3), np.zeros(3), np.eye(6)[free], 1.0
-    lever = lever[pairs.who] + translation
-    size = float(np.sqrt((lever**2).sum(axis=1).mean()))
-    rows = np.hstack([pairs.normal, np.cross(lever, pairs.normal) / size])[:, free]
+def _tukey(pairs: Pairs) -> np.ndarray:
     scale = max(4.685 * 1.4826 * pairs.median, 2e-4)
-    weight = np.clip(1.0 - (pairs.apart / scale) ** 2, 0.0, None)
-    _, singular, ways = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
-    known = singular > OPEN * singular[0]
-    answer = ways[known].T @ (
-        (ways[known] @ (rows.T @ (-(weight**2) * pairs.apart))) / np.maximum(singular[known], 1e-300) ** 2
-    )
-    step = np.zeros(6)
-    step[free] = answer
-    unknown = np.zeros(((~known).sum(), 6))
-    unknown[:, free] = ways[~known]
-    return _turn(step[3:] / size), step[:3], unknown, size
+    return np.clip(1.0 - (pairs.apart / scale) ** 2, 0.0, None)
 
 
-def _without(
-    rotation: np.ndarray, translation: np.ndarray, unknown: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """A small motion without what it has of the open directions: there is no reason to move along them."""
-    from scipy.spatial.transform import Rotation
-
-    if len(unknown) == 0:
-        return rotation, translation
-    motion = np.concatenate([translation, size * Rotation.from_matrix(rotation).as_rotvec()])
-    motion -= unknown.T @ (unknown @ motion)
-    return _turn(motion[3:] / size), motion[:3]
-
-
-def _score(
-    other: _Side,
-    points: np.ndarray,
-    normals: np.ndarray,
-    middle: np.ndarray,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-) -> float:
-    pairs = other.pair(middle + (points - middle) @ rotation.T + translation, normals @ rotation.T)
-    apart = np.minimum(np.abs(pairs.apart), GAP).sum()
-    return float(apart + GAP * (len(points) - len(pairs.who))) / len(points)
-
-
-def _turn(vector: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(vector).as_matrix()
+def _score(fit: Alignment, motion: RigidMotion) -> float:
+    pairs, count = fit.pairs(motion), len(fit.points)
+    return float(np.minimum(np.abs(pairs.apart), GAP).sum() + GAP * (count - len(pairs.who))) / count
 
 
 def _dense(path: np.ndarray | None, gap: float) -> np.ndarray:
