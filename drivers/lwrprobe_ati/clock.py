@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe_ati.admission import TICKS
+from lwrprobe_ati.packet_filter import TICKS
 
 _DRIFT = 2e-4  # s per s by which two quartz clocks may part, doubled
 _STEP = 1e-6

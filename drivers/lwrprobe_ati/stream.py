@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lwrprobe.contracts import SampleStatus, WrenchSample
-from lwrprobe_ati.admission import Admission
 from lwrprobe_ati.calibration import Calibration
 from lwrprobe_ati.clock import DeviceClock
 from lwrprobe_ati.config import AtiConfig
+from lwrprobe_ati.packet_filter import PacketFilter
 from lwrprobe_ati.wire import Record, decode_datagram, status_flags
 
 _IMPOSSIBLE = 1.5  # times the range: nothing that the sensor can report
@@ -40,7 +40,7 @@ class Stream:
 
     def __init__(self, config: AtiConfig, calibration: Calibration) -> None:
         self.traffic = Traffic()
-        self.admission = Admission(config.rate)
+        self.packets = PacketFilter(config.rate)
         self.last: Record | None = None
         self._config = config
         self._clock = DeviceClock()
@@ -65,7 +65,7 @@ class Stream:
         return [sample for sample in found if sample is not None]
 
     def _sample(self, record: Record, arrival: float) -> WrenchSample | None:
-        gap = self.admission.gap(record, arrival)
+        gap = self.packets.gap(record, arrival)
         if gap is None:
             return self._frozen_sample(record, arrival)
         self._unchanged = self._unchanged + 1 if self.last and record.counts == self.last.counts else 0
@@ -82,7 +82,7 @@ class Stream:
         return self._in_si(record, time, flags)
 
     def _frozen_sample(self, record: Record, arrival: float) -> WrenchSample | None:
-        if self.admission.repeats_in_a_row < _FROZEN:
+        if self.packets.repeats_in_a_row < _FROZEN:
             return None
         time = self._clock.host_time(record.stamp, arrival)
         return self._in_si(record, time, status_flags(record, self._config.transducer) | SampleStatus.FROZEN)

@@ -19,9 +19,9 @@ from math import radians
 
 from lwrprobe.contracts.address import as_address
 from lwrprobe_fri import messages as m
-from lwrprobe_fri.admission import Admission
 from lwrprobe_fri.config import FriConfig
 from lwrprobe_fri.krl import PROGRAMS, Request
+from lwrprobe_fri.packet_filter import PacketFilter
 from lwrprobe_fri.ramp import Ramp
 from lwrprobe_fri.wire import JOINTS, CommandWriter, Field, Measurement, State, decode_measurement
 
@@ -52,7 +52,7 @@ class Answering:
     def __init__(self, config: FriConfig, controller: socket.socket, runner: socket.socket) -> None:
         self.config = config
         self.traffic = m.Traffic()
-        self.admission = Admission([radians(v) for v in config.speed])
+        self.packets = PacketFilter([radians(v) for v in config.speed])
         self._program = PROGRAMS[config.krl]
         self._integers = self._program.integers("idle", config.strategy)
         self._host, self._port = as_address(config.remote, "drivers.fri.remote")
@@ -94,7 +94,7 @@ class Answering:
         newest, steps = None, 0
         while True:
             measurement = self._checked(buffer[:size], peer)
-            ahead = self.admission.steps(measurement) if measurement else 0
+            ahead = self.packets.steps(measurement) if measurement else 0
             if ahead:
                 self.traffic.backlog += newest is not None
                 newest, steps, source, raw = measurement, steps + ahead, peer, bytes(buffer[:size])
@@ -157,7 +157,7 @@ class Answering:
         self._silent = False
         self.traffic.received += 1
         for name in ("lost", "repeated", "old", "implausible", "restarts"):
-            setattr(self.traffic, name, getattr(self.admission, name))
+            setattr(self.traffic, name, getattr(self.packets, name))
         self._tell(
             m.Report(
                 bool(late),
@@ -214,7 +214,7 @@ class Answering:
     def _fall_silent(self) -> None:
         if not self._silent:
             self._silent = True
-            self.admission.forget()
+            self.packets.forget()
             if self._following:
                 self._lose(silence_of(self.config))
         self._tell(m.SILENCE)

@@ -23,8 +23,8 @@ from lwrprobe.contracts import (
 from lwrprobe.contracts.samples import Vector
 from lwrprobe_fri.config import FriConfig
 from lwrprobe_fri.connection import Arrival, Connection
+from lwrprobe_fri.health_checks import connection_health
 from lwrprobe_fri.messages import Traffic
-from lwrprobe_fri.readings import connection_readings
 from lwrprobe_fri.wire import Measurement, Quality, State
 
 
@@ -209,7 +209,7 @@ class FriArm:
         connected = self._line is not None
         self.connect()
         try:
-            return connection_readings(self._connected(), seconds)
+            return connection_health(self._connected(), seconds)
         finally:
             if not connected:
                 self.close()

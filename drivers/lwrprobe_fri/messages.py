@@ -30,7 +30,7 @@ class Traffic:
     late_set_points : the runner had no new set point when an answer was due
     backlog : measurements that had already been overtaken by newer ones when they were read
     unsent : answers that the system refused to send
-    lost, repeated, old, implausible, restarts : gaps in the sequence, and what was not used (see `Admission`)
+    lost, repeated, old, implausible, restarts : gaps in the sequence, and what was not used (see `PacketFilter`)
     """
 
     received: int = 0

@@ -9,7 +9,7 @@ import typer
 
 from lwrprobe.contracts.plugins import load
 from lwrprobe_rig.console import joint_angles, run_command, serve
-from lwrprobe_rig.witness import Witness
+from lwrprobe_rig.ground_truth import GroundTruth
 from lwrprobe_rig.world import SimulatedWorld
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -58,6 +58,6 @@ def rig(
         f"{loaded.name}: FRI at {bind} every {cycle_ms:g} ms, answers expected from {remote}; "
         f"ATI console at {telnet}, data at {udp}, transducer {transducer}"
     )
-    code = serve({"fri": arm, "ati": sensor, "world": Witness(world)}, greeting, control, seconds)
+    code = serve({"fri": arm, "ati": sensor, "world": GroundTruth(world)}, greeting, control, seconds)
     typer.echo(json.dumps(world.truth() | {"overruns": arm.overruns}))
     raise typer.Exit(code)

@@ -18,6 +18,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe_ati import AtiConfig, AtiDriver
 from lwrprobe_ati.emulator import AtiEmulator
+from lwrprobe_ati.health_checks import sensor_health
 from lwrprobe_rig.reactor import Reactor
 
 LOAD = "2=1,-2,3.5,10,-20,30"
@@ -196,13 +197,13 @@ def test_losses_are_counted_as_the_sequence_tells():
         collect(sensor, 10)
         device.control("fault loss=0.2,duplicate=0.1,reorder=0.1,corrupt=0.05,resize=0.05")
         samples = collect(sensor, 120)
-        admission, traffic = sensor.stream.admission, sensor.stream.traffic
-        assert admission.lost > 5
-        assert admission.repeated > 0
-        assert admission.old + admission.implausible + traffic.malformed + traffic.absent > 0
+        packets, traffic = sensor.stream.packets, sensor.stream.traffic
+        assert packets.lost > 5
+        assert packets.repeated > 0
+        assert packets.old + packets.implausible + traffic.malformed + traffic.absent > 0
         assert (np.diff([s.sequence for s in samples]) >= 1).all()
         assert (np.diff([s.time for s in samples]) > 0.0).all()
-        assert not admission.rebooted
+        assert not packets.rebooted
 
 
 def test_silence_sends_start_again_and_goes_on():
@@ -340,7 +341,7 @@ def test_device_that_never_streams_is_a_typed_error():
 
 def test_readings_for_the_doctor():
     with bench() as (sensor, device):
-        readings = {reading.name: reading for reading in sensor.readings(1.0)}
+        readings = {reading.name: reading for reading in sensor_health(sensor, 1.0)}
         assert readings["rate"].detail["rate_hz"] == pytest.approx(125.0, rel=0.1)
         assert readings["bias"].detail["mean"] == pytest.approx([1, -2, 3.5, 10, -20, 30], abs=0.05)
         assert max(readings["noise"].detail["sigma"][:3]) < 0.01

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lwrprobe_ati.admission import Admission
 from lwrprobe_ati.clock import DeviceClock
+from lwrprobe_ati.packet_filter import PacketFilter
 from lwrprobe_ati.wire import Record
 
 RATE = 125.0
@@ -15,50 +15,50 @@ def record(sequence, stamp=None, mask=1):
     return Record(stamp & 0xFFFFFFFF, sequence & 0xFFFFFFFF, (0, 0), 7, mask, (0,) * 6)
 
 
-def gaps(admission, *records):
-    return [admission.gap(r, 1000.0 + k / RATE) for k, r in enumerate(records)]
+def gaps(packets, *records):
+    return [packets.gap(r, 1000.0 + k / RATE) for k, r in enumerate(records)]
 
 
 def test_losses_over_the_wrap_of_the_sequence():
-    admission = Admission(RATE)
+    packets = PacketFilter(RATE)
     first = 2**32 - 2
     records = [record(first + k, round(k * 32.768)) for k in (0, 1, 3, 4, 9)]
-    assert gaps(admission, *records) == [0, 0, 1, 0, 4]
-    assert admission.lost == 5
+    assert gaps(packets, *records) == [0, 0, 1, 0, 4]
+    assert packets.lost == 5
 
 
 def test_recorded_gap_of_104():
-    admission = Admission(RATE)
-    assert gaps(admission, record(1000), record(1001), record(1106)) == [0, 0, 104]
+    packets = PacketFilter(RATE)
+    assert gaps(packets, record(1000), record(1001), record(1106)) == [0, 0, 104]
 
 
 def test_repetition_and_late_comer():
-    admission = Admission(RATE)
-    assert gaps(admission, record(5), record(6), record(6), record(4), record(7)) == [0, 0, None, None, 0]
-    assert (admission.repeated, admission.old, admission.lost) == (1, 1, 0)
+    packets = PacketFilter(RATE)
+    assert gaps(packets, record(5), record(6), record(6), record(4), record(7)) == [0, 0, None, None, 0]
+    assert (packets.repeated, packets.old, packets.lost) == (1, 1, 0)
 
 
 @pytest.mark.parametrize("wild", [record(7, 5), record(2**31, 231), record(100, 230), record(8, mask=3)])
 def test_single_record_that_fits_nothing(wild):
-    admission = Admission(RATE)
-    assert gaps(admission, record(5), record(6), wild, record(7), record(8)) == [0, 0, None, 0, 0]
-    assert admission.implausible == 1
-    assert not admission.rebooted
+    packets = PacketFilter(RATE)
+    assert gaps(packets, record(5), record(6), wild, record(7), record(8)) == [0, 0, None, 0, 0]
+    assert packets.implausible == 1
+    assert not packets.rebooted
 
 
 def test_rebooted_device_is_recognised_by_its_clock():
-    admission = Admission(RATE)
+    packets = PacketFilter(RATE)
     records = [record(5000), record(5001), *(record(k, 90_000 + 33 * k) for k in range(4))]
-    assert gaps(admission, *records) == [0, 0, None, None, 1, 0]
-    assert admission.rebooted
+    assert gaps(packets, *records) == [0, 0, None, None, 1, 0]
+    assert packets.rebooted
 
 
 def test_stream_that_only_counts_anew_goes_on():
-    admission = Admission(RATE)
+    packets = PacketFilter(RATE)
     start = record(5001).stamp
     records = [record(5000), record(5001), *(record(k, start + round(32.768 * (k + 1))) for k in range(4))]
-    assert gaps(admission, *records) == [0, 0, None, None, 1, 0]
-    assert not admission.rebooted
+    assert gaps(packets, *records) == [0, 0, None, None, 1, 0]
+    assert not packets.rebooted
 
 
 def times(clock, stamps, arrivals):

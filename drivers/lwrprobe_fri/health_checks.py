@@ -12,7 +12,7 @@ from lwrprobe_fri.connection import Connection
 from lwrprobe_fri.wire import JOINTS, Measurement, Quality
 
 
-def connection_readings(line: Connection, seconds: float) -> list[HealthCheck]:
+def connection_health(line: Connection, seconds: float) -> list[HealthCheck]:
     """Listen for `seconds`; raises ConnectionLost when the controller falls silent."""
     first, joints = line.latest, []
     begin = time.monotonic()

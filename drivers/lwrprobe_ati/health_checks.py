@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lwrprobe.contracts import HealthCheck, SampleStatus, WrenchSample
+from lwrprobe_ati.sensor import AtiSensor
 from lwrprobe_ati.wire import battery_light
-
-if TYPE_CHECKING:
-    from lwrprobe_ati.driver import AtiSensor
 
 _POLL = 0.002
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 
-def sensor_readings(sensor: AtiSensor, seconds: float) -> list[HealthCheck]:
-    """Listen for `seconds`; raises ConnectionLost when the sensor falls silent."""
+def sensor_health(sensor: AtiSensor, seconds: float) -> list[HealthCheck]:
+    """Listen for `seconds`, opening the sensor for them if need be; raises ConnectionLost when it falls silent."""
+    if not sensor.is_open:
+        with sensor:
+            return sensor_health(sensor, seconds)
     samples: list[WrenchSample] = []
     ages: list[float] = []
     before = sensor.account()

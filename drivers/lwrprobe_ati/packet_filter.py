@@ -1,4 +1,4 @@
-"""Which records are used: in order, once, and with a clock that agrees with their numbers."""
+"""Packet filter: which records are used, in order, once, and with a clock that agrees with their numbers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _SLACK = 6.0  # ticks of rounding and start-up
 _CLOCK_STEP = 0.5  # s by which the device's clock may differ from the host's over a gap
 
 
-class Admission:
-    """Counts losses, repetitions and late-comers, and tells a restarted device from nonsense on the line.
+class PacketFilter:
+    """Counts lost, repeated and late records, and distinguishes a restarted device from corrupt records.
 
     Parameters
     ----------

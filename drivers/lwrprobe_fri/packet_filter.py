@@ -1,4 +1,4 @@
-"""Which measurements are used: in order, and with joints that can have come from where they last were."""
+"""Packet filter: which measurements are used, in order, and with joint angles reachable since the last one."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _SLACK = 0.02  # rad; measurement noise and the first cycles of a brake
 _CONVINCING = 3  # doubtful measurements in a row that agree with each other: the controller has begun anew
 
 
-class Admission:
-    """Tells forward steps from repetitions, late-comers and nonsense, and recovers after a restart.
+class PacketFilter:
+    """Accepts new measurements, refuses repeated, late and implausible ones, and recovers after a restart.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from types import FrameType
 _stops: list[Callable[[], None]] = []
 
 
-def remember(stop: Callable[[], None]) -> None:
+def register(stop: Callable[[], None]) -> None:
     """Call `stop` when the interpreter ends, by itself or by SIGTERM or SIGHUP that nobody else handles."""
     if not _stops:
         atexit.register(_stop_all)
@@ -27,7 +27,7 @@ def remember(stop: Callable[[], None]) -> None:
             signal.signal(number, _on_signal)
 
 
-def forget(stop: Callable[[], None]) -> None:
+def unregister(stop: Callable[[], None]) -> None:
     """The stream has been stopped in the ordinary way."""
     if stop in _stops:
         _stops.remove(stop)

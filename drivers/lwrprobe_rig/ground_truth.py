@@ -1,4 +1,4 @@
-"""The operator's window on the simulated world, beside the devices that stand in it."""
+"""The ground truth of the simulated world on the operator's console."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from lwrprobe.contracts import UnknownNameError
 from lwrprobe_rig.world import SimulatedWorld
 
 
-class Witness:
-    """A `lwrprobe_rig.reactor.Device` without sockets: tells the truth when asked.
+class GroundTruth:
+    """A `lwrprobe_rig.reactor.Device` without sockets that answers from the simulated world.
 
     `status` answers one line of JSON, `mark` makes the peak since then count from now on.
     """

@@ -1,0 +1,223 @@
+"""One transducer of the ATI Wireless F/T: set-up, stream and account."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from dataclasses import asdict
+
+from lwrprobe.contracts import ConnectionLost, DriverError, WrenchSample
+from lwrprobe.contracts.address import as_address
+from lwrprobe_ati import shutdown_hook
+from lwrprobe_ati.config import AtiConfig
+from lwrprobe_ati.console import Console
+from lwrprobe_ati.setup import Setup, set_bias, set_up
+from lwrprobe_ati.stream import Stream
+from lwrprobe_ati.wire import Command, encode_command
+
+_BUFFER = 1 << 20
+_ORDER = ("received", "lost", "repeated", "old", "implausible")
+_AT_ONCE = 4096  # datagrams taken by one read at most, so that it always returns
+_FREEING = 0.2  # s between two commands that free a stale console
+
+
+class AtiSensor:
+    """One transducer of the device.
+
+    `open` sets it up through the console, reads its calibration and starts the stream. Times of samples are those
+    of `time.monotonic`, mapped from the device's stamps.
+    """
+
+    def __init__(self, config: AtiConfig) -> None:
+        self.config = config
+        self.rate = float(config.rate)
+        self.latency = _known_latency(config)
+        self.restarts = 0
+        """How often start had to be sent again because nothing came."""
+        self.setup: Setup | None = None
+        self.stream: Stream | None = None
+        self._console = Console(as_address(config.telnet, "drivers.ati.telnet"), config.timeout)
+        self._socket: socket.socket | None = None
+        self._sequence = 0
+        self._heard = 0.0
+        self._asked = 0.0
+        self._valid_from = 0.0
+        self._last_account: dict[str, int] = {}
+
+    def __enter__(self) -> AtiSensor:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it streams."""
+        return self._socket is not None
+
+    def open(self) -> None:
+        """Connect, set up, stream; returns when the first record has come. Raises DriverError."""
+        if self._socket is not None:
+            return
+        self._socket = self._connected_socket()
+        shutdown_hook.register(self._stop_stream)
+        try:
+            self._stop_stream()
+            self._open_console()
+            self.setup = set_up(self._console, self.config)
+            self.stream = Stream(self.config, self.setup.calibration)
+            self._start_stream()
+        except DriverError:
+            self.close()
+            raise
+
+    def read(self) -> list[WrenchSample]:
+        """All samples since the last call, oldest first, bad ones flagged; never waits.
+
+        Sends start again when the device has been silent for a while. Raises ConnectionLost when it stays silent,
+        and when it was switched off and on in between: its settings and bias are then unknown.
+        """
+        samples = [sample for sample in self._received() if sample.time >= self._valid_from]
+        if self.stream.packets.rebooted:
+            raise ConnectionLost("the sensor's clock has jumped: it was restarted and has to be opened again")
+        self._watch_silence()
+        return samples
+
+    def tare(self) -> None:
+        """Let the device subtract its present reading; what was measured before is thrown away."""
+        if self.stream is None:
+            raise DriverError("the sensor is not open")
+        if not self._console.is_open:
+            self._open_console()
+        set_bias(self._console, self.config.transducer, True)
+        self._heard = self._valid_from = time.monotonic()
+
+    def stop(self) -> None:
+        """Stop streaming."""
+        if self._socket is not None:
+            self._stop_stream()
+
+    def close(self) -> None:
+        """Stop streaming, release console and port."""
+        if self._socket is None:
+            return
+        self._last_account = self.account()
+        self._stop_stream()
+        self._console.close()
+        self._socket.close()
+        self._socket = None
+        self.stream = None
+        shutdown_hook.unregister(self._stop_stream)
+
+    def account(self) -> dict[str, int]:
+        """What has been counted since `open`, or until the last `close`."""
+        if self.stream is None:
+            return self._last_account
+        packets = self.stream.packets
+        order = {name: getattr(packets, name) for name in _ORDER}
+        return order | asdict(self.stream.traffic) | {"restarts": self.restarts}
+
+    # --- insides ---
+
+    def _connected_socket(self) -> socket.socket:
+        line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        line.setblocking(False)
+        try:
+            line.bind(as_address(self.config.local, "drivers.ati.local"))
+            # Connected: the kernel drops what anybody else sends.
+            line.connect(as_address(self.config.udp, "drivers.ati.udp"))
+        except OSError as error:
+            line.close()
+            where = f"{self.config.local} (drivers.ati.local) to {self.config.udp} (drivers.ati.udp)"
+            raise ConnectionLost(f"no data line from {where}: {error.strerror}") from None
+        return line
+
+    def _open_console(self) -> None:
+        """Connect; a console that a dead client still holds is freed by UDP first."""
+        try:
+            self._console.open()
+        except ConnectionLost:
+            for _ in range(3):
+                self._send(Command.RESET_TELNET)
+                time.sleep(_FREEING)
+            self._console.open()
+
+    def _start_stream(self) -> None:
+        end = time.monotonic() + self.config.timeout
+        self._discard()
+        while self.stream.last is None:
+            now = time.monotonic()
+            if now >= end:
+                raise ConnectionLost(self._nothing_came())
+            if now - self._asked >= 0.25:
+                self._send(Command.START)
+                self._asked = now
+            time.sleep(0.002)
+            self._received()
+        self._heard = self._asked = time.monotonic()
+
+    def _received(self) -> list[WrenchSample]:
+        samples: list[WrenchSample] = []
+        if self.stream is None:
+            raise DriverError("the sensor is not open")
+        for _ in range(_AT_ONCE):
+            try:
+                data = self._socket.recv(2048)
+            except BlockingIOError:
+                break
+            except ConnectionRefusedError:
+                continue  # nobody listens there just now: that is silence
+            except OSError as error:
+                raise ConnectionLost(f"the data line to {self.config.udp} broke: {error.strerror}") from None
+            samples += self.stream.samples(data, time.monotonic())
+        if samples:
+            self._heard = time.monotonic()
+        return samples
+
+    def _discard(self) -> None:
+        """Throw away what an earlier stream has left in the buffer."""
+        for _ in range(_AT_ONCE):
+            try:
+                self._socket.recv(2048)
+            except BlockingIOError:
+                break
+            except OSError:
+                continue
+
+    def _watch_silence(self) -> None:
+        now = time.monotonic()
+        silent = now - self._heard
+        if silent > self.config.lost_after:
+            raise ConnectionLost(f"the sensor at {self.config.udp} has been silent for {silent:.2f} s")
+        if silent > self.config.silence and now - self._asked > self.config.silence:
+            self._asked = now
+            self.restarts += 1
+            self._send(Command.START)
+
+    def _stop_stream(self) -> None:
+        """Twice, since nothing acknowledges it."""
+        self._send(Command.STOP)
+        self._send(Command.STOP)
+
+    def _send(self, command: Command) -> None:
+        self._sequence += 1
+        with contextlib.suppress(OSError, AttributeError):  # also from a signal, when all is half gone
+            self._socket.send(encode_command(command, self._sequence))
+
+    def _nothing_came(self) -> str:
+        t = self.stream.traffic
+        if not t.datagrams:
+            return f"the sensor at {self.config.udp} sends nothing to {self.config.local}"
+        return (
+            f"no usable record from {self.config.udp}: of {t.datagrams} datagrams {t.malformed} were malformed, "
+            f"{t.absent} without transducer {self.config.transducer}"
+        )
+
+
+def _known_latency(config: AtiConfig) -> float:
+    """s: half of what is averaged into a record and half of the filter's window; the radio comes on top."""
+    converter = config.rate * config.oversampling
+    return 0.5 / config.rate + 0.5 * (config.taps - 1) / converter
