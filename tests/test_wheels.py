@@ -22,7 +22,7 @@ import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "write-your-own-strategy.md"
+PAGE = ROOT / "docs" / "how-to" / "write-your-own-strategy.md"
 SOURCES = (ROOT / "src", ROOT / "drivers", ROOT / "strategies", ROOT / "examples" / "lwrprobe-spiral" / "src")
 
 FAULTY = '''

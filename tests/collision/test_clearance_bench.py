@@ -20,7 +20,8 @@ def test_everyone_is_timed_at_every_size(report, tmp_path):
     assert all(len(row) == len(table.columns) for table in report.tables for row in table.rows)
     assert all(cell > 0.0 for row in times.rows for cell in row)
     written = report.write(tmp_path / "c.json", tmp_path)
-    assert {path.name for path in written} == {"c.json", "clearance.md", "clearance-time.png"}
+    names = {"c.json", "clearance.md", "clearance-1.csv", "clearance-2.csv", "clearance-time.png"}
+    assert {path.name for path in written} == names
 
 
 def test_each_wanted_time_and_the_error_are_judged(report):

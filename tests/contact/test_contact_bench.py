@@ -13,7 +13,7 @@ def test_the_short_run_keeps_its_promises_and_can_be_written(tmp_path):
     assert {v.promise: v.measured for v in report.verdicts if not v.held and " us " not in v.promise} == {}
     assert len(report.verdicts) == 6
     written = report.write(tmp_path / "c.json", tmp_path)
-    assert [path.suffix for path in written] == [".json", ".md", ".png", ".png"]
+    assert [path.suffix for path in written] == [".json", ".md", *[".csv"] * len(report.tables), ".png", ".png"]
     tables = json.loads((tmp_path / "c.json").read_text())["tables"]
     assert {row[1] for row in tables[0]["rows"]} == {"force_direction", "wrench_axis", "fused"}
 

@@ -42,7 +42,7 @@ def test_one_case_is_run_and_written(tmp_path):
     report = run(True, {"case": "27"})
     assert len(report.verdicts) == 1
     written = report.write(tmp_path / "s.json", tmp_path)
-    assert [path.suffix for path in written] == [".json", ".md", ".png"]
+    assert [path.suffix for path in written] == [".json", ".md", ".csv", ".csv", ".png"]
     record = json.loads((tmp_path / "s.json").read_text())["cases"][0]
     assert record["case"] == 27
     assert record["held"]

@@ -25,7 +25,7 @@ def test_a_small_run(tmp_path):
     assert same
     assert all(verdict.held for verdict in same)
     written = report.write(tmp_path / "m.json", tmp_path)
-    assert {path.name for path in written} == {"m.json", "mapping.md", "mapping-time.png"}
+    assert {path.name for path in written} == {"m.json", "mapping.md", "mapping-1.csv", "mapping-time.png"}
 
 
 def test_without_peers_there_are_figures_but_no_ratios(monkeypatch):

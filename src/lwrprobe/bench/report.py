@@ -1,4 +1,4 @@
-"""What every bench returns, and how it is shown: tables on screen, JSON, Markdown, PNG."""
+"""What every bench returns, and how it is shown: tables on screen, JSON, Markdown, CSV, PNG."""
 
 from __future__ import annotations
 
@@ -44,13 +44,14 @@ class BenchReport:
     notes: list[str] = field(default_factory=list)
     data: dict[str, Any] = field(default_factory=dict)
     machine: dict[str, Any] = field(default_factory=dict)
+    date: str = field(default_factory=lambda: datetime.now(UTC).strftime("%Y-%m-%d"))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able content."""
         return {
             "bench": self.name,
             "title": self.title,
-            "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+            "date": self.date,
             "machine": self.machine,
             "tables": [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in self.tables],
             "verdicts": [{"promise": v.promise, "measured": v.measured, "held": v.held} for v in self.verdicts],
@@ -59,34 +60,25 @@ class BenchReport:
         }
 
     def as_markdown(self) -> str:
-        """The page that goes into docs/: machine, tables, verdicts, pictures."""
-        record = self.as_dict()
-        lines = [f"# {self.title}", "", f"`lwrprobe bench {self.name}`, {record['date']}; "]
-        lines[-1] += ", ".join(f"{key} {value}" for key, value in self.machine.items())
-        for table in self.tables:
-            lines += ["", f"## {table.title}", "", "| " + " | ".join(table.columns) + " |"]
-            lines.append("|" + "---|" * len(table.columns))
-            lines += ["| " + " | ".join(cell_text(cell) for cell in row) + " |" for row in table.rows]
-        if self.verdicts:
-            lines += ["", "## Held against the promises", "", "| promise | measured | held |", "|---|---|---|"]
-            lines += [f"| {v.promise} | {v.measured} | {'yes' if v.held else '**no**'} |" for v in self.verdicts]
-        if self.notes:
-            lines += ["", *(f"- {note}" for note in self.notes)]
-        lines += [line for stem in self.figures for line in ("", f"![{stem}]({self.name}-{stem}.png)")]
-        return "\n".join(lines) + "\n"
+        """The page that goes into docs/bench: three sentences, a short table, requirements, pictures."""
+        from lwrprobe.bench.page import markdown
+
+        return markdown(self)
 
     def write(self, json_file: Path | None = None, out: Path | None = None) -> list[Path]:
-        """Write JSON to `json_file`, Markdown and PNG into `out`; returns what was written."""
+        """Write JSON to `json_file`, Markdown, CSV and PNG into `out`; returns what was written."""
         written = []
         if json_file is not None:
             json_file.parent.mkdir(parents=True, exist_ok=True)
             json_file.write_text(json.dumps(self.as_dict(), indent=1, default=float) + "\n")
             written.append(json_file)
         if out is not None:
+            from lwrprobe.bench.page import write_csv
+
             out.mkdir(parents=True, exist_ok=True)
             page = out / f"{self.name}.md"
             page.write_text(self.as_markdown())
-            written.append(page)
+            written += [page, *write_csv(self, out)]
             written += [self._draw(stem, out) for stem in self.figures]
         return written
 
