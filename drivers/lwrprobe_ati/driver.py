@@ -26,13 +26,18 @@ class AtiDriver:
     def sensor(self) -> AtiSensor:
         return self._sensor
 
-    def judge(self) -> None:
+    def ground_truth(self) -> None:
         """A real device knows no ground truth."""
 
-    def readings(self, seconds: float) -> list[HealthCheck]:
+    @property
+    def left_out(self) -> tuple[()]:
+        """A real device leaves nothing out."""
+        return ()
+
+    def health_checks(self, seconds: float) -> list[HealthCheck]:
         """Rate, losses, latency, noise, drift, battery and calibration, measured for some seconds."""
         return sensor_health(self._sensor, seconds)
 
-    def account(self) -> dict[str, int]:
-        """What the summary of a run tells about the line."""
-        return self._sensor.account()
+    def counters(self) -> dict[str, int]:
+        """What was counted on the connection."""
+        return self._sensor.counters()

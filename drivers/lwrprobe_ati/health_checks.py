@@ -21,14 +21,14 @@ def sensor_health(sensor: AtiSensor, seconds: float) -> list[HealthCheck]:
             return sensor_health(sensor, seconds)
     samples: list[WrenchSample] = []
     ages: list[float] = []
-    before = sensor.account()
+    before = sensor.counters()
     end = time.monotonic() + seconds
     while time.monotonic() < end or len(samples) < 3:
         for sample in sensor.read():
             samples.append(sample)
             ages.append(time.monotonic() - sample.time)
         time.sleep(_POLL)
-    counts = {name: value - before[name] for name, value in sensor.account().items()}
+    counts = {name: value - before[name] for name, value in sensor.counters().items()}
     return [
         *_timing(sensor, samples, ages),
         _losses(counts),

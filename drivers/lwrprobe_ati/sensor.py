@@ -1,4 +1,4 @@
-"""One transducer of the ATI Wireless F/T: set-up, stream and account."""
+"""One transducer of the ATI Wireless F/T: set-up, stream and counters."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class AtiSensor:
         self._heard = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
-        self._last_account: dict[str, int] = {}
+        self._last_counters: dict[str, int] = {}
 
     def __enter__(self) -> AtiSensor:
         self.open()
@@ -103,7 +103,7 @@ class AtiSensor:
         """Stop streaming, release console and port."""
         if self._socket is None:
             return
-        self._last_account = self.account()
+        self._last_counters = self.counters()
         self._stop_stream()
         self._console.close()
         self._socket.close()
@@ -111,10 +111,10 @@ class AtiSensor:
         self.stream = None
         shutdown_hook.unregister(self._stop_stream)
 
-    def account(self) -> dict[str, int]:
+    def counters(self) -> dict[str, int]:
         """What has been counted since `open`, or until the last `close`."""
         if self.stream is None:
-            return self._last_account
+            return self._last_counters
         packets = self.stream.packets
         order = {name: getattr(packets, name) for name in _ORDER}
         return order | asdict(self.stream.traffic) | {"restarts": self.restarts}

@@ -44,7 +44,7 @@ class FriArm:
         self._stopped = False
         self._read_at = 0.0
         self._loops: deque[float] = deque(maxlen=100_000)
-        self._last_account: dict[str, Any] = {}
+        self._last_counters: dict[str, Any] = {}
 
     def __enter__(self) -> FriArm:
         self.open()
@@ -165,7 +165,7 @@ class FriArm:
         except DriverError:
             pass  # whoever closes wants the port back; a silent controller has stopped by itself
         finally:
-            self._last_account = self.account()
+            self._last_counters = self.counters()
             self._line = None
             line.close()
             atexit.unregister(self.close)
@@ -180,7 +180,7 @@ class FriArm:
         """What has been received, lost and late since `connect`."""
         return self._connected().traffic
 
-    def account(self) -> dict[str, Any]:
+    def counters(self) -> dict[str, Any]:
         """What has been counted since `connect`, or until the last `close`; times in ms.
 
         `answers_in_time` is the share of all measurements sent meanwhile whose answer the controller counts as
@@ -188,7 +188,7 @@ class FriArm:
         """
         line = self._line
         if line is None or line.latest is None:
-            return self._last_account
+            return self._last_counters
         loops = 1e3 * np.array(self._loops) if self._loops else np.zeros(1)
         answers = 1e3 * line.timing()[:, 1]
         return {
@@ -204,7 +204,7 @@ class FriArm:
         """(n, 2) s: arrival of the latest measurements by `time.monotonic`, and the time until the answer was sent."""
         return self._connected().timing()
 
-    def readings(self, seconds: float) -> list[HealthCheck]:
+    def health_checks(self, seconds: float) -> list[HealthCheck]:
         """Listen for some seconds and judge cycle, timing, losses, quality and drives; nothing moves."""
         connected = self._line is not None
         self.connect()
@@ -285,13 +285,18 @@ class FriDriver:
     def sensor(self) -> None:
         raise DriverError("the driver 'fri' fills the role arm alone; choose another one for the sensor")
 
-    def judge(self) -> None:
+    def ground_truth(self) -> None:
         """A real device knows no ground truth."""
 
-    def readings(self, seconds: float) -> list[HealthCheck]:
-        """Lines for `lwrprobe doctor`."""
-        return self._arm.readings(seconds)
+    @property
+    def left_out(self) -> tuple[()]:
+        """A real device leaves nothing out."""
+        return ()
 
-    def account(self) -> dict[str, Any]:
+    def health_checks(self, seconds: float) -> list[HealthCheck]:
+        """Lines for `lwrprobe doctor`."""
+        return self._arm.health_checks(seconds)
+
+    def counters(self) -> dict[str, Any]:
         """What the summary of a run tells about the line."""
-        return self._arm.account()
+        return self._arm.counters()

@@ -37,7 +37,7 @@ class SimulatedWorld:
             options["start_q"] = start.tolist()
         felt = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
         driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), felt, seed))
-        self._arm, self._sensor, self.judge = driver.arm(), driver.sensor(), driver.judge()
+        self._arm, self._sensor, self.judge = driver.arm(), driver.sensor(), driver.ground_truth()
         self.judge.reserve(round(_LONGEST * SENSOR_RATE))
         self._arm.open()
         self._sensor.open()

@@ -1,8 +1,9 @@
-"""The plug-in `sim`: arm, sensor and judge of one simulated world."""
+"""The plug-in `sim`: arm, sensor and ground truth of one simulated world."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +14,8 @@ from lwrprobe.contracts import (
     DeviceRefused,
     DriverContext,
     DriverError,
+    HealthCheck,
+    LeftOut,
     TrueContact,
     WrenchSample,
 )
@@ -36,10 +39,13 @@ class SimDriver:
     """The physics without the faces, for whoever measures it."""
 
     def __init__(self, context: DriverContext) -> None:
-        self._world = World(context.scene, context.config, context.seed)
+        config = context.config
+        if config.start_q is None and context.start_q is not None:
+            config = replace(config, start_q=tuple(float(v) for v in context.start_q))
+        self._world = World(context.scene, config, context.seed)
         self._sensor = SimSensor(self._world)
         self._arm = SimArm(self._world, self._sensor, context.realtime)
-        self._judge = SimJudge(self._world)
+        self._ground_truth = SimGroundTruth(self._world)
 
     def arm(self) -> SimArm:
         """The arm's face."""
@@ -49,14 +55,22 @@ class SimDriver:
         """The sensor's face; its clock is the arm's."""
         return self._sensor
 
-    def judge(self) -> SimJudge:
+    def ground_truth(self) -> SimGroundTruth:
         """The truth, for the evaluator alone."""
-        return self._judge
+        return self._ground_truth
 
     @property
-    def left_out(self) -> list[dict[str, str]]:
+    def left_out(self) -> list[LeftOut]:
         """Effects that this world does without: `stage` and `why`."""
         return list(self._world.left_out)
+
+    def counters(self) -> dict[str, int]:
+        """Nothing is counted: there is no connection that could lose anything."""
+        return {}
+
+    def health_checks(self, seconds: float) -> list[HealthCheck]:
+        """There is no device to check."""
+        return []
 
 
 class SimArm:
@@ -170,7 +184,7 @@ class SimSensor:
         self._streams = False
 
 
-class SimJudge:
+class SimGroundTruth:
     """Ground truth of a run."""
 
     def __init__(self, world: World) -> None:
@@ -203,11 +217,10 @@ class SimJudge:
     def contact_at(self, sequence: int) -> TrueContact | None:
         """The sphere's strongest contact at a sample's instant, None when it touched nothing.
 
-        `point` lies on the undeformed surface, `force` is that of this contact, `count` counts all contacts of sphere
-        and stick.
+        `point` lies on the undeformed surface, `force` is that of this contact.
         """
         truth = self._world.truth
         if not 0 < sequence < len(truth) or truth[sequence, 6] <= 0.0:
             return None
         row = truth[sequence]
-        return TrueContact(row[0:3].copy(), row[3:6].copy(), float(row[6]), int(row[7]))
+        return TrueContact(row[0:3].copy(), row[3:6].copy(), float(row[6]))

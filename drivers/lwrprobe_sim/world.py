@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.compiled import entry
-from lwrprobe.contracts import DeviceRefused, InputError, LinkShape, Probe
+from lwrprobe.contracts import DeviceRefused, InputError, LeftOut, LinkShape, Probe
 from lwrprobe.kinematics import Robot, robot_by_name
 from lwrprobe.scene import Scene
 from lwrprobe.scene.solid import Solid
@@ -44,7 +44,7 @@ class World:
         self.counts = np.zeros(kernels.COUNTS, np.int64)
         self._ready = self.state[kernels.READY : kernels.JACOBIAN].reshape(kernels.QUEUE, sensor.SAMPLE)
         self.truth = np.zeros((4096, 8))
-        self.left_out: list[dict[str, str]] = []
+        self.left_out: list[LeftOut] = []
         if self.robot.n > kernels.JOINTS_MAX:
             raise InputError("arm.robot", self.robot.name, f"at most {kernels.JOINTS_MAX} joints")
         self.counts[kernels.JOINTS] = self.robot.n

@@ -86,7 +86,7 @@ def test_plugin_fills_the_role_sensor():
     driver = AtiDriver(DriverContext(None, None))
     assert isinstance(driver, Driver)
     assert driver.roles == {"sensor"}
-    assert driver.judge() is None
+    assert driver.ground_truth() is None
     with pytest.raises(DriverError, match="role sensor"):
         driver.arm()
 

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import Done, Goal, InputError, Progress
-from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages import pipeline
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.pipeline import robot_of

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.contracts import SteppedArm
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
-from lwrprobe.exploration.loop.set_points import MOST, SetPoints
-from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
+from lwrprobe.exploration.loop.simulated_time import SimulatedTime
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
 from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
@@ -70,7 +72,7 @@ def test_rows_are_those_of_one_cycle_after_the_other(speed):
     naive.go((0.004, 0.002, -0.003), speed)
     ours.go((0.004, 0.002, -0.003), speed)
     rng = np.random.default_rng(5)
-    sizes = rng.integers(1, MOST + 1, 40)
+    sizes = rng.integers(1, MAX_ROWS + 1, 40)
     wanted = naive.one_by_one(sizes.sum())
     assert ours.many_at_once(sizes).tobytes() == wanted.tobytes()
     assert ours.tip.arrived
@@ -82,7 +84,7 @@ def test_a_feed_that_nobody_renews_stops_within_the_rows():
     naive, ours = Bench(), Bench()
     for bench in (naive, ours):
         bench.tip.set_feed(np.array([0.03, -0.01, 0.0]), 0.05)
-    sizes = [7, 1, 7, MOST, MOST, 3, *[MOST] * 6]
+    sizes = [7, 1, 7, MAX_ROWS, MAX_ROWS, 3, *[MAX_ROWS] * 6]
     wanted = naive.one_by_one(sum(sizes))
     assert ours.many_at_once(sizes).tobytes() == wanted.tobytes()
     assert ours.tip.resting
@@ -95,7 +97,7 @@ def test_joints_of_a_generator_in_joint_space_are_passed_through():
     naive, ours = Bench(make), Bench(make)
     naive.go((0.01, 0.0, 0.0))
     ours.go((0.01, 0.0, 0.0))
-    rows = ours.many_at_once([MOST, 5])
+    rows = ours.many_at_once([MAX_ROWS, 5])
     for row in rows:
         naive.tip.step()
         assert (row[:7] == naive.tip.q).all()
@@ -107,9 +109,9 @@ def test_rows_end_with_the_one_that_is_out_of_reach():
     bench.solver = IKSolver(bench.robot, max_jump=2e-5)  # so fast no joint may go
     bench.points = SetPoints(bench.tip, bench.solver, bench.guard)
     bench.go((0.05, 0.0, 0.0))
-    q, laid = bench.q.copy(), MOST
-    while laid == MOST:
-        laid = bench.points.generate(q, 0, MOST)
+    q, laid = bench.q.copy(), MAX_ROWS
+    while laid == MAX_ROWS:
+        laid = bench.points.generate(q, 0, MAX_ROWS)
         q = bench.points.rows[laid - 1].copy()
         bench.guard.measured[:] = q
     assert bench.points.status == IKStatus.JUMP
@@ -122,9 +124,9 @@ def test_rows_end_with_the_one_that_is_out_of_reach():
 def test_a_row_that_must_not_be_sent_is_not_among_them():
     bench = Bench(tip_speed=0.01)
     bench.go((0.05, 0.0, 0.0))
-    q, laid = bench.q.copy(), MOST
-    while laid == MOST:
-        laid = bench.points.generate(q, 0, MOST)
+    q, laid = bench.q.copy(), MAX_ROWS
+    while laid == MAX_ROWS:
+        laid = bench.points.generate(q, 0, MAX_ROWS)
         if laid:
             q = bench.points.rows[laid - 1].copy()
             bench.guard.measured[:] = q
@@ -136,7 +138,7 @@ def test_a_row_that_must_not_be_sent_is_not_among_them():
 
 def test_where_the_joints_are_counts_for_the_first_row():
     bench = Bench()
-    bench.many_at_once([MOST])
+    bench.many_at_once([MAX_ROWS])
     bench.guard.measured[2] += 1.0
     assert bench.points.generate(bench.guard.sent.copy(), 0, 5) == 0
     assert "joint 3 is 1.000 rad away" in str(bench.points.refusal)
@@ -147,16 +149,14 @@ def test_a_run_in_one_go_and_a_run_cycle_by_cycle_leave_the_same_files(tmp_path,
     """The same contacts to the last byte, and the same way, states and map."""
     settings = ["run.seed=7", "run.time_limit=12.0"]
     explore(load_scene("block", settings), tmp_path / "at once")
-    assemble = Devices.assemble
+    offered = []
 
-    def one_by_one(*given):
-        devices = assemble(*given)
-        assert devices.stepped is not None
-        devices.stepped = None
-        return devices
+    def one_by_one(devices, n):
+        offered.append(isinstance(devices.arm, SteppedArm))
 
-    monkeypatch.setattr(Devices, "assemble", one_by_one)
+    monkeypatch.setattr(SimulatedTime, "of", one_by_one)
     explore(load_scene("block", settings), tmp_path / "one by one")
     for name in ("contacts.csv", "trace.csv", "states.csv", "map.bt"):
         assert (tmp_path / "at once" / name).read_bytes() == (tmp_path / "one by one" / name).read_bytes(), name
+    assert offered == [True]
     assert (tmp_path / "at once" / "contacts.csv").stat().st_size > 1000

@@ -77,7 +77,7 @@ def test_plugin_fills_the_role_arm():
     driver = FriDriver(DriverContext(None, None))
     assert isinstance(driver, Driver)
     assert driver.roles == {"arm"}
-    assert driver.judge() is None
+    assert driver.ground_truth() is None
     with pytest.raises(DriverError, match="role arm"):
         driver.sensor()
 
@@ -120,7 +120,7 @@ def test_joint_impedance():
 
 def test_connecting_alone_moves_nothing_and_reports():
     with bench() as (arm, emulator):
-        readings = {reading.name: reading for reading in arm.readings(0.5)}
+        readings = {reading.name: reading for reading in arm.health_checks(0.5)}
         assert readings["state"].value.startswith("MON")
         assert {"cycle", "rate", "jitter", "losses", "quality", "latency", "drives", "temperature"} <= set(readings)
         assert readings["cycle"].detail["cycle_ms"] == pytest.approx(10.0)

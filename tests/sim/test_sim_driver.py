@@ -22,7 +22,7 @@ def test_fills_the_contract():
     assert isinstance(driver, Driver)
     assert isinstance(driver.arm(), Arm)
     assert isinstance(driver.sensor(), Sensor)
-    assert isinstance(driver.judge(), GroundTruth)
+    assert isinstance(driver.ground_truth(), GroundTruth)
 
 
 def test_each_read_is_one_cycle():
@@ -137,7 +137,7 @@ def test_the_truth_is_told_for_each_sample_and_for_nothing_else():
     driver = opened(config, ["sensor.rate=4000.0"])
     for _ in range(2000):
         driver.arm().read()
-    judge = driver.judge()
+    judge = driver.ground_truth()
     assert judge.contact_at(8000) is None
     assert judge.contact_at(0) is None
     assert judge.contact_at(10**9) is None

@@ -28,7 +28,8 @@ from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverError, UnknownNameError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.exploration.loop.explorer import ProgressSnapshot
-from lwrprobe.exploration.procedures.explore import explore, start_posture
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene, load_scene
 

@@ -55,12 +55,13 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
     faces = {}
     for name in dict.fromkeys(names):
         plugin = load("driver", name, DRIVER_CONTRACT)
-        if not hasattr(plugin, "readings"):
-            raise InputError("driver", name, "a driver of a device, with readings to show")
         config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
         driver = plugin(DriverContext(config, loaded))
         faces |= {role: getattr(driver, role)() for role in plugin.roles}
-        for reading in driver.readings(seconds):
+        checks = driver.health_checks(seconds)
+        if not checks:
+            raise InputError("driver", name, "a driver of a device: a simulator has nothing to check")
+        for reading in checks:
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
     if {"arm", "sensor"} <= faces.keys():
         from lwrprobe.exploration.procedures.dry_run import stability

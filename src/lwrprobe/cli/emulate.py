@@ -24,7 +24,7 @@ def _start_of(scene: str) -> str:
     """Where an exploration of the scene begins, so that the emulated arm stands there and not a metre away."""
     from math import degrees
 
-    from lwrprobe.exploration.procedures.explore import start_posture
+    from lwrprobe.exploration.procedures.start_posture import start_posture
     from lwrprobe.exploration.stages.pipeline import robot_of
     from lwrprobe.scene import load_scene
 

@@ -1,39 +1,53 @@
-"""The driver's side of the house.
+"""The driver contract: what a plug-in of the group `lwrprobe.drivers` offers, and what it is given.
 
-A driver plug-in fills the role `arm`, the role `sensor`, or both. Whoever fills both (the simulator) hands out
-two faces of one world. All errors are `DriverError` and its children, never bare socket errors. `close` may be
-called at any time and more than once; after it the device is at rest and the next `open` works.
+A driver fills the role `arm`, the role `sensor`, or both. One that fills both, as the simulator does, hands out an arm
+and a sensor that share a clock. All its errors are `DriverError` and its children, never bare socket errors. `close`
+may be called at any time and more than once; after it the device is at rest and the next `open` works.
+
+Units are SI; joint values are in rad (m for prismatic joints), in the robot's order from the base to the flange.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, TypedDict, runtime_checkable
 
 from lwrprobe.contracts.samples import ArmState, Vector, WrenchSample
 
-DRIVER_CONTRACT = 1
+DRIVER_CONTRACT = 2
+"""Version of this contract; a driver states the one it was written for in `contract`."""
+
+DRIVER_CHANGES: dict[int, str] = {
+    1: "rename judge() to ground_truth(), account() to counters(), readings() to health_checks(), an arm's quiet() and "
+    "follow() to cycles_until_sample() and step_many(), and Reading to HealthCheck; add the property left_out and the "
+    "methods of the three that are missing ({}, [] and [] will do); a simulator takes start_q from its DriverContext",
+}
+"""What to change in a driver that was written for an earlier version, by version."""
 
 Role = Literal["arm", "sensor"]
 
 
 @dataclass(slots=True, frozen=True)
 class DriverContext:
-    """What a driver is told when it is made.
+    """What a driver is made from.
 
     Attributes
     ----------
     config : an instance of the driver's `Config`
-    scene : the resolved `lwrprobe.scene.Scene`. A device driver reads the robot's limits from it at most; a
+    scene : the resolved `lwrprobe.scene.Scene`. A device driver reads at most the robot's limits from it; a
         simulator builds its world from it
     seed : of everything random
-    realtime : a simulator keeps pace with the wall clock
+    realtime : whether a simulator keeps pace with the wall clock
+    start_q : (n,) rad, where a simulated arm stands at first unless its `config` says otherwise, None = anywhere. A
+        device driver ignores it
     """
 
     config: Any
     scene: Any
     seed: int = 0
     realtime: bool = False
+    start_q: Vector | None = None
 
 
 @runtime_checkable
@@ -47,13 +61,16 @@ class Arm(Protocol):
         """Connect and become ready to take set points; raises DriverError."""
 
     def read(self) -> ArmState:
-        """The next state: waits for the arm's next cycle (a simulator with a virtual clock advances by one)."""
+        """The next state: waits for the arm's next cycle (a simulator with a virtual clock advances by one).
+
+        Raises DriverError.
+        """
 
     def command(self, q: Vector) -> None:
-        """Set point (n,) rad for this cycle; the array is copied before this returns."""
+        """Set point (n,) rad for this cycle; the array is copied before this returns. Raises DriverError."""
 
     def stop(self) -> None:
-        """Come to rest as fast as the arm's limits allow and stay there."""
+        """Come to rest as fast as the arm's limits allow and stay there; the next set point takes over again."""
 
     def close(self) -> None:
         """Stop, then release the device."""
@@ -68,16 +85,18 @@ class SteppedArm(Arm, Protocol):
     to `cycles_until_sample` and is commanded and read cycle by cycle, as any other arm.
     """
 
-    def cycles_until_sample(self, most: int) -> int:
-        """How many of the next cycles, up to `most`, end without a new sample of the same driver's sensor, for
-        certain; 0 where that is not known."""
+    def cycles_until_sample(self, limit: int) -> int:
+        """How many of the next cycles, up to `limit`, certainly end without a new sample of the same driver's sensor.
 
-    def step_many(self, set_points: Vector, times: Vector, joints: Vector, away: float) -> tuple[int, int]:
-        """As `command` and `read` in turn, once a row of `set_points` (m, n) rad; raises what these raise.
+        0 where that is not known.
+        """
+
+    def step_many(self, set_points: Vector, times: Vector, joints: Vector, following: float) -> tuple[int, int]:
+        """As `command` and `read` in turn, once for each row of `set_points` (m, n) rad; raises what these raise.
 
         The states go into `times` (m,) s and `joints` (m, n) rad. Ends early behind the first cycle whose status is
-        not good, or in which a joint is further than `away` rad (m for prismatic joints) from its set point. Returns
-        the number of rows carried out and the status after the last one.
+        not good, or in which a joint is further than `following` rad from its set point. Returns the number of rows
+        carried out and the status (`ArmStatus`) after the last one.
         """
 
 
@@ -94,13 +113,10 @@ class Sensor(Protocol):
         """Connect and stream; raises DriverError."""
 
     def read(self) -> list[WrenchSample]:
-        """All samples that came since the last call, oldest first; never waits; empty when there is none."""
+        """All samples that came since the last call, oldest first; never waits; empty when there is none.
 
-    def tare(self) -> None:
-        """Ask the device to take its present reading as zero (a device without it does nothing)."""
-
-    def stop(self) -> None:
-        """Stop streaming."""
+        Raises DriverError.
+        """
 
     def close(self) -> None:
         """Stop streaming, then release the device."""
@@ -108,21 +124,27 @@ class Sensor(Protocol):
 
 @dataclass(slots=True)
 class TrueContact:
-    """Ground truth of one instant, for the evaluator alone: point, normal and force in the world frame."""
+    """Ground truth of one instant, for the evaluation alone.
+
+    Attributes
+    ----------
+    point : (3,) m, world frame, on the undeformed surface
+    normal : (3,) unit, world frame, out of the object
+    force : N, size of the force on the sphere at this contact
+    """
 
     point: Vector
     normal: Vector
     force: float
-    count: int = 1
 
 
 @runtime_checkable
 class GroundTruth(Protocol):
-    """What only a simulator can offer: the truth, handed to the evaluator and to nobody else."""
+    """What only a simulator can offer: the truth, handed to the evaluation and to nobody else."""
 
     @property
     def link_collisions(self) -> int:
-        """How often a robot link other than the sphere and the stick's felt part began to touch the object."""
+        """How often a robot link other than the sphere and the stick's end began to touch anything."""
 
     @property
     def peak_force(self) -> float:
@@ -134,7 +156,15 @@ class GroundTruth(Protocol):
 
 @dataclass(slots=True, frozen=True)
 class HealthCheck:
-    """One line of `lwrprobe doctor`: a name, a value, and whether it is as it should be."""
+    """One line of `lwrprobe doctor`.
+
+    Attributes
+    ----------
+    name : of what was checked
+    value : what was found, for reading
+    good : whether it is as it should be
+    detail : the same as numbers, by name with the unit in it
+    """
 
     name: str
     value: str
@@ -142,11 +172,21 @@ class HealthCheck:
     detail: dict[str, Any] = field(default_factory=dict)
 
 
+class LeftOut(TypedDict):
+    """Something that a run did without."""
+
+    stage: str
+    """Its name."""
+    why: str
+    """The reason, one sentence."""
+
+
 @runtime_checkable
 class Driver(Protocol):
     """An entry of the group `lwrprobe.drivers`: a class made from a `DriverContext`.
 
-    `Config` is a dataclass with the driver's own options, table `[drivers.<name>]` of a scene file.
+    `Config` is a dataclass with the driver's own options, table `[drivers.<name>]` of a scene file; `contract` the
+    `DRIVER_CONTRACT` it was written for; `roles` what it can be asked for. Making one opens no device.
     """
 
     Config: ClassVar[type]
@@ -156,10 +196,26 @@ class Driver(Protocol):
     def __init__(self, context: DriverContext) -> None: ...
 
     def arm(self) -> Arm:
-        """The arm's face; raises DriverError where `roles` lacks it."""
+        """The arm; raises DriverError where `roles` lacks it."""
 
     def sensor(self) -> Sensor:
-        """The sensor's face; raises DriverError where `roles` lacks it."""
+        """The sensor; raises DriverError where `roles` lacks it."""
 
-    def judge(self) -> GroundTruth | None:
+    def ground_truth(self) -> GroundTruth | None:
         """Ground truth, None for a real device."""
+
+    @property
+    def left_out(self) -> Sequence[LeftOut]:
+        """Effects that a simulator does without, for the run's summary; empty for a real device."""
+
+    def counters(self) -> Mapping[str, Any]:
+        """What has been counted on the connection since it was opened (losses, lateness), for the run's summary.
+
+        Plain numbers and texts by name; asked after `close` too. Empty where nothing is counted.
+        """
+
+    def health_checks(self, seconds: float) -> Sequence[HealthCheck]:
+        """Listen to the device for some seconds and check it, for `lwrprobe doctor`; nothing moves.
+
+        Empty for a simulator. Raises DriverError.
+        """

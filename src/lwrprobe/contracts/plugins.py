@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from lwrprobe.contracts.driver import DRIVER_CHANGES
 from lwrprobe.errors import PluginError, UnknownNameError
 
 GROUPS = {
@@ -19,6 +20,8 @@ GROUPS = {
     "robot": "lwrprobe.robots",
     "reconstructor": "lwrprobe.reconstructors",
 }
+
+_CHANGES: dict[str, dict[int, str]] = {"driver": DRIVER_CHANGES}
 
 
 @dataclass(slots=True, frozen=True)
@@ -82,6 +85,8 @@ def _describe(kind: str, entry: EntryPoint, contract: int | None = None) -> Plug
         stated = getattr(loaded, "contract", None)
         if contract is not None and stated != contract:
             broken = f"written for contract {stated}, this lwrprobe speaks contract {contract}"
+            change = _CHANGES.get(kind, {}).get(stated) if isinstance(stated, int) else None
+            broken += f"; to change it: {change}" if change else ""
     return Plugin(
         kind, entry.name, entry.value, dist.name if dist else "?", dist.version if dist else "?", loaded, broken
     )

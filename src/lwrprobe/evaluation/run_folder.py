@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lwrprobe.contracts import STRATEGY_CONTRACT, FormatError, LwrprobeError, TouchRecord
 from lwrprobe.contracts.plugins import load
+from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import TablePlane
 from lwrprobe.options import configure
 from lwrprobe.scene import Scene, load_scene
@@ -27,7 +26,7 @@ class RunFolder:
     ----------
     folder : where it lies
     scene : as it was run
-    summary : content of summary.json, empty when the run did not get that far
+    summary : content of summary.json, None when the run did not get that far
     record : contacts and free path, for the reconstructors; without what was touched after the object had moved,
         and without the table
     force : (n,) N, of each contact
@@ -36,7 +35,7 @@ class RunFolder:
 
     folder: Path
     scene: Scene
-    summary: dict[str, Any]
+    summary: Summary | None
     record: TouchRecord
     force: np.ndarray
     trace: np.ndarray
@@ -59,13 +58,12 @@ def read_run(folder: str | Path) -> RunFolder:
         raise FormatError(f"{folder}: not a run folder: it has no scene.toml")
     scene = load_scene(str(scene_file))
     contacts = _table(folder / "contacts.csv", _CONTACTS)
-    summary = _summary(folder / "summary.json")
-    moved = (summary.get("stillness") or {}).get("moved_since_s")
+    summary = Summary.read(folder / "summary.json") if (folder / "summary.json").is_file() else None
+    moved = summary.stillness.get("moved_since_s") if summary is not None and summary.stillness else None
     if moved is not None:  # what was touched from then on was somewhere else
         contacts = contacts[contacts[:, 0] < moved]
-    table = summary.get("table_found")
-    if table is not None:
-        contacts = contacts[~TablePlane.of(table).touched(contacts[:, 1:4], contacts[:, 4:7])]
+    if summary is not None and summary.table_found is not None:
+        contacts = contacts[~TablePlane.of(summary.table_found).touched(contacts[:, 1:4], contacts[:, 4:7])]
     trace = _table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
     record = TouchRecord(
         points=contacts[:, 1:4],
@@ -76,13 +74,13 @@ def read_run(folder: str | Path) -> RunFolder:
         probe_radius=scene.probe.radius,
         table=scene.table.height if scene.table.present else None,
         lowest=scene.area.lower[2],
-        pitch=_pitch(scene),
+        pitch=summary.line_spacing_m if summary is not None and summary.line_spacing_m else _pitch(scene),
     )
     return RunFolder(folder, scene, summary, record, contacts[:, 7], trace)
 
 
 def _pitch(scene: Scene) -> float | None:
-    """The step between the strategy's lines, defaults included; None where it has no such thing, or is not here."""
+    """m between the lines of a run whose summary does not say it: the strategy's option `step`; None without one."""
     try:
         strategy = load("strategy", scene.strategy.name, STRATEGY_CONTRACT)
         options = configure(strategy.Config, scene.strategy.options, "strategy")
@@ -90,15 +88,6 @@ def _pitch(scene: Scene) -> float | None:
         return None
     step = getattr(options, "step", None)
     return float(step) if isinstance(step, int | float) and step > 0.0 else None
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        return dict(json.loads(path.read_text()))
-    except (ValueError, TypeError, OSError) as error:
-        raise FormatError(f"{path}: not a summary: {error}") from None
 
 
 def _table(path: Path, columns: tuple[str, ...]) -> np.ndarray:

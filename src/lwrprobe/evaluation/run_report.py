@@ -38,7 +38,8 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
     FormatError for a folder that is no run's.
     """
     run = read_run(folder)
-    page = _Page(run, surface or _surface(run, run.record), None if surface is None else run.summary["mesh_error_mm"])
+    error = run.summary.mesh_error_mm if surface is not None and run.summary is not None else None
+    page = _Page(run, surface or _surface(run, run.record), error)
     path = run.folder / "report.html"
     part = path.with_name(path.name + ".part")
     part.write_text(page.html(), encoding="utf-8")
@@ -64,7 +65,8 @@ class _Page:
         self.mesh = surface.mesh if surface is not None and len(surface.mesh.faces) else None
         self.lowest = run.scene.area.lower[2]
         # On real devices the scene's objects are a guess; only a simulator's are the truth.
-        simulated = run.summary.get("link_collisions", 0) is not None and run.scene.arm.driver == "sim"
+        known = run.summary is None or run.summary.link_collisions is not None
+        simulated = known and run.scene.arm.driver == "sim"
         self.solid: Solid | None = run.scene.solid() if simulated and run.scene.objects else None
         self.signed = deviation(self.mesh, self.solid) if self.mesh is not None and self.solid is not None else None
 
@@ -95,18 +97,18 @@ class _Page:
     def _head(self) -> str:
         scene, s = self.run.scene, self.summary
         tiles = [("contacts", f"{len(self.run.record.points)}", "")]
-        if s:
-            tiles.append(("robot time", f"{s['sim_time_s']:.0f}", "s"))
-        if s.get("coverage") is not None:
-            tiles.append(("touched of what can be", f"{100 * s['coverage']:.1f}", "%"))
+        if s is not None:
+            tiles.append(("robot time", f"{s.sim_time_s:.0f}", "s"))
+        if s is not None and s.coverage is not None:
+            tiles.append(("touched of what can be", f"{100 * s.coverage:.1f}", "%"))
         if self.signed is not None:
             error = self.error
             tiles.append(("mesh error, mean", f"{error['mean']:.2f}", "mm"))
             tiles.append(("mesh error, largest", f"{error['hausdorff']:.1f}", "mm"))
             if error["volume_error"] is not None:
                 tiles.append(("volume error", f"{100 * error['volume_error']:+.1f}", "%"))
-        if s:
-            tiles.append(("peak force", f"{s['peak_force_n']:.2f}", "N"))
+        if s is not None and s.peak_force_n is not None:
+            tiles.append(("peak force", f"{s.peak_force_n:.2f}", "N"))
         cells = "".join(
             f"<div><dt>{name}</dt><dd>{value} <small>{unit}</small></dd></div>" for name, value, unit in tiles
         )
@@ -114,8 +116,12 @@ class _Page:
         lead = (
             f"Explored by touch with {escape(scene.strategy.name)}, a sphere of {1e3 * scene.probe.radius:g} mm radius"
         )
-        ended = f"{s['status']}: {s['reason']}" if s else "the run did not get to its end; this is what it left behind"
-        mark = "" if s.get("status") == "done" else ' class="warn"'
+        ended = (
+            f"{s.status}: {s.reason}"
+            if s is not None
+            else "the run did not get to its end; this is what it left behind"
+        )
+        mark = "" if s is not None and s.status == "done" else ' class="warn"'
         unknown = "".join(f'<p class="warn">{escape(sentence)}.</p>' for sentence in self._unknown())
         return (
             f'<h1>{title}</h1><p class="lead">{lead}.</p><p{mark}>{escape(ended)}.</p>{unknown}'
@@ -124,8 +130,10 @@ class _Page:
 
     def _unknown(self) -> list[str]:
         """Where the mesh says something that no touch has said."""
+        if self.summary is None:
+            return []
         found = []
-        zones, sides = self.summary.get("bridged", []), self.summary.get("open_borders", [])
+        zones, sides = self.summary.bridged, self.summary.open_borders
         if zones:
             widest = zones[0]
             places = "1 place" if len(zones) == 1 else f"{len(zones)} places"
@@ -134,7 +142,7 @@ class _Page:
                 f"the widest is a{'n' if widest['kind'] == 'inner edge' else ''} {widest['kind']} of "
                 f"{widest['width_mm']:.1f} mm"
             )
-        table = self.summary.get("table_found")
+        table = self.summary.table_found
         if table:
             tilt = f"it leans by {table['tilt_deg']:.2f} degrees"
             found.append(f"{table['contacts']} contacts are the table's and left out; {tilt}")
@@ -301,14 +309,14 @@ class _Page:
 
     def _stages(self) -> str:
         s = self.summary
-        if not s:
+        if s is None:
             return ""
         rows = [
             (stage["name"], 100.0 * stage["share"], f"{100 * stage['share']:.0f} %, {stage['us_median']:.1f} µs each")
-            for stage in sorted(s.get("stages", []), key=lambda stage: -stage["share"])
+            for stage in sorted(s.stages, key=lambda stage: -stage["share"])
         ]
         omitted = "".join(
-            f"<tr><td>{escape(item['stage'])}</td><td>{escape(item['why'])}</td></tr>" for item in s.get("left_out", [])
+            f"<tr><td>{escape(item['stage'])}</td><td>{escape(item['why'])}</td></tr>" for item in s.left_out
         )
         return (
             f'<h2>Where the time went</h2><div class="grid"><figure>{bars(rows)}<figcaption>'
@@ -318,7 +326,8 @@ class _Page:
 
     def _again(self) -> str:
         s = self.summary
-        facts = {**s.get("versions", {}), **s.get("machine", {}), "seed": self.run.scene.run.seed}
+        made_with = s.versions | s.machine if s is not None else {}
+        facts = {**made_with, "seed": self.run.scene.run.seed}
         rows = "".join(f"<tr><td>{escape(str(k))}</td><td>{escape(str(v))}</td></tr>" for k, v in facts.items())
         scene = escape((self.run.folder / "scene.toml").read_text(encoding="utf-8"))
         return (

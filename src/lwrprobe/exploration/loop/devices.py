@@ -8,31 +8,34 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, GroundTruth, InputError, Sensor, SteppedArm
+from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, GroundTruth, InputError, LeftOut, Sensor
 from lwrprobe.contracts.plugins import load
 from lwrprobe.options import configure
+from lwrprobe.scene import Scene
 
 
 @dataclass(slots=True)
 class Devices:
-    """Arm, sensor and, in simulation, the judge that knows the truth.
+    """Arm, sensor and, in simulation, the ground truth.
 
-    `stepped` is the arm where it takes several set points in one call and speaks of the same driver's sensor.
+    Attributes
+    ----------
+    arm, sensor : closed until the `with` block is entered
+    ground_truth : None on real devices
+    drivers : by name, the one or two that were made
     """
 
     arm: Arm
     sensor: Sensor
-    judge: GroundTruth | None
+    ground_truth: GroundTruth | None
     drivers: dict[str, Driver]
-    stepped: SteppedArm | None = None
 
     @classmethod
-    def assemble(cls, scene: Any, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
+    def assemble(cls, scene: Scene, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
         """Make the drivers that the scene names; one that fills both roles is made once.
 
-        `start_q` is where a simulated arm stands at first; a driver without such an option is not told.
-
-        Raises UnknownNameError, PluginError, and InputError for a driver that lacks the role or for a bad option.
+        `start_q` (n,) rad is where a simulated arm stands at first. Raises UnknownNameError, PluginError, and
+        InputError for a driver that lacks the role or for a bad option.
         """
         drivers: dict[str, Driver] = {}
         for role, name in (("arm", scene.arm.driver), ("sensor", scene.sensor.driver)):
@@ -40,15 +43,10 @@ class Devices:
             if role not in plugin.roles:
                 raise InputError(f"{role}.driver", name, f"a driver with the role {role}")
             if name not in drivers:
-                table = dict(scene.drivers.get(name, {}))
-                if start_q is not None and "start_q" in getattr(plugin.Config, "__dataclass_fields__", {}):
-                    table.setdefault("start_q", [float(v) for v in start_q])
-                config = configure(plugin.Config, table, f"drivers.{name}")
-                drivers[name] = plugin(DriverContext(config, scene, seed, realtime))
+                config = configure(plugin.Config, scene.drivers.get(name, {}), f"drivers.{name}")
+                drivers[name] = plugin(DriverContext(config, scene, seed, realtime, start_q))
         arm, sensor = drivers[scene.arm.driver], drivers[scene.sensor.driver]
-        face = arm.arm()
-        stepped = face if arm is sensor and isinstance(face, SteppedArm) else None
-        return cls(face, sensor.sensor(), arm.judge(), drivers, stepped)
+        return cls(arm.arm(), sensor.sensor(), arm.ground_truth(), drivers)
 
     def __enter__(self) -> Devices:
         try:
@@ -62,9 +60,15 @@ class Devices:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def account(self) -> dict[str, dict[str, Any]]:
-        """What each driver has counted about its line: losses, lateness; nothing where it counts nothing."""
-        return {name: driver.account() for name, driver in self.drivers.items() if hasattr(driver, "account")}
+    @property
+    def left_out(self) -> list[LeftOut]:
+        """What the drivers do without."""
+        return [item for driver in self.drivers.values() for item in driver.left_out]
+
+    def counters(self) -> dict[str, dict[str, Any]]:
+        """What each driver has counted on its connection; a driver that counts nothing is left out."""
+        found = {name: dict(driver.counters()) for name, driver in self.drivers.items()}
+        return {name: counts for name, counts in found.items() if counts}
 
     def close(self) -> None:
         """Release both devices, the sensor also when the arm's way out fails."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
 from lwrprobe.contracts import WrenchSample
 from lwrprobe.exploration.stages.pipeline import Choices, compose
+from lwrprobe.scene import Scene
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def settled_memory() -> Iterator[None]:
         gc.unfreeze()
 
 
-def warm_up(scene: Any, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
+def warm_up(scene: Scene, choices: Choices, cycle: float, rate: float, pose: np.ndarray, q: np.ndarray) -> None:
     """Call each stage of a throw-away pipeline with a made-up touch at the start pose."""
     pipe = compose(scene, choices, cycle, rate)
     pipe.robot.fk_into(q, np.empty((4, 4)))

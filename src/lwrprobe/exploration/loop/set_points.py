@@ -11,7 +11,7 @@ from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.trajectory import CartesianTrajectory
 
-MOST = 32
+MAX_ROWS = 32
 """Rows."""
 
 _CONVERGED = int(IKStatus.CONVERGED)
@@ -28,8 +28,8 @@ class SetPoints:
 
     Attributes
     ----------
-    rows : (MOST, n) rad, those that `generate` laid first
-    velocities : (MOST, 3) m/s of the tip, one a row
+    rows : (MAX_ROWS, n) rad, those that `generate` laid first
+    velocities : (MAX_ROWS, 3) m/s of the tip, one a row
     status : that of the last row's inverse kinematics, an `IKStatus` value
     cut : steps of this `generate` that were cut down to the joints' speeds
     refusal : why the row behind the last one must not be sent, None where it may
@@ -37,7 +37,7 @@ class SetPoints:
 
     def __init__(self, trajectory: CartesianTrajectory | JointSpaceTip, solver: IKSolver, guard: MotionGuard) -> None:
         self._trajectory, self._guard = trajectory, guard
-        self.rows, self.velocities = np.zeros((MOST, solver.robot.n)), np.zeros((MOST, 3))
+        self.rows, self.velocities = np.zeros((MAX_ROWS, solver.robot.n)), np.zeros((MAX_ROWS, 3))
         self.status, self.cut = _CONVERGED, 0
         self.refusal: MotionStop | None = None
         if isinstance(trajectory, CartesianTrajectory):
@@ -59,7 +59,7 @@ class SetPoints:
         guard = self._guard
         measured = guard.measured if first == 0 else guard.sent
         if isinstance(self._trajectory, JointSpaceTip):
-            return self._generate_joints(q, measured, first, last)
+            return self._generate_joints(self._trajectory, q, measured, first, last)
         trajectory, laid, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
@@ -79,18 +79,20 @@ class SetPoints:
             self.refusal = guard.refusal(detail)
         return laid
 
-    def _generate_joints(self, q: np.ndarray, measured: np.ndarray, first: int, last: int) -> int:
+    def _generate_joints(
+        self, trajectory: JointSpaceTip, q: np.ndarray, measured: np.ndarray, first: int, last: int
+    ) -> int:
         """As `generate`, of a generator that has the joints itself."""
         guard = self._guard
         for laid in range(first, last):
             row = self.rows[laid]
-            self._trajectory.step()
-            row[:] = self._trajectory.q
+            trajectory.step()
+            row[:] = trajectory.q
             self.cut += guard.clamp(q, row)
             verdict = guard.verdict(row, measured)
             if verdict:
                 self.refusal = guard.refusal(verdict)
                 return laid
-            self.velocities[laid] = self._trajectory.velocity
+            self.velocities[laid] = trajectory.velocity
             q, measured = row, guard.sent
         return last

@@ -11,7 +11,8 @@ import numpy as np
 from lwrprobe.contact.force_law import Refusal, choose_force_law
 from lwrprobe.contracts.driver import HealthCheck
 from lwrprobe.exploration.loop.devices import Devices
-from lwrprobe.exploration.procedures.explore import explore, start_posture, unreachable_part
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.stages.pipeline import reaction_delay, robot_of
 from lwrprobe.scene import Scene
 

@@ -1,47 +1,42 @@
-"""One exploration from scene to run folder: the function behind `lwrprobe explore`."""
+"""One exploration from scene to run folder, step by step or in one call."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
-import numpy as np
-
-from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord
+from lwrprobe.contracts import LeftOut, LwrprobeError, Observation, Reconstruction, TouchRecord
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import find_table
 from lwrprobe.exploration.loop.devices import Devices
-from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
+from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
+from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
-from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
-from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene, write_scene
 
 Tell = Callable[[str], None]
 
 BIAS_SECONDS = 0.8
+"""s at rest, over which the sensor's bias is averaged."""
 
 
-def explore(
-    scene: Scene,
-    out: Path | None = None,
-    *,
-    realtime: bool = False,
-    watch: WatchFunction | None = None,
-    tell: Tell = lambda text: None,
-    choices: Choices | None = None,
-    confirm: Confirm | None = None,
-    earlier: RunFolder | None = None,
-) -> dict[str, Any]:
-    """Explore a scene and return its summary; with `out`, leave a run folder.
+class Exploration:
+    """One exploration: prepared when it is made, explored inside its `with` block, evaluated by `finish`.
+
+    Iterating over it goes on sample by sample, each the observation that the strategy was shown; when the strategy is
+    done, or anything ends the run early, there are no more. The arm goes on only while somebody asks.
 
     Parameters
     ----------
@@ -54,149 +49,168 @@ def explore(
     confirm : asks for each of the first motions
     earlier : a run that was cut off, in the folder `out`, which is taken up; see `resume`
 
-    Raises InputError and its kin for a scene that cannot be run; once the arm moves nothing is raised any more: what
-    ends the run early stands in the summary's `status` and `reason`.
-    """
-    begin = perf_counter()
-    choices = choices or choose(scene)
-    robot = robot_of(scene)
-    pose, q = start_posture(scene, robot)
-    beyond = unreachable_part(scene, robot, pose, q)
-    if beyond:
-        tell(beyond)
-    recorder = Recorder(out, earlier)
-    if out is not None:
-        write_scene(scene, out / "scene.toml")
-    seconds = {"prepare": perf_counter() - begin}
+    Attributes
+    ----------
+    pipeline : map, strategy and the stages between them
+    explorer : the loop; its `outcome` says how the run ended
+    recorder : contacts and path so far
+    surface : the mesh, None before `finish` and where there is none
 
-    tell("loading kernels; the first time they are compiled, which takes about a minute")
-    begin = perf_counter()
-    devices = Devices.assemble(scene, scene.run.seed, realtime, q)
-    pipeline = compose(scene, choices, devices.arm.cycle, devices.sensor.rate)
-    for driver in devices.drivers.values():
-        pipeline.left_out += getattr(driver, "left_out", [])
-    warm_up(scene, choices, devices.arm.cycle, devices.sensor.rate, pose, q)
-    explorer = Explorer(scene, pipeline, devices, recorder, watch, confirm)
-    log = _logged(pipeline, out, earlier)
-    if isinstance(pipeline.strategy, Resumed):
-        tell("going through what was done")
-        pipeline.place_tip(pose, q)
-        pipeline.strategy.recall(explorer.task(), pipeline, recorder)
-    elapsed = earlier.duration if earlier is not None else 0.0
-    before = len(recorder.contacts)
-    with settled_memory(), devices:
-        refused = _make_ready(explorer, pose, q, elapsed)
-        seconds["compile"] = perf_counter() - begin
-        tell("exploring")
+    Raises InputError and its kin for a scene that cannot be run; inside the `with` block, DriverError for devices that
+    do not open. What ends the run early after that stands in the summary's `status` and `reason`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        out: Path | None = None,
+        *,
+        realtime: bool = False,
+        watch: WatchFunction | None = None,
+        tell: Tell = lambda text: None,
+        choices: Choices | None = None,
+        confirm: Confirm | None = None,
+        earlier: RunFolder | None = None,
+    ) -> None:
         begin = perf_counter()
-        outcome = refused or explorer.run(scene.run.time_limit)
-    recorder.close()
-    if log is not None:
-        log.close()
-    if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
-        recorder.withhold(pipeline.object_motion.moved_since)
-    table = _leave_table_out(recorder, scene, pipeline)
-    seconds["explore"] = perf_counter() - begin
+        self.scene, self.out, self._tell, self._earlier = scene, out, tell, earlier
+        choices = choices or choose(scene)
+        robot = robot_of(scene)
+        self._start = pose, q = start_posture(scene, robot)
+        self._beyond = unreachable_part(scene, robot, pose, q)
+        if self._beyond:
+            tell(self._beyond)
+        self.recorder = Recorder(out, earlier)
+        if out is not None:
+            write_scene(scene, out / "scene.toml")
+        self._seconds = {"prepare": perf_counter() - begin}
 
-    tell("reconstructing and comparing")
-    begin = perf_counter()
-    record = touch_record(recorder, scene, pipeline.voxels)
-    record.pitch = getattr(pipeline.options, "step", None)
-    surface, lack = _reconstruct(record, pipeline)
-    pipeline.left_out += lack
-    summary = summarise(scene, pipeline, devices.judge, recorder, outcome, surface, seconds["explore"])
-    summary["table_found"] = table
-    summary["limits_used"] = explorer.motion_guard.peaks
-    summary["devices"] = devices.account()
-    summary["resumed"] = {"from_s": round(elapsed, 3), "contacts_before": before} if earlier is not None else None
-    if out is not None:
-        _write(out, scene, pipeline, recorder, surface, summary)
-    seconds["finish"] = perf_counter() - begin
-    summary["unreachable_area"] = beyond
-    summary["wall_time_s"] = round(sum(seconds.values()), 3)
-    summary["wall_time_parts_s"] = {name: round(value, 3) for name, value in seconds.items()}
-    recorder.write_json("summary.json", summary)
-    if log is not None and outcome.status == "done":
-        log.discard()
-    if out is not None:
-        from lwrprobe.evaluation.run_report import write_report
+        tell("loading kernels; the first time they are compiled, which takes about a minute")
+        begin = perf_counter()
+        self._devices = Devices.assemble(scene, scene.run.seed, realtime, q)
+        arm, sensor = self._devices.arm, self._devices.sensor
+        self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
+        self.pipeline.left_out += self._devices.left_out
+        warm_up(scene, choices, arm.cycle, sensor.rate, pose, q)
+        self._log = _logged(self.pipeline, out, earlier)
+        self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm)
+        if isinstance(self.pipeline.strategy, Resumed):
+            tell("going through what was done")
+            self.pipeline.place_tip(pose, q)
+            self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
+        self._contacts_before = len(self.recorder.contacts)
+        self._seconds["compile"] = perf_counter() - begin
+        self._stack = ExitStack()
+        self._observations: Generator[Observation, None, None] | None = None
+        self._began = perf_counter()
+        self.surface: Reconstruction | None = None
+        self._summary: Summary | None = None
 
-        tell("writing the report")
-        write_report(out, surface)
-    return summary
+    def __enter__(self) -> Self:
+        begin = perf_counter()
+        with ExitStack() as stack:
+            stack.enter_context(settled_memory())
+            stack.enter_context(self._devices)
+            self._make_ready()
+            self._stack = stack.pop_all()
+        self._seconds["compile"] += perf_counter() - begin
+        self._tell("exploring")
+        self._began = perf_counter()
+        return self
 
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
 
-def start_posture(scene: Scene, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Tip pose (4, 4) and joint values (n,) at the start: above the middle of the area's border in -y.
+    def __iter__(self) -> Iterator[Observation]:
+        return iter(()) if self._observations is None else self._observations
 
-    Raises InputError when the arm cannot reach it.
-    """
-    from lwrprobe.scene.table import Pose
+    def close(self) -> None:
+        """Bring the arm to rest, release the devices and close the streams; may be called more than once."""
+        if "explore" in self._seconds:
+            return
+        try:
+            if self._observations is not None:
+                self._observations.close()
+            if self.explorer.outcome is None:
+                self.explorer.end("ended early", "stopped by the caller")
+        finally:
+            self._stack.close()
+            self.recorder.close()
+            if self._log is not None:
+                self._log.close()
+            self._seconds["explore"] = perf_counter() - self._began
 
-    pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
-    low, high = np.array(scene.area.lower), np.array(scene.area.upper)
-    pose[:3, 3] = 0.5 * (low[0] + high[0]), low[1], high[2]
-    result = _roomiest(robot, pose, scene.arm.start_deg)
-    if result.status != IKStatus.CONVERGED:
-        place = [round(float(v), 4) for v in pose[:3, 3]]
-        raise InputError("area", place, f"a start that the arm reaches (it ends {result.short_by * 1e3:.1f} mm short)")
-    return pose, result.q
+    def finish(self) -> Summary:
+        """End the run where it is still going on, make the mesh, compare it with the truth and write the files."""
+        if self._summary is not None:
+            return self._summary
+        self.close()
+        scene, pipeline, recorder, outcome = self.scene, self.pipeline, self.recorder, self.explorer.outcome
+        assert outcome is not None
+        begin = perf_counter()
+        if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
+            recorder.withhold(pipeline.object_motion.moved_since)
+        table = _leave_table_out(recorder, scene, pipeline)
+        self._seconds["explore"] += perf_counter() - begin
 
-
-def _roomiest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None) -> IKResult:
-    """The solution farthest from the joint limits among those from a fixed set of seeds, or the one asked for."""
-    solver = IKSolver(robot)
-    if start_deg is not None:
-        return solver.solve(pose, np.radians(start_deg))
-    random = np.random.default_rng(0)
-    seeds = [np.zeros(robot.n), *random.uniform(0.6 * robot.lower, 0.6 * robot.upper, (24, robot.n))]
-    found = [solver.solve(pose, seed) for seed in seeds]
-    solved = [result for result in found if result.status == IKStatus.CONVERGED]
-    if not solved:
-        return min(found, key=lambda result: result.short_by)
-    return max(solved, key=lambda result: robot.limit_margin(result.q))
-
-
-def unreachable_part(scene: Scene, robot: Robot, pose: np.ndarray, q: np.ndarray) -> str:
-    """A sentence naming the part of the area that the arm cannot get to with the probe held as wanted, or nothing."""
-    low, high = scene.area.lower, scene.area.upper
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, (7, 5, 2))]
-    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    found = reachable(robot, places, pose[:3, :3], q)
-    if found.mask.all():
-        return ""
-    lost = places[~found.mask]
-    bounds = ", ".join(f"{axis} {a:.3f} to {b:.3f} m" for axis, a, b in zip("xyz", lost.min(axis=0), lost.max(axis=0)))
-    return f"out of reach: {len(lost)} of {len(places)} places of the area, within {bounds} ({found.reason})"
-
-
-def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap) -> TouchRecord:
-    """What a reconstructor is given: contacts, or the map's voxels, and the way on which nothing was touched."""
-    trace = recorder.trace()
-    free = trace[trace[:, 5] == 0.0, 1:4] if len(trace) else np.empty((0, 3))
-    if scene.reconstruction.points == "voxels":
-        return TouchRecord(
-            points=voxels.centres(),
-            free_path=free,
-            probe_radius=scene.probe.radius,
-            table=scene.table.height if scene.table.present else None,
-            lowest=scene.area.lower[2],
-            resolution=voxels.resolution,
+        self._tell("reconstructing and comparing")
+        begin = perf_counter()
+        self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
+        self.surface, lack = _reconstruct(self.record, pipeline)
+        pipeline.left_out += lack
+        summary = summarise(
+            scene, pipeline, self._devices.ground_truth, recorder, outcome, self.surface, self._seconds["explore"]
         )
-    return TouchRecord(
-        points=recorder.points(),
-        normals=recorder.normals(),
-        trust=np.array([c.trust for c in recorder.contacts]),
-        times=np.array([c.time for c in recorder.contacts]),
-        free_path=free,
-        probe_radius=scene.probe.radius,
-        table=scene.table.height if scene.table.present else None,
-        lowest=scene.area.lower[2],
-    )
+        summary.table_found = table
+        summary.limits_used = self.explorer.arm.guard.peaks
+        summary.devices = self._devices.counters()
+        if self._earlier is not None:
+            summary.resumed = {"from_s": round(self._elapsed, 3), "contacts_before": self._contacts_before}
+        if self.out is not None:
+            write_results(self.out, scene, pipeline, recorder, self.surface, summary)
+        self._seconds["finish"] = perf_counter() - begin
+        summary.unreachable_area = self._beyond
+        summary.wall_time_s = round(sum(self._seconds.values()), 3)
+        summary.wall_time_parts_s = {name: round(value, 3) for name, value in self._seconds.items()}
+        if self.out is not None:
+            summary.write(self.out / "summary.json")
+            if self._log is not None and outcome.status == "done":
+                self._log.discard()
+            from lwrprobe.evaluation.run_report import write_report
+
+            self._tell("writing the report")
+            write_report(self.out, self.surface)
+        self._summary = summary
+        return summary
+
+    @property
+    def _elapsed(self) -> float:
+        """s of the run before it was taken up."""
+        return self._earlier.duration if self._earlier is not None else 0.0
+
+    def _make_ready(self) -> None:
+        """Arm at its start, bias taken, strategy started; where that is refused the run has ended."""
+        explorer = self.explorer
+        try:
+            explorer.start_up.take_place(*self._start)
+            explorer.start_up.take_bias(BIAS_SECONDS)
+            explorer.begin(self._elapsed)
+        except LwrprobeError as error:
+            explorer.end("ended early", str(error), error)
+            return
+        self._observations = explorer.observations(self.scene.run.time_limit)
+
+
+def explore(scene: Scene, out: Path | None = None, **given: Any) -> dict[str, Any]:
+    """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `Exploration`."""
+    with Exploration(scene, out, **given) as exploration:
+        for _ in exploration:
+            pass
+    return exploration.finish().as_dict()
 
 
 def resume(folder: Path, **given: Any) -> dict[str, Any]:
-    """Take up a run that was cut off, in its own folder, and return its summary; options as those of `explore`.
+    """Take up a run that was cut off, in its own folder; returns and takes what `explore` does.
 
     Raises FormatError for a folder that has nothing to take up.
     """
@@ -218,18 +232,6 @@ def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> 
     return log
 
 
-def _make_ready(explorer: Explorer, pose: np.ndarray, q: np.ndarray, elapsed: float) -> Outcome | None:
-    """Arm at its start, bias taken, strategy started; the outcome when that is refused."""
-    try:
-        explorer.take_place(pose, q)
-        explorer.take_bias(BIAS_SECONDS)
-        explorer.start(elapsed)
-    except LwrprobeError as error:
-        explorer.come_to_rest(error)
-        return explorer.outcome("ended early", str(error))
-    return None
-
-
 def _leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dict[str, Any] | None:
     """Where the table was touched, that is no part of the object; for the summary, None where it was not."""
     if not scene.table.present:
@@ -243,38 +245,10 @@ def _leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> di
     return table.as_dict(int(touched.sum()))
 
 
-def _reconstruct(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[dict[str, str]]]:
+def _reconstruct(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[LeftOut]]:
     if len(record.points) == 0:
         return None, [{"stage": "reconstruction", "why": "no contact"}]
     try:
         return pipeline.reconstructor.reconstruct(record), []
     except LwrprobeError as error:
         return None, [{"stage": "reconstruction", "why": str(error)}]
-
-
-def _write(
-    out: Path,
-    scene: Scene,
-    pipeline: Pipeline,
-    recorder: Recorder,
-    surface: Reconstruction | None,
-    summary: dict[str, Any],
-) -> None:
-    from lwrprobe.contracts import TriangleMesh
-    from lwrprobe.evaluation.preview import draw_preview
-    from lwrprobe.mapping.clouds import Cloud, write_cloud
-    from lwrprobe.reconstruction.meshes import write_mesh
-
-    force = np.array([c.magnitude for c in recorder.contacts])
-    trust = np.array([c.trust for c in recorder.contacts])
-    write_cloud(out / "contacts.ply", Cloud(recorder.points(), recorder.normals(), {"force": force, "trust": trust}))
-    write_cloud(out / "cloud.pcd", Cloud(pipeline.voxels.centres()))
-    pipeline.voxels.write(out / "map.bt")
-    mesh = surface.mesh if surface is not None else TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-    write_mesh(out / "mesh.stl", mesh)
-    truth = scene.solid().mesh() if scene.objects and summary["link_collisions"] is not None else None
-    facts = [f"{summary['contacts']} contacts", f"{summary['sim_time_s']:.0f} s"]
-    if summary["mesh_error_mm"] is not None:
-        facts.append(f"mesh error {summary['mesh_error_mm']['mean']:.2f} mm")
-    title = f"{scene.title or scene.name}: {scene.strategy.name}"
-    draw_preview(out / "preview.png", title, recorder.points(), surface.mesh if surface else None, truth, facts)

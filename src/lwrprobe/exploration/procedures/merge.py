@@ -6,17 +6,18 @@ a few millimetres in between. Runs that do not belong together are refused, with
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS
+from lwrprobe.exploration.recording.summary import DEFAULT_SPACING
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.registration import Registration, intruding, register
@@ -61,7 +62,7 @@ def merge(
     for i, run in enumerate(runs):
         if len(run.record.points) == 0:
             raise InputError(f"runs[{i}]", str(run.folder), "a run that touched something")
-    joined, trace, told = runs[0].record, runs[0].trace, [_first(runs[0])]
+    joined, trace, facts = runs[0].record, runs[0].trace, [_first(runs[0])]
     which = [np.zeros(len(joined.points), dtype=np.int64)]
     force = [runs[0].force]
     for i, run in enumerate(runs[1:], start=1):
@@ -74,7 +75,7 @@ def merge(
             _not_too_far(found, run, i)
             moved, path = _moved(run.record, found), _moved_trace(run.trace, found)
         _belongs(found, moved, joined, run, i, as_is)
-        told.append(_fact(run, found, as_is))
+        facts.append(_fact(run, found, as_is))
         joined, trace = _join(joined, moved), np.concatenate([trace, path])
         which.append(np.full(len(moved.points), i, dtype=np.int64))
         force.append(run.force)
@@ -83,21 +84,15 @@ def merge(
     surface, lack = _reconstruct(joined, scene, method)
     voxels = VoxelMap(scene.map.resolution)
     voxels.insert(joined.points)
-    known = all(run.summary.get("link_collisions") is not None for run in runs)
-    summary = {
-        "scene": scene.name,
-        **_together(runs, known),
-        "merged": told,
-        "contacts": len(joined.points),
-        "voxels": len(voxels),
-        **_against_truth(scene, joined, surface, known),
-        "reconstruction": _plain(surface.report) if surface is not None else None,
-        "left_out": lack,
-        "versions": versions("lwrprobe", "numpy", "scipy"),
-        "machine": machine(),
-    }
+    known = all(run.summary is not None and run.summary.link_collisions is not None for run in runs)
+    summary = _together(runs, known)
+    summary.merged = facts
+    summary.contacts, summary.voxels = len(joined.points), len(voxels)
+    _compare(summary, scene, joined, surface, known)
+    summary.reconstruction = _plain(surface.report) if surface is not None else None
+    summary.left_out = list(lack)
     _write(out, scene, joined, trace, np.concatenate(which), np.concatenate(force), voxels, surface, summary, known)
-    return summary
+    return summary.as_dict()
 
 
 def _same_setting(first: RunFolder, run: RunFolder, i: int) -> None:
@@ -198,9 +193,7 @@ def _scene(runs: list[RunFolder]) -> Scene:
     return scene.model_copy(update={"area": scene.area.model_copy(update={"lower": lower, "upper": upper})})
 
 
-def _reconstruct(
-    record: TouchRecord, scene: Scene, method: str | None
-) -> tuple[Reconstruction | None, list[dict[str, str]]]:
+def _reconstruct(record: TouchRecord, scene: Scene, method: str | None) -> tuple[Reconstruction | None, list[LeftOut]]:
     from lwrprobe.reconstruction.reconstruct import reconstruct
 
     own = method is None or method == scene.reconstruction.method
@@ -215,47 +208,43 @@ def _reconstruct(
         return None, [{"stage": "reconstruction", "why": str(error)}]
 
 
-def _against_truth(scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool) -> dict[str, Any]:
-    """Coverage and errors against the first run's true shape, where a simulator knew it."""
+def _compare(summary: Summary, scene: Scene, record: TouchRecord, surface: Reconstruction | None, known: bool) -> None:
+    """Coverage and errors against the first run's true shape into the summary, where a simulator knew it."""
     from lwrprobe.evaluation import coverage, mesh_error, reach, surface_error
 
     if not (known and scene.objects):
-        return dict.fromkeys(("coverage", "coverage_5mm", "surface_error_mm", "mesh_error_mm"))
-    solid, pitch = scene.solid(), float(scene.strategy.options.get("step", 0.010))
+        return
+    solid, pitch = scene.solid(), record.pitch or DEFAULT_SPACING
     found = reach(solid, scene.probe.radius, scene.area.lower[2], scene.area.as_area())
     share = coverage(record.points, found, pitch)
-    mesh = None
+    summary.coverage, summary.coverage_5mm = round(share.share, 4), round(share.share_5mm, 4)
+    summary.surface_error_mm = surface_error(record.points, solid).as_dict()
     if surface is not None:
-        mesh = {"method": surface.report["method"], **mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()}
-    return {
-        "coverage": round(share.share, 4),
-        "coverage_5mm": round(share.share_5mm, 4),
-        "surface_error_mm": surface_error(record.points, solid).as_dict(),
-        "mesh_error_mm": mesh,
-    }
+        error = mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()
+        summary.mesh_error_mm = {"method": surface.report["method"], **error}
 
 
-def _together(runs: list[RunFolder], known: bool) -> dict[str, Any]:
-    """What the runs' summaries give in sum, under the names that one run's has."""
-
-    def total(key: str) -> float:
-        return round(float(sum(run.summary.get(key) or 0.0 for run in runs)), 4)
-
-    unfinished = [str(run.folder) for run in runs if run.summary.get("status") != "done"]
+def _together(runs: list[RunFolder], known: bool) -> Summary:
+    """What the runs' summaries give in sum."""
+    each = [run.summary for run in runs if run.summary is not None]
+    unfinished = [str(run.folder) for run in runs if run.summary is None or run.summary.status != "done"]
     reason = f"merged from {len(runs)} runs"
     if unfinished:
         reason += f", of which {len(unfinished)} ended early ({', '.join(unfinished)})"
-    peaks = [run.summary.get("peak_force_n", float(run.force.max())) for run in runs]
-    return {
-        "status": "ended early" if unfinished else "done",
-        "reason": reason,
-        "strategy": runs[0].scene.strategy.name,
-        "sim_time_s": total("sim_time_s"),
-        "path_length_m": total("path_length_m"),
-        "contact_path_length_m": total("contact_path_length_m"),
-        "peak_force_n": round(max(peaks), 4),
-        "link_collisions": sum(run.summary["link_collisions"] for run in runs) if known else None,
-    }
+    peaks = [run.summary.peak_force_n if run.summary is not None else None for run in runs]
+    return Summary(
+        scene=runs[0].scene.name,
+        strategy=runs[0].scene.strategy.name,
+        status="ended early" if unfinished else "done",
+        reason=reason,
+        sim_time_s=round(sum(one.sim_time_s for one in each), 4),
+        path_length_m=round(sum(one.path_length_m for one in each), 4),
+        contact_path_length_m=round(sum(one.contact_path_length_m for one in each), 4),
+        peak_force_n=round(max(float(run.force.max()) if peak is None else peak for run, peak in zip(runs, peaks)), 4),
+        link_collisions=sum(one.link_collisions or 0 for one in each) if known else None,
+        versions=versions("lwrprobe", "numpy", "scipy"),
+        machine=machine(),
+    )
 
 
 def _first(run: RunFolder) -> dict[str, Any]:
@@ -298,7 +287,7 @@ def _write(
     force: np.ndarray,
     voxels: VoxelMap,
     surface: Reconstruction | None,
-    summary: dict[str, Any],
+    summary: Summary,
     known: bool,
 ) -> None:
     from lwrprobe.evaluation.preview import draw_preview
@@ -331,7 +320,7 @@ def _write(
     mesh = surface.mesh if surface is not None else TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
     write_mesh(out / "mesh.stl", mesh)
     truth = scene.solid().mesh() if scene.objects and known else None
-    facts = [f"{len(summary['merged'])} runs", f"{len(record.points)} contacts"]
+    facts = [f"{len(summary.merged or ())} runs", f"{len(record.points)} contacts"]
     title = f"{scene.title or scene.name}, merged"
     draw_preview(out / "preview.png", title, record.points, surface.mesh if surface else None, truth, facts)
-    (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    summary.write(out / "summary.json")

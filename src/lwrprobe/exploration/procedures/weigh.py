@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,11 +10,13 @@ from lwrprobe.contact import Payload, identify_payload
 from lwrprobe.contracts import InputError, WrenchSample
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer
-from lwrprobe.exploration.procedures.explore import start_posture
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.kinematics.path import rotations
+from lwrprobe.scene import Scene
 
 LEAN = 0.4
 """rad by which the probe leans out of its usual orientation, to four sides."""
@@ -44,7 +45,7 @@ class Weighing:
         return [f"probe.mass={self.found.mass:.5f}", f"probe.centre_of_mass=[{com}]"]
 
 
-def weigh(scene: Any, confirm: Any = None) -> Weighing:
+def weigh(scene: Scene, confirm: Confirm | None = None) -> Weighing:
     """Lean the probe to four sides above the scene's start and identify the payload (`contact.identify_payload`).
 
     Nothing may be touched; the readings at rest alone count. `confirm` asks before the arm moves, as in `explore`.
@@ -60,14 +61,14 @@ def weigh(scene: Any, confirm: Any = None) -> Weighing:
         places.append((pose, result.q))
     devices = Devices.assemble(scene, scene.run.seed, False, q)
     pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
-    explorer = Explorer(scene, pipeline, devices, Recorder(None), None, confirm)
+    explorer = Explorer(scene, pipeline, devices, Recorder(None), confirm=confirm)
     samples: list[WrenchSample] = []
     rotations_of: list[np.ndarray] = []
     with devices:
         for pose, goal in places:
-            explorer.take_place(pose, goal)
-            explorer.listen(REST)
-            heard = [sample for sample in explorer.listen(SECONDS) if sample.status == 0]
+            explorer.start_up.take_place(pose, goal)
+            explorer.start_up.listen(REST)
+            heard = [sample for sample in explorer.start_up.listen(SECONDS) if sample.status == 0]
             samples += heard
             rotations_of += [pose[:3, :3]] * len(heard)
         explorer.come_to_rest()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from io import FileIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -88,14 +86,6 @@ class Recorder:
     def trace(self) -> np.ndarray:
         """(k, 7): time, x, y, z, force, touching, clearance."""
         return np.array(self._trace, dtype=np.float64).reshape(-1, 7)
-
-    def write_json(self, name: str, content: dict[str, Any]) -> None:
-        """Write one JSON file into the run folder, whole or not at all."""
-        if self.folder is None:
-            return
-        part = self.folder / f"{name}.part"
-        part.write_text(json.dumps(content, indent=1) + "\n")
-        part.replace(self.folder / name)
 
     def close(self) -> None:
         """Close the streams; the folder is complete up to here."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contact import approach_speed
-from lwrprobe.contracts import GroundTruth, InputError, Reconstruction
+from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction
 from lwrprobe.evaluation import (
     Reach,
     coverage,
@@ -23,6 +23,7 @@ from lwrprobe.evaluation import (
     upright_coverage,
 )
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.loop.explorer import Outcome
 from lwrprobe.exploration.recording.bridged import Bridged, bridged
 from lwrprobe.exploration.recording.open_border import open_borders
@@ -32,6 +33,8 @@ from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 from lwrprobe.scene.table import Pose
 
+DEFAULT_SPACING = 0.010
+"""m, line spacing that coverage is judged with for a strategy without lines."""
 _UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 
@@ -39,52 +42,53 @@ _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 def summarise(
     scene: Scene,
     pipeline: Pipeline,
-    judge: GroundTruth | None,
+    truth: GroundTruth | None,
     recorder: Recorder,
     outcome: Outcome,
     surface: Reconstruction | None,
     explore_seconds: float,
-) -> dict[str, Any]:
-    """All of summary.json but the wall time; what needs the truth is None where nobody knows it."""
+) -> Summary:
+    """The summary but for wall time, devices and limits; what needs the truth is None where nobody knows it."""
     points, normals = recorder.points(), recorder.normals()
     clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
-    pitch = float(getattr(pipeline.options, "step", 0.010))
-    return {
-        "scene": scene.name,
-        "strategy": scene.strategy.name,
-        "estimator": scene.contact.estimator,
-        "seed": scene.run.seed,
-        "status": outcome.status,
-        "reason": outcome.reason if len(points) else f"{outcome.reason}; no contact",
-        "contacts": len(points),
-        "voxels": len(pipeline.voxels),
-        "sim_time_s": round(outcome.time, 4),
-        "real_time_factor": round(outcome.time / max(explore_seconds, 1e-9), 2),
-        "path_length_m": round(outcome.path, 4),
-        "contact_path_length_m": round(outcome.contact_path, 4),
-        "peak_force_n": round(judge.peak_force if judge is not None else outcome.peak_felt, 4),
-        "range_used": round(outcome.range_used, 4),
-        "link_collisions": judge.link_collisions if judge is not None else None,
-        "min_clearance_m": round(float(clearance), 5) if np.isfinite(clearance) else None,
-        "force_guard_interventions": outcome.guard_interventions,
-        "slowed_cycles": outcome.slowed_cycles,
-        "bridged": [zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
-        "open_borders": [side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
-        "stillness": pipeline.object_motion.report() if pipeline.object_motion is not None else None,
-        **_against_truth(scene, judge, recorder, pipeline, points, normals, pitch, surface),
-        "cycle_us": outcome.cycle_us,
-        "force_control": pipeline.force.report(),
-        "stages": outcome.stages,
-        "left_out": pipeline.left_out,
-        "wrench_counters": asdict(outcome.counters),
-        "versions": versions(*_PACKAGES),
-        "machine": machine(),
-    }
+    pitch = pipeline.line_spacing or DEFAULT_SPACING
+    return Summary(
+        scene=scene.name,
+        strategy=scene.strategy.name,
+        estimator=scene.contact.estimator,
+        seed=scene.run.seed,
+        status=outcome.status,
+        reason=outcome.reason if len(points) else f"{outcome.reason}; no contact",
+        contacts=len(points),
+        voxels=len(pipeline.voxels),
+        sim_time_s=round(outcome.time, 4),
+        real_time_factor=round(outcome.time / max(explore_seconds, 1e-9), 2),
+        path_length_m=round(outcome.path, 4),
+        contact_path_length_m=round(outcome.contact_path, 4),
+        peak_force_n=round(truth.peak_force if truth is not None else outcome.peak_force, 4),
+        range_used=round(outcome.range_used, 4),
+        link_collisions=truth.link_collisions if truth is not None else None,
+        min_clearance_m=round(float(clearance), 5) if np.isfinite(clearance) else None,
+        force_guard_interventions=outcome.guard_interventions,
+        slowed_cycles=outcome.slowed_cycles,
+        bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
+        open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
+        stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
+        **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface),
+        cycle_us=outcome.cycle_us,
+        force_control=pipeline.force.report(),
+        stages=outcome.stages,
+        left_out=pipeline.left_out,
+        wrench_counters=asdict(outcome.counters),
+        versions=versions(*_PACKAGES),
+        machine=machine(),
+        line_spacing_m=pipeline.line_spacing,
+    )
 
 
 def _against_truth(
     scene: Scene,
-    judge: GroundTruth | None,
+    truth: GroundTruth | None,
     recorder: Recorder,
     pipeline: Pipeline,
     points: np.ndarray,
@@ -98,7 +102,7 @@ def _against_truth(
         "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
-    if judge is None or not scene.objects:
+    if truth is None or not scene.objects:
         return found
     solid, lowest, area = scene.solid(), scene.area.lower[2], scene.area.as_area()
     everywhere = reach(solid, scene.probe.radius, lowest)
@@ -129,11 +133,11 @@ def _against_truth(
     found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
     ends = end_errors(points, normals, everywhere)
     found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]
-    truth = [judge.contact_at(sequence) for sequence in recorder.sequences]
-    known = np.array([true is not None for true in truth])
+    touches = [truth.contact_at(sequence) for sequence in recorder.sequences]
+    known = np.array([true is not None for true in touches])
     if known.any():
-        true_points = np.array([true.point for true in truth if true is not None])
-        true_normals = np.array([true.normal for true in truth if true is not None])
+        true_points = np.array([true.point for true in touches if true is not None])
+        true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
@@ -143,7 +147,7 @@ def _against_truth(
             error = mesh_error(surface.mesh, solid, lowest).as_dict()
             found["mesh_error_mm"] = {"method": surface.report["method"], **error}
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
-            pipeline.left_out.append({"stage": "mesh error", "why": str(error)})
+            pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from lwrprobe.compiled import entry
@@ -11,11 +9,13 @@ from lwrprobe.contracts import ArmState, ArmStatus, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.safety import motion_guard_kernels as k
 from lwrprobe.kinematics import Robot
+from lwrprobe.scene import Scene
+from lwrprobe.scene.safety import SafetyTable
 
 _LAME = int(ArmStatus.NOT_COMMANDING | ArmStatus.POWER_OFF | ArmStatus.FAULT)
 
 
-def table_plane(scene: Any) -> np.ndarray | None:
+def table_plane(scene: Scene) -> np.ndarray | None:
     """(4,) for `MotionGuard`: the table's unit normal and the least height over it, None without a table."""
     plane = scene.table.plane()
     if plane is not None:
@@ -46,7 +46,7 @@ class MotionGuard:
     arrays : limits, state and peaks, as `guard_kernels.check` takes them
     """
 
-    def __init__(self, robot: Robot, cycle: float, safety: Any, plane: np.ndarray | None) -> None:
+    def __init__(self, robot: Robot, cycle: float, safety: SafetyTable, plane: np.ndarray | None) -> None:
         n = max(robot.n, k.FOLLOWING + 1)
         limits = np.zeros((6, n))
         limits[k.LOWER, : robot.n], limits[k.UPPER, : robot.n] = robot.lower, robot.upper

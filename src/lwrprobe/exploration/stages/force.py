@@ -10,6 +10,7 @@ import numpy as np
 from lwrprobe.contact import (
     Deflection,
     DriftWatch,
+    Estimator,
     LimitCycle,
     Refusal,
     TouchIdentification,
@@ -18,6 +19,7 @@ from lwrprobe.contact import (
     choose_force_law,
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
+from lwrprobe.scene import Scene
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
@@ -45,7 +47,9 @@ class ForceStage:
     rate : Hz, of the sensor
     """
 
-    def __init__(self, scene: Any, probe: Probe, conditioner: WrenchConditioner, estimator: Any, rate: float) -> None:
+    def __init__(
+        self, scene: Scene, probe: Probe, conditioner: WrenchConditioner, estimator: Estimator, rate: float
+    ) -> None:
         self._contact = scene.contact
         self._braking = scene.motion.acceleration
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import cos
-from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact import Deflection, WrenchConditioner, make_estimator
+from lwrprobe.contact import Deflection, Estimator, WrenchConditioner, make_estimator
 from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
     Area,
+    LeftOut,
     Probe,
     Reconstructor,
     Strategy,
@@ -26,6 +27,7 @@ from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.options import configure
+from lwrprobe.scene import Scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
 
 CLOSE = 1.0 + 2.0 * cos(0.1)
@@ -43,7 +45,7 @@ class Pipeline:
     trajectory: CartesianTrajectory | JointSpaceTip
     governor: SpeedGovernor | None
     conditioner: WrenchConditioner
-    estimator: Any
+    estimator: Estimator
     deflection: Deflection | None
     force: ForceStage
     object_motion: ObjectMotionMonitor | None
@@ -52,10 +54,16 @@ class Pipeline:
     clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
     reconstructor: Reconstructor
-    options: Any
+    options: object
     probe: Probe
     area: Area
-    left_out: list[dict[str, str]] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+
+    @property
+    def line_spacing(self) -> float | None:
+        """m between two neighbouring lines of the strategy, None for one without lines."""
+        declared = getattr(self.strategy, "line_spacing", None)
+        return declared if declared is not None else getattr(self.options, "step", None)
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
@@ -84,15 +92,22 @@ def _near(pose: np.ndarray, now: np.ndarray) -> bool:
 
 @dataclass(slots=True, frozen=True)
 class Choices:
-    """The plug-ins that a scene names, with their options checked."""
+    """Strategy and reconstructor of a run, with their options checked.
 
-    strategy: type[Strategy]
-    strategy_options: Any
-    reconstructor: type[Reconstructor]
-    reconstructor_options: Any
+    Attributes
+    ----------
+    strategy : makes one
+    strategy_options : handed to it in its task
+    reconstructor : makes one from its options
+    """
+
+    strategy: Callable[[], Strategy]
+    strategy_options: object
+    reconstructor: Callable[[object], Reconstructor]
+    reconstructor_options: object
 
 
-def choose(scene: Any) -> Choices:
+def choose(scene: Scene) -> Choices:
     """Load strategy and reconstructor and check their options, and the estimator's name, before anything is built.
 
     Raises UnknownNameError, PluginError or InputError.
@@ -109,7 +124,7 @@ def choose(scene: Any) -> Choices:
     )
 
 
-def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline:
+def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeline:
     """The pipeline for a scene, an arm's cycle [s] and a sensor's rate [Hz].
 
     Raises what the parts raise for bad options.
@@ -152,7 +167,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
         probe=probe,
         area=area,
         left_out=[
-            {"stage": stage, "why": why}
+            LeftOut(stage=stage, why=why)
             for stage, why in (
                 ("clearance", no_clearance),
                 (
@@ -169,7 +184,7 @@ def compose(scene: Any, choices: Choices, cycle: float, rate: float) -> Pipeline
     )
 
 
-def robot_of(scene: Any) -> Robot:
+def robot_of(scene: Scene) -> Robot:
     """The scene's robot with its base and tool."""
     return robot_by_name(scene.arm.robot).with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
 
@@ -189,7 +204,7 @@ def _motion(
 
 
 def _clearance(
-    scene: Any, probe: Probe, robot: Robot, solver: IKSolver, voxels: VoxelMap
+    scene: Scene, probe: Probe, robot: Robot, solver: IKSolver, voxels: VoxelMap
 ) -> tuple[ClearanceStage | ArmClearanceStage | None, str]:
     """The stage, or why it is left out: no link but the stick can come down to where anything can be touched."""
     settings = scene.clearance
@@ -203,7 +218,7 @@ def _clearance(
     return ClearanceStage(probe.links, voxels, keep, stick), ""
 
 
-def _object_motion(scene: Any, probe: Probe) -> ObjectMotionMonitor | None:
+def _object_motion(scene: Scene, probe: Probe) -> ObjectMotionMonitor | None:
     tolerance, knows_friction = scene.safety.shift, scene.contact.estimator != "force_direction"
     return (
         ObjectMotionMonitor(probe.radius, tolerance, scene.contact.threshold, knows_friction)
@@ -212,14 +227,14 @@ def _object_motion(scene: Any, probe: Probe) -> ObjectMotionMonitor | None:
     )
 
 
-def _deflection(scene: Any, probe: Probe) -> tuple[Deflection | None, str]:
+def _deflection(scene: Scene, probe: Probe) -> tuple[Deflection | None, str]:
     if not scene.contact.deflection:
         return None, "switched off in the scene"
     deflection = Deflection(probe)
     return (None, "the probe is rigid") if deflection.rigid else (deflection, "")
 
 
-def reaction_delay(scene: Any, cycle: float, sensor_latency: float, rate: float) -> float:
+def reaction_delay(scene: Scene, cycle: float, sensor_latency: float, rate: float) -> float:
     """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp."""
     if scene.contact.delay is not None:
         return float(scene.contact.delay)

@@ -1,0 +1,156 @@
+"""The summary of a run: every key of `summary.json` is a field here, with its unit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from lwrprobe.contracts import FormatError, LeftOut
+
+Table = dict[str, Any]
+"""One table of the file: names and plain values."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Summary:
+    """What a run did, how good it was, what each stage cost and what was left out.
+
+    A value is None, or empty, where it is not known: what needs the true shape is known in simulation alone, and runs
+    that were recorded by an earlier version lack what was added since. Errors are None where nothing was touched.
+    """
+
+    scene: str = ""
+    """Name of the scene."""
+    strategy: str = ""
+    """Name of the strategy."""
+    estimator: str = ""
+    """Name of the contact estimator."""
+    seed: int | None = None
+    """Seed of everything random."""
+    status: str = ""
+    """`done`, or `ended early`."""
+    reason: str = ""
+    """Why the run ended, one sentence."""
+    contacts: int = 0
+    """Number of contacts that the mesh is made from."""
+    voxels: int = 0
+    """Number of occupied voxels of the map."""
+    sim_time_s: float = 0.0
+    """s, duration on the robot's clock."""
+    real_time_factor: float | None = None
+    """Duration on the robot's clock divided by the wall-clock time of the exploration."""
+    path_length_m: float = 0.0
+    """m, path of the sphere's centre."""
+    contact_path_length_m: float = 0.0
+    """m, the part of that path in contact."""
+    peak_force_n: float | None = None
+    """N, largest contact force: the true one in simulation, else the measured one."""
+    range_used: float | None = None
+    """Largest share of the sensor's range that a force or torque component reached, 0 to 1."""
+    link_collisions: int | None = None
+    """How often a link other than the sphere and the stick's end began to touch anything; None on a real arm."""
+    min_clearance_m: float | None = None
+    """m, smallest distance of a watched link from the map; None without that stage."""
+    force_guard_interventions: int = 0
+    """How often the force guard took over from the strategy."""
+    slowed_cycles: int = 0
+    """Cycles in which a step was cut down to the joints' speed limits."""
+    bridged: list[Table] = field(default_factory=list)
+    """Zones narrower than the sphere: `kind`, `width_mm` [mm], `box_mm` [mm, lower and upper corner], `leaps`."""
+    open_borders: list[Table] = field(default_factory=list)
+    """Sides of the area where the object continues: `side`, `contacts`, `box_mm` [mm, lower and upper corner]."""
+    stillness: Table | None = None
+    """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm]."""
+    coverage: float | None = None
+    """Share of the reachable surface that has a contact within half the line spacing plus 1 mm, 0 to 1."""
+    coverage_upright: float | None = None
+    """The same of what a probe held upright can reach."""
+    coverage_5mm: float | None = None
+    """Share of the reachable surface that has a contact within 5 mm."""
+    coverage_over_time: list[list[float]] | None = None
+    """Rows of (time [s], coverage)."""
+    end_errors_mm: list[float | None] | None = None
+    """mm, how far the contacts fall short of (+) or pass (-) the object's two ends in x."""
+    contact_error_mm: Table | None = None
+    """mm, contact point to true contact point: `median`, `mean`, `rms`, `p95`, `max`."""
+    surface_error_mm: Table | None = None
+    """mm, contact point to true surface: `median`, `mean`, `rms`, `p95`, `max`."""
+    voxel_error_mm: Table | None = None
+    """mm, centre of an occupied voxel to true surface: `median`, `mean`, `rms`, `p95`, `max`."""
+    normal_error_deg: Table | None = None
+    """Degrees, estimated to true normal: `median`, `mean`, `p95`, `max`."""
+    mesh_error_mm: Table | None = None
+    """Mesh against the true shape: `method`, lengths in mm, `normals_deg`, `watertight`, `volume_error`, `iou`."""
+    lower_bound_time_s: float | None = None
+    """s, no exploration of this object at this line spacing and speed is faster."""
+    lower_bound_descending_s: float | None = None
+    """s, the same where the way down to an edge has to be slow enough for the force limit."""
+    cycle_us: float | None = None
+    """us of computing time, median over the arm's cycles."""
+    force_control: Table = field(default_factory=dict)
+    """Force loop: `delay_s` [s], `stiffness_along_stick` [N/m], `stability_number`, `damping` [N s/m] and more."""
+    stages: list[Table] = field(default_factory=list)
+    """Computing time a stage: `name`, `calls`, `us_median` [us], `us_p99` [us], `share` of the total."""
+    left_out: list[LeftOut] = field(default_factory=list)
+    """What the run did without: `stage`, `why`."""
+    wrench_counters: Table = field(default_factory=dict)
+    """Number of wrench samples by kind: `samples`, `invalid`, `saturated`, `lost`, `late` and more."""
+    versions: dict[str, str] = field(default_factory=dict)
+    """Versions of the packages that the figures depend on."""
+    machine: dict[str, str] = field(default_factory=dict)
+    """Processor, cores, system, Python."""
+    table_found: Table | None = None
+    """Where the table was touched by mistake: its plane and the `contacts` left out for it; None where it was not."""
+    limits_used: dict[str, float] = field(default_factory=dict)
+    """Largest share used of each limit of the motion guard, 0 to 1."""
+    devices: dict[str, Table] = field(default_factory=dict)
+    """What each driver counted on its connection, by the driver's name."""
+    resumed: Table | None = None
+    """For a run that was taken up again: `from_s` [s], `contacts_before`."""
+    unreachable_area: str = ""
+    """The part of the area that the arm cannot reach, one sentence; empty where it reaches all."""
+    wall_time_s: float | None = None
+    """s of wall-clock time in all."""
+    wall_time_parts_s: dict[str, float] = field(default_factory=dict)
+    """s of wall-clock time: `prepare`, `compile`, `explore`, `finish`."""
+    merged: list[Table] | None = None
+    """For several runs merged into one: `folder`, `contacts`, `strategy` and `registration` of each."""
+    reconstruction: Table | None = None
+    """For merged runs: the reconstructor's report."""
+    line_spacing_m: float | None = None
+    """m between two neighbouring lines of the strategy; None for a strategy without lines."""
+    other: Table = field(default_factory=dict)
+    """Keys that this version does not know, as they stand in the file."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The content of `summary.json`."""
+        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "other"}
+        return known | self.other
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Summary:
+        """From the content of a `summary.json`; missing keys keep their defaults, unknown ones go to `other`."""
+        names = {f.name for f in fields(cls)} - {"other"}
+        known = {key: value for key, value in content.items() if key in names}
+        return cls(**known, other={key: value for key, value in content.items() if key not in names})
+
+    @classmethod
+    def read(cls, path: str | Path) -> Summary:
+        """From a file. Raises FormatError, naming the file, for one that is no summary."""
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (ValueError, OSError) as error:
+            raise FormatError(f"{path}: not a summary: {error}") from None
+        if not isinstance(content, dict):
+            raise FormatError(f"{path}: not a summary: it holds a {type(content).__name__}, allowed: an object")
+        return cls.from_dict(content)
+
+    def write(self, path: str | Path) -> Path:
+        """Write `summary.json`, whole or not at all; the path."""
+        path = Path(path)
+        part = path.with_name(f"{path.name}.part")
+        part.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
+        return path

@@ -1,0 +1,83 @@
+"""What a strategy asks for, handed to the generator unless the arm could not follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lwrprobe.contracts import Done, Goal, Motion
+from lwrprobe.exploration.loop.arm_motion import ArmMotion
+from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.kinematics import IKStatus, follow, straight_line
+
+LOOK_AHEAD = 0.1
+"""s of a velocity command that the arm must be able to follow."""
+STRIDE, STRIDE_TURN = 0.02, 0.1
+"""m and rad between the poses at which a straight way is looked at."""
+
+
+class MotionRequest:
+    """Checks reach and clearance of what the strategy asks for, and answers its questions about both.
+
+    Parameters
+    ----------
+    pipeline : generator, inverse kinematics, clearance
+    arm : where the joints are
+
+    Attributes
+    ----------
+    current : the motion asked for last, None before the first
+    """
+
+    def __init__(self, pipeline: Pipeline, arm: ArmMotion) -> None:
+        self._pipeline, self._arm = pipeline, arm
+        self._ahead = np.zeros(pipeline.robot.n)
+        self.current: Motion | None = None
+
+    def adopt(self, motion: Motion, urgent: bool = False) -> None:
+        """Hand a motion to the generator, unless the arm could not follow it a moment from now.
+
+        An urgent one goes as far as it can: to stand still would be to go on pressing.
+        """
+        trajectory = self._pipeline.trajectory
+        self.current = motion
+        if isinstance(motion, Done):
+            trajectory.stop()
+        elif isinstance(motion, Goal):
+            if self._permitted(motion.pose):
+                trajectory.set_goal(motion.pose, motion.speed, motion.turn_rate)
+        else:
+            if not urgent:
+                ahead = trajectory.pose.copy()
+                ahead[:3, 3] += LOOK_AHEAD * motion.velocity
+                if not self._permitted(ahead):
+                    return
+            trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
+
+    def reachable(self, poses: Sequence[np.ndarray]) -> bool:
+        """Whether the arm can take the tip straight through these poses (4, 4) in turn; see `Task.reachable`."""
+        begin, q = self._pipeline.trajectory.pose.copy(), self._arm.q
+        for end in poses:
+            line = straight_line(begin, end, STRIDE, STRIDE_TURN)
+            found = follow(self._pipeline.robot, line, q, solver=self._pipeline.solver)
+            if not found.complete:
+                return False
+            begin, q = end, found.q[-1]
+        return True
+
+    def clear(self, poses: Sequence[np.ndarray]) -> bool:
+        """Whether all links keep their distance on the way through these poses (4, 4); see `Task.clear`."""
+        stage = self._pipeline.clearance
+        return stage is None or stage.clear([self._pipeline.trajectory.pose.copy(), *poses], self._arm.q)
+
+    def _permitted(self, pose: np.ndarray) -> bool:
+        """Whether the arm may go to a pose (4, 4); else the generator is stopped and the arm says what blocks it."""
+        pipeline, arm = self._pipeline, self._arm
+        status = pipeline.judge(pose, arm.q, self._ahead)
+        arm.blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
+        if not arm.blocked and pipeline.clearance is not None:
+            arm.blocked = pipeline.clearance.objection(pipeline.trajectory.pose, pose, arm.q)
+        if arm.blocked:
+            pipeline.trajectory.stop()
+        return not arm.blocked

@@ -1,0 +1,177 @@
+"""One wrench sample: conditioned, made a contact, put into the map, shown to the strategy, answered with a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench
+from lwrprobe.contracts import Contact, Motion, Observation, PluginError, WrenchSample
+from lwrprobe.exploration.loop.arm_motion import ArmMotion
+from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.loop.run_record import RunRecord
+from lwrprobe.exploration.loop.stage_clock import StageClock
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.safety.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.retreat import Retreat
+from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.scene import Scene
+
+FORGET = 0.5
+"""s without a touch, after which the surface is another one for the contact estimator."""
+SETTLED = 3
+"""Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
+
+
+class SampleStep:
+    """The way of one wrench sample through the pipeline.
+
+    Parameters
+    ----------
+    scene : contact and motion settings
+    pipeline : its stages
+    arm : where the tip was at the sample's instant
+    request : takes the strategy's motion
+    recorder, record : contacts go to the one, path and forces to the other
+    clock : takes the time of each stage
+    silence : is told of each sample
+    confirm : asks the operator for the first motions, None asks nobody
+
+    Attributes
+    ----------
+    zero_time : s on the arm's clock at which the run begins
+    observation : the last one, None before the first sample
+    force_guard : how often it took over
+    retreat : the tip's way back
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        pipeline: Pipeline,
+        arm: ArmMotion,
+        request: MotionRequest,
+        recorder: Recorder,
+        record: RunRecord,
+        clock: StageClock,
+        silence: SilenceGuard,
+        confirm: Confirm | None,
+    ) -> None:
+        self._pipeline, self._arm, self._request = pipeline, arm, request
+        self._recorder, self._record, self._clock = recorder, record, clock
+        self._silence, self._confirm = silence, confirm
+        self._strategy_name = scene.strategy.name
+        contact, torque = scene.contact, scene.safety.torque_share * pipeline.probe.torque_range
+        self._threshold, self._light = float(contact.threshold), 0.5 * contact.target
+        self.force_guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
+        self.retreat = Retreat(scene.safety.lift)
+        self.zero_time = 0.0
+        self.observation: Observation | None = None
+        self._last_touch, self._touch_age = -np.inf, 0
+
+    def process(self, sample: WrenchSample) -> Observation:
+        """Take one sample all the way; what the strategy was shown.
+
+        Raises SensorLost where the sensor cannot be relied on, SafetyStop and PluginError.
+        """
+        clock, pipeline, arm = self._clock, self._pipeline, self._arm
+        pose, velocity = arm.history.tip_at(sample.time)
+        rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
+        wrench = pipeline.conditioner.condition(sample, rotation)
+        self._silence.heard(sample.status | wrench.status)
+        failing = pipeline.conditioner.failing
+        if failing:
+            raise SensorLost(f"the sensor cannot be relied on: {failing}")
+        clock.lap("condition")
+        size = wrench.magnitude
+        if size > self._light:
+            self._record.note_range(wrench)
+        contact = self._contact(sample, wrench, size, place, rotation, velocity)
+        confirmed = not wrench.status & UNCONFIRMED
+        pipeline.force.update(wrench, pose, contact)
+        time = sample.time - self.zero_time
+        if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
+            pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance)
+        clock.lap("watch")
+        near = pipeline.clearance.nearest(pose, arm.history.q) if pipeline.clearance is not None else None
+        clock.lap("clearance")
+        seen = Observation(
+            time=time,
+            pose=pose,
+            velocity=velocity,
+            force=wrench.world_force,
+            contact=contact,
+            clearance=near,
+            goal_reached=pipeline.trajectory.arrived,
+            blocked=arm.blocked,
+        )
+        self._answer(seen, wrench, confirmed)
+        self.retreat.note(place, contact.normal if contact is not None else None)
+        self._record.note(seen, place, size)
+        clock.lap("record")
+        self.observation = seen
+        return seen
+
+    def _contact(
+        self,
+        sample: WrenchSample,
+        wrench: Wrench,
+        size: float,
+        place: np.ndarray,
+        rotation: np.ndarray,
+        velocity: np.ndarray,
+    ) -> Contact | None:
+        """The contact of a sample above the threshold, stored where it can be trusted; else free space is recorded."""
+        clock, pipeline = self._clock, self._pipeline
+        if size < self._threshold:
+            self._touch_age = 0
+            if pipeline.sweep is not None:
+                pipeline.sweep.move_to(place)
+                clock.lap("carve")
+            return None
+        if sample.time - self._last_touch > FORGET:
+            pipeline.estimator.reset()
+        self._last_touch = sample.time
+        centre = place
+        if pipeline.deflection is not None:
+            centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
+        contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
+        contact.time = sample.time - self.zero_time
+        clock.lap("estimate")
+        self._touch_age += 1
+        # A light touch says little: the error of its normal goes with one over the force.
+        settled = self._touch_age > SETTLED and size >= self._light
+        if contact.trust >= TRUSTED and settled and pipeline.force.settled:
+            pipeline.voxels.insert_point(contact.point)
+            clock.lap("map")
+            self._recorder.contact(contact, sample.sequence)
+            clock.lap("record")
+        if pipeline.sweep is not None:
+            pipeline.sweep.leave()
+        return contact
+
+    def _answer(self, seen: Observation, wrench: Wrench, confirmed: bool) -> None:
+        """The strategy's motion, or the force guard's, to the generator."""
+        arm, force = self._arm, self._pipeline.force
+        override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed)
+        motion: Motion
+        if confirmed or override is None:
+            motion = force.limit(self._ask(seen), wrench, arm.history.acceleration)
+        else:
+            motion = override  # maybe a spike: the strategy is not shown it, the tip holds still until the next sample
+        self._clock.lap("strategy")
+        if self._confirm is not None and override is None:
+            motion = self._confirm.filter(motion)
+        self._request.adopt(override or motion, urgent=override is not None)
+        self._clock.lap("trajectory")
+
+    def _ask(self, seen: Observation) -> Motion:
+        try:
+            return self._pipeline.strategy.step(seen)
+        except Exception as error:
+            raise failed(self._strategy_name, error) from error
+
+
+def failed(name: str, error: Exception) -> PluginError:
+    """A strategy's error in words that name the strategy."""
+    return PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}")
