@@ -7,17 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact import (
-    Deflection,
-    DriftWatch,
-    LimitCycle,
-    Refusal,
-    TouchIdentification,
-    Wrench,
-    WrenchConditioner,
-    choose_force_law,
-)
+from lwrprobe.contact import Deflection, DriftWatch, LimitCycle, TouchIdentification, Wrench, WrenchConditioner
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
+from lwrprobe.control import Refusal, choose_force_law
 
 FREE_WINDOW = 0.5
 """s of even travel without a touch after which the zero may be moved."""
