@@ -11,7 +11,7 @@ HOUSE = ROOT / "src" / "lwrprobe"
 LEVELS = [
     {"errors"},
     {"contracts"},
-    {"compiled", "options"},
+    {"compiled", "options", "control"},
     {"kinematics", "trajectory"},
     {"contact", "mapping"},
     {"collision", "reconstruction"},
@@ -28,7 +28,7 @@ PLUGINS = {
     "drivers/lwrprobe_fri": {"contracts", "compiled"},
     "drivers/lwrprobe_ati": {"contracts", "compiled"},
     "drivers/lwrprobe_rig": {"contracts", "options", "scene"},
-    "strategies/lwrprobe_strategies": {"contracts", "compiled"},
+    "strategies/lwrprobe_strategies": {"contracts", "control"},
 }
 """Which rooms of the library each plug-in may know."""
 

@@ -1,7 +1,7 @@
-"""The built-in exploration strategies, and the building blocks that any strategy may use.
+"""The built-in exploration strategies, and the parts from which others are made.
 
-- `grid`: the lines that cover an area
-- `following`: one contour step along a surface at constant force, and rolling around a lost edge
-- `states`: the state machine as one table
-- `contouring`: the strategy that the built-in ones share; they differ in how they answer a collision threat
+- `skills`: compliant motions, one a file
+- `planning`: what to do next, without motion: lines, paths, what the contacts so far leave out
+- `supervisor`: runs a program of skills as a strategy; interruptions and trace
+- `coverage`: the program that the built-in strategies share; they differ in how they answer a collision threat
 """

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from lwrprobe.contracts import Observation
-from lwrprobe_strategies.contouring import Contouring
-from lwrprobe_strategies.course import Z
-from lwrprobe_strategies.states import State
+from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.planning.lines import Z
+from lwrprobe_strategies.skills import Procedure, retract
+
+MAX_THREATS = 2
+"""On one line; what still comes near after as many is given up."""
+NEAR_SIDE = -0.3
+"""Share of the normal along the line, below which the line leads into the object."""
+ONWARD = 0.2
+"""Share of the retraction along the line: the grid's direction is kept."""
 
 
-class GridVersion(Contouring):
+class GridVersion(Coverage):
     """Grid lines along y; a contour is aborted at a collision threat and the grid goes on in its direction."""
 
-    def avoid(self, seen: Observation) -> State:
-        """Abort: leave along the surface's normal, then go on along the line.
+    def avoid(self) -> Procedure | None:
+        """Abort: retract along the surface's normal, then go on along the line.
 
         Before an object's near side the line leads into the object: there, and after a second threat on the same
         line, the line is given up and the next one begins from above.
         """
-        self._aborts += 1
-        onward = self.course.ahead()
-        if self._aborts > 2 or self.follower.normal @ onward < -0.3 or self.course.line.rim:
-            return self.give_up_line(seen)
-        away = self.follower.normal.copy()
+        line, away = self.frame.line, self.tip.control.normal.copy()
+        if self.threats > MAX_THREATS or away @ line.ahead < NEAR_SIDE or line.outline:
+            return self.give_up()
         away[Z] = max(away[Z], 0.0)
-        return self.retreat(seen, away + 0.2 * onward)
+        return retract(self.tip, self.frame, away + ONWARD * line.ahead, self.options.retreat)

@@ -5,22 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lwrprobe.contracts import Observation
-from lwrprobe_strategies.contouring import Contouring, ContouringConfig, Y
-from lwrprobe_strategies.course import Z
-from lwrprobe_strategies.itinerary import ALMOST
-from lwrprobe_strategies.lines import Line
-from lwrprobe_strategies.states import Plane, State
+from lwrprobe_strategies.coverage import Coverage, CoverageConfig
+from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, Y, Z
+from lwrprobe_strategies.skills import Procedure
+
+MAX_THREATS = 4
+"""On one line; a contour that is threatened again after as many leads nowhere."""
+AROUND = 0.5
+"""Share of the normal along y, below which a level contour has come around the object's end."""
 
 
 @dataclass(slots=True, frozen=True)
-class SurfaceContourConfig(ContouringConfig):
+class SurfaceContourConfig(CoverageConfig):
     """As the shared options, with the source's step for this strategy."""
 
     step: float = 0.015
 
 
-class SurfaceContour(Contouring):
+class SurfaceContour(Coverage):
     """A threat turns the contour from Z_Y into X_Y or back; the object is followed without a break.
 
     Departure: a contour in X_Y that has come as far as the next grid line turns back into Z_Y there and takes that
@@ -31,16 +33,14 @@ class SurfaceContour(Contouring):
 
     def leaves_descents(self, line: Line) -> bool:
         """What may be taller than the stick is descended as far as that goes, and then followed around in X_Y."""
-        tall = self.itinerary.height > self.task.area.lower[Z] + ALMOST
-        return not tall and Contouring.leaves_descents(self, line)
+        tall = self.lines.height > self.task.area.lower[Z] + ON_FLOOR
+        return not tall and super().leaves_descents(line)
 
-    def avoid(self, seen: Observation) -> State:
+    def avoid(self) -> Procedure | None:
         """Change the motion state and go on contouring; give the line up when that has led nowhere."""
-        self._aborts += 1
-        plane = self.course.plane
-        around_the_end = plane is Plane.X_Y and abs(self.follower.normal[Y]) < 0.5
-        line = self.course.line
+        line, level = self.frame.line, self.frame.level
+        around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
         # Beside the foot of a near side nothing is known of what the body would meet on its way around.
-        if self._aborts > 4 or around_the_end or line.axis != Y or line.on_surface:
-            return self.give_up_line(seen)
-        return self.follow_in(Plane.X_Y if plane is Plane.Z_Y else Plane.Z_Y)
+        if self.threats > MAX_THREATS or around_the_end or line.axis != Y or line.on_surface:
+            return self.give_up()
+        return self.contour_upright() if level else self.contour_level()

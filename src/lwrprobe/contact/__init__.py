@@ -1,19 +1,10 @@
-"""From the sensor's reading to a contact on the sphere, and how to press on it."""
+"""From the sensor's reading to a contact on the sphere."""
 
 from lwrprobe.contact.agreed_bias import AgreedBias, agreed_bias
 from lwrprobe.contact.conditioner import BiasOutcome, Counters, WrenchConditioner
 from lwrprobe.contact.deflection import Compliance, Deflection, identify_compliance
 from lwrprobe.contact.drift import BiasChange, DriftWatch
 from lwrprobe.contact.estimator import ESTIMATORS, REASONS, TRUSTED, Estimator, Settings, make_estimator
-from lwrprobe.contact.force_law import (
-    ForceLaw,
-    Refusal,
-    approach_speed,
-    choose_force_law,
-    contour_speed,
-    peak_force,
-    sideways_force_limit,
-)
 from lwrprobe.contact.limit_cycle import LimitCycle
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
@@ -35,11 +26,9 @@ __all__ = [
     "Deflection",
     "DriftWatch",
     "Estimator",
-    "ForceLaw",
     "LimitCycle",
     "Payload",
     "ProbeCheck",
-    "Refusal",
     "Settings",
     "TimeSkew",
     "TouchFit",
@@ -48,15 +37,10 @@ __all__ = [
     "WrenchConditioner",
     "WrenchNoise",
     "agreed_bias",
-    "approach_speed",
     "check_probe",
-    "choose_force_law",
-    "contour_speed",
     "identify_compliance",
     "identify_payload",
     "make_estimator",
-    "peak_force",
-    "sideways_force_limit",
     "time_skew",
     "zero_force_point",
 ]

@@ -13,35 +13,16 @@ from lwrprobe.compiled import entry
 from lwrprobe.contact import fused_kernels, kernels
 from lwrprobe.contact.wrench import Wrench, WrenchNoise
 from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
+from lwrprobe.contracts.contact import RELIABLE_FROM, Doubt
 from lwrprobe.contracts.samples import Vector
 
-TRUSTED: Final = 0.5
+TRUSTED: Final = RELIABLE_FROM
 """A contact whose trust is below this must not enter the map."""
 
-REASONS: Final = (
-    "",
-    "near-zero force",
-    "saturated axis",
-    "axis misses the sphere",
-    "stale",
-    "invalid",
-    "unconfirmed jump",
-    "imprecise",
-    "ambiguous normal",
-)
-"""Why a contact is trusted little.
-
-- *near-zero force*: under `Settings.near_zero`; noise has no direction.
-- *saturated axis*: one of the six is at the end of its range.
-- *axis misses the sphere*: the line of action passes the sphere, or meets it at a slope that no friction up to
-  `Settings.max_friction` explains: two contacts, or the stick is touching.
-- *stale*: the sample is late, out of order or a repetition.
-- *invalid*: no reading (NaN, infinite, beyond the sensor), or the bridge voltage is low.
-- *unconfirmed jump*: may be a spike; the next sample tells.
-- *imprecise*: the noise at this force leaves more than `Settings.trusted_error` of expected error.
-- *ambiguous normal*: the normal turned more than one contact on a moving sphere can: an inner edge with two contacts
-  (`fused` alone sees this).
-"""
+REASONS: Final = tuple(Doubt)
+"""Why a contact is trusted little, in the order of the kernels' reasons. *near-zero force* is one under
+`Settings.near_zero`, *axis misses the sphere* one that no friction up to `Settings.max_friction` explains, *imprecise*
+one whose expected error is above `Settings.trusted_error`; `fused` alone sees an *ambiguous normal*."""
 
 
 @dataclass(slots=True, frozen=True)

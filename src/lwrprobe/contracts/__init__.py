@@ -3,7 +3,7 @@
 Plain dataclasses and protocols on numpy arrays, SI units, float64, world frame unless said otherwise.
 """
 
-from lwrprobe.contracts.contact import Clearance, Contact
+from lwrprobe.contracts.contact import Clearance, Confidence, Contact, Doubt
 from lwrprobe.contracts.driver import (
     DRIVER_CONTRACT,
     Arm,
@@ -59,10 +59,12 @@ __all__ = [
     "ArmState",
     "ArmStatus",
     "Clearance",
+    "Confidence",
     "ConnectionLost",
     "Contact",
     "DeviceRefused",
     "Done",
+    "Doubt",
     "Driver",
     "DriverContext",
     "DriverError",

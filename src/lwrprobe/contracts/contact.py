@@ -3,9 +3,52 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum, StrEnum
 from math import sqrt
 
 from lwrprobe.contracts.samples import Vector
+
+
+class Doubt(StrEnum):
+    """Why a contact is trusted little."""
+
+    NONE = ""
+    NEAR_ZERO = "near-zero force"
+    """The force is so small that noise decides its direction."""
+    SATURATED = "saturated axis"
+    """One of the six axes is at the end of its range."""
+    AXIS_MISSES = "axis misses the sphere"
+    """The line of action passes the sphere, or meets it at a slope that no friction explains: the stick touches, or
+    there are two contacts."""
+    STALE = "stale"
+    """The sample is late, out of order or a repetition."""
+    INVALID = "invalid"
+    """No reading (NaN, infinite, out of range), or the bridge voltage is low."""
+    UNCONFIRMED = "unconfirmed jump"
+    """The sample may be a spike; the next one decides."""
+    IMPRECISE = "imprecise"
+    """At this force the noise leaves a large expected error of the normal."""
+    AMBIGUOUS = "ambiguous normal"
+    """The normal turned more than one contact on a moving sphere can: an inner edge with two contacts."""
+
+
+class Confidence(IntEnum):
+    """What a contact may be used for; each level includes those below it."""
+
+    NONE = 0
+    """No contact of the sphere explains the force. The normal is the direction of the force."""
+    DOUBTFUL = 1
+    """There is a normal. It may also be the stick that touches."""
+    IMPRECISE = 2
+    """The sphere touches; the point is too imprecise for the map."""
+    RELIABLE = 3
+    """One surface, touched by the sphere: the point may enter the map."""
+
+
+RELIABLE_FROM = 0.5
+"""Trust from which on a contact may enter the map."""
+DOUBTFUL_TO = 0.1
+"""Trust up to which the stick may be what touches."""
 
 
 @dataclass(slots=True)
@@ -14,13 +57,13 @@ class Contact:
 
     Attributes
     ----------
-    time : s, of the wrench sample it comes from
+    time : s since the start of the run, of the wrench sample it comes from
     point : (3,) m, on the object's surface
     normal : (3,) unit, out of the object
     force : (3,) N, acting on the sphere
     centre : (3,) m, the sphere's centre at that instant
-    trust : 0 (do not use) .. 1
-    reason : why the trust is low, empty when it is not; one of the names the estimators' page lists
+    trust : 0 (do not use) .. 1, the weight of the point in a reconstruction; see `confidence`
+    reason : why the trust is low
     """
 
     time: float
@@ -29,7 +72,16 @@ class Contact:
     force: Vector
     centre: Vector
     trust: float = 1.0
-    reason: str = ""
+    reason: Doubt = Doubt.NONE
+
+    @property
+    def confidence(self) -> Confidence:
+        """What the contact may be used for."""
+        if self.trust >= RELIABLE_FROM:
+            return Confidence.RELIABLE
+        if self.trust > DOUBTFUL_TO:
+            return Confidence.IMPRECISE
+        return Confidence.DOUBTFUL if self.trust > 0.0 else Confidence.NONE
 
     @property
     def magnitude(self) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lwrprobe.bench.simulation import build_world
-from lwrprobe.contact import ForceLaw
+from lwrprobe.control import ForceLaw
 
 TOP = 0.055
 """m, height of the sphere's centre over the block's top."""

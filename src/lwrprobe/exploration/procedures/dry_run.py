@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact.force_law import Refusal, choose_force_law
 from lwrprobe.contracts.driver import HealthCheck
+from lwrprobe.control.force_law import Refusal, choose_force_law
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
@@ -51,7 +51,7 @@ def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> Dr
 
 
 def stability(scene: Scene, cycle: float, latency: float) -> HealthCheck:
-    """S = K tau / B of the stiffest direction, and how fast it may be touched (see `contact.force_law`)."""
+    """S = K tau / B of the stiffest direction, and how fast it may be touched (see `control.force_law`)."""
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     probe, contact = scene.probe.as_probe(), scene.contact
     soft = 1.0 / contact.stiffness + probe.compliance.min()

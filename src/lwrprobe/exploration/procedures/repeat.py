@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lwrprobe.contact import TRUSTED
-from lwrprobe.contact.force_law import Refusal, choose_force_law
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Contact,
@@ -26,6 +25,7 @@ from lwrprobe.contracts import (
     VelocityCommand,
 )
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.control.force_law import Refusal, choose_force_law
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import WatchFunction
 from lwrprobe.exploration.procedures.explore import explore

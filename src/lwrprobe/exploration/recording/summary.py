@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contact import approach_speed
 from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction
+from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
     Reach,
     coverage,

@@ -12,13 +12,12 @@ from lwrprobe.contact import (
     DriftWatch,
     Estimator,
     LimitCycle,
-    Refusal,
     TouchIdentification,
     Wrench,
     WrenchConditioner,
-    choose_force_law,
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
+from lwrprobe.control import Refusal, choose_force_law
 from lwrprobe.scene import Scene
 
 FREE_WINDOW = 0.5

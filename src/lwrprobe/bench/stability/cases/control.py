@@ -8,15 +8,9 @@ from lwrprobe.bench.simulation import build_world
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.gantry_loop import TOP, UPRIGHT, press
 from lwrprobe.bench.stability.runs import strip
-from lwrprobe.contact import (
-    Refusal,
-    WrenchConditioner,
-    agreed_bias,
-    choose_force_law,
-    peak_force,
-    zero_force_point,
-)
+from lwrprobe.contact import WrenchConditioner, agreed_bias, zero_force_point
 from lwrprobe.contracts import WrenchSample
+from lwrprobe.control import Refusal, choose_force_law, peak_force
 
 TARGET, LIMIT, THRESHOLD, BRAKING = 0.8, 3.0, 0.2, 1.0
 STICK = 1.3e6

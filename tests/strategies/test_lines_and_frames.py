@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area, InputError
-from lwrprobe_strategies.course import FASTEST_PULL, Course
-from lwrprobe_strategies.lines import Grid, Line
-from lwrprobe_strategies.states import Plane
+from lwrprobe_strategies.planning.lines import Grid, Line
+from lwrprobe_strategies.planning.tracking_frame import MAX_RETURN, Plane, TrackingFrame
 
 AREA = Area(np.array([-0.085, -0.06, 0.006]), np.array([0.085, 0.06, 0.058]))
 
@@ -47,29 +46,28 @@ def test_a_bad_step_is_named(step):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_tangent_leads_onward_over_the_top_and_up_a_wall_ahead(axis, sign):
     line = Line(axis, 0.01, -0.05 * sign, 0.05 * sign, 0.006)
-    course = Course(line, AREA)
-    course.plane = course.upright()
-    ahead = course.ahead()
-    assert course.plane is (Plane.Z_Y if axis == 1 else Plane.Z_X)
-    np.testing.assert_allclose(np.cross([0.0, 0.0, 1.0], course.across()), ahead, atol=1e-12)
-    np.testing.assert_allclose(np.cross(-ahead, course.across()), [0.0, 0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(np.cross(ahead, course.across()), [0.0, 0.0, -1.0], atol=1e-12)
-    assert not course.past_end(line.start)
-    assert course.past_end(line.at(line.end))
+    frame = TrackingFrame(line, AREA)
+    ahead = line.ahead
+    assert frame.plane is (Plane.Z_Y if axis == 1 else Plane.Z_X)
+    np.testing.assert_allclose(np.cross([0.0, 0.0, 1.0], frame.binormal()), ahead, atol=1e-12)
+    np.testing.assert_allclose(np.cross(-ahead, frame.binormal()), [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(np.cross(ahead, frame.binormal()), [0.0, 0.0, -1.0], atol=1e-12)
+    assert not frame.past_end(line.start)
+    assert frame.past_end(line.at(line.end))
 
 
 def test_a_probe_pushed_off_its_line_is_pulled_back_within_the_surface():
-    course = Course(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
+    frame = TrackingFrame(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
     normal = np.array([0.6, 0.0, 0.8])
-    pull = course.back(np.array([0.012, 0.0, 0.03]), normal)
+    pull = frame.back(np.array([0.012, 0.0, 0.03]), normal)
     assert pull @ normal == pytest.approx(0.0, abs=1e-12)
     assert pull[0] < 0.0
-    far = course.back(np.array([0.5, 0.0, 0.03]), np.array([0.0, 0.0, 1.0]))
-    assert far[0] == -FASTEST_PULL
+    far = frame.back(np.array([0.5, 0.0, 0.03]), np.array([0.0, 0.0, 1.0]))
+    assert far[0] == -MAX_RETURN
 
 
 def test_no_velocity_leads_out_of_the_area():
-    course = Course(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
-    assert course.bounded(np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.01, -0.02]))[2] == 0.0
-    assert course.bounded(np.array([0.086, 0.0, 0.02]), np.array([0.01, 0.0, 0.0]))[0] == 0.0
-    assert course.bounded(np.array([0.086, 0.0, 0.02]), np.array([-0.01, 0.0, 0.0]))[0] == -0.01
+    frame = TrackingFrame(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
+    assert frame.bounded(np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.01, -0.02]))[2] == 0.0
+    assert frame.bounded(np.array([0.086, 0.0, 0.02]), np.array([0.01, 0.0, 0.0]))[0] == 0.0
+    assert frame.bounded(np.array([0.086, 0.0, 0.02]), np.array([-0.01, 0.0, 0.0]))[0] == -0.01

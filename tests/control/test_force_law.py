@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from lwrprobe.contact import (
+from lwrprobe.contact import LimitCycle
+from lwrprobe.contracts import InputError
+from lwrprobe.control import (
     ForceLaw,
-    LimitCycle,
     Refusal,
     approach_speed,
     choose_force_law,
@@ -15,8 +16,7 @@ from lwrprobe.contact import (
     peak_force,
     sideways_force_limit,
 )
-from lwrprobe.contact.force_law import NO_OVERSHOOT
-from lwrprobe.contracts import InputError
+from lwrprobe.control.force_law import NO_OVERSHOOT
 
 TARGET, LIMIT = 1.0, 5.0
 
@@ -112,21 +112,11 @@ def test_a_given_damping_is_judged_by_its_stability_number():
     assert "stability number" in refused.reason
 
 
-def test_the_law_presses_feeds_and_releases():
+def test_the_law_presses_slowly_and_yields_at_once():
     law = choose_force_law(1e4, 0.01, TARGET, LIMIT)
     assert law.normal_velocity(TARGET) == 0.0
     assert law.normal_velocity(0.0) >= -law.approach_speed
     assert law.normal_velocity(20.0) == pytest.approx(19.0 / law.damping)  # yielding is never clipped
-    assert law.feed(TARGET) == law.contour_speed
-    feeds = [law.feed(f) for f in (1.0, 2.0, 4.0, 5.0, 9.0)]
-    assert feeds == sorted(feeds, reverse=True)
-    assert feeds[-1] == pytest.approx(0.1 * law.contour_speed)
-    assert law.feed(TARGET, math.pi / 2) == pytest.approx(0.25 * law.contour_speed)
-    force = np.array([3.0, -4.0, 0.0])
-    velocity = law.release(force)
-    np.testing.assert_allclose(np.cross(velocity, force), 0.0, atol=1e-15)
-    assert velocity @ force > 0.0
-    np.testing.assert_array_equal(law.release(np.zeros(3)), np.zeros(3))
 
 
 def test_torque_limits_the_force_across_the_stick():

@@ -1,4 +1,4 @@
-"""Ways through free space, and how much is known about each piece of them."""
+"""Paths through free space, and how fast each piece of them may be driven."""
 
 from __future__ import annotations
 
@@ -10,44 +10,42 @@ from math import cos
 import numpy as np
 
 from lwrprobe.contracts import Task
-from lwrprobe_strategies.course import Z
-from lwrprobe_strategies.lines import Line
-from lwrprobe_strategies.touched import Touched
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 
-X, Y = 0, 1
 THERE = 2e-4
-"""m, from which on a place counts as reached."""
+"""m, within which a place is reached."""
 HELD = 1.0 + 2.0 * cos(0.02)
-"""Trace of the turn between two orientations that are alike, to a degree."""
+"""Trace of the turn between two orientations that are alike to a degree."""
 OFF = 0.003
-"""m, off a surface that is left."""
+"""m off a surface, where it has been left."""
 BORDER = 0.001
 """m, within which a place is one on the border."""
 COLUMN = 0.0025
-"""m sideways, within which a place above is one in the probe's own column."""
+"""m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
 STOP = 0.15
-"""s, that a stop between two pieces of way costs."""
+"""s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
 RISE = 0.0015
-"""m, that something may be higher than what was touched of it."""
+"""m by which something may be higher than what was touched of it."""
 DEEP = 5.0
-"""A metre down into the unknown takes as long as so many sideways."""
+"""Metres sideways that take as long as one down into the unknown."""
 FARTHEST = 0.3
-"""m sideways, as which the rest of a way from a known column may count at most."""
+"""m sideways, as which the rest of a path from a known column may count at most; more is no gain."""
 HOVER = 0.0005
-"""m above a known touch, down to which a descent is fast: the probe has stood there, its stick filled the column."""
+"""m above a known contact, down to which a descent is fast: the stick has filled the column there."""
 
 
-Feeling = Callable[[np.ndarray], float]
+SafeSpeed = Callable[[np.ndarray], float]
 """Speed, m/s, at which something may be met along a unit direction (3,)."""
 
 
 class Pace(Enum):
-    """How fast a piece of way may be driven."""
+    """How fast a piece of a path may be driven."""
 
     FREE = auto()
     """Nothing is there: the probe has been there, or its column has, or it lies above the area."""
-    FEELING = auto()
-    """Something may be touched: as slow as the series of probe and object demands in that direction."""
+    GUARDED = auto()
+    """Something may be memory: as slow as the stiffness in that direction demands."""
 
 
 @dataclass(slots=True)
@@ -57,8 +55,8 @@ class Waypoint:
     Attributes
     ----------
     place : (3,) m, of the sphere's centre
-    pace : of the way there
-    rotation : (3, 3) of the tip to turn to on the way there, None = as it is
+    pace : how fast
+    rotation : (3, 3) of the tip to turn to meanwhile, None = as it is
     """
 
     place: np.ndarray
@@ -66,7 +64,7 @@ class Waypoint:
     rotation: np.ndarray | None = None
 
     def reached(self, pose: np.ndarray) -> bool:
-        """Whether the tip's pose (4, 4) is as good as there."""
+        """Whether the tip's pose (4, 4) is there."""
         (x, y, z), (tx, ty, tz) = pose[:3, 3].tolist(), self.place.tolist()
         there = max(abs(x - tx), abs(y - ty), abs(z - tz)) < THERE
         return there and (self.rotation is None or held(pose, self.rotation))
@@ -77,15 +75,15 @@ def held(pose: np.ndarray, rotation: np.ndarray) -> bool:
     return bool(np.vdot(rotation, pose[:3, :3]) > HELD)
 
 
-def way_to(
-    line: Line, here: np.ndarray, turn: np.ndarray, task: Task, touched: Touched, feeling: Feeling
+def path_to(
+    line: Line, here: np.ndarray, turn: np.ndarray, task: Task, memory: ContactMemory, safe_speed: SafeSpeed
 ) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven, `feeling` as in `seconds`.
+    `turn` (3, 3) is the orientation in which the line is to be driven, `safe_speed` as in `seconds`.
     """
     start, top = line.start, float(task.area.upper[Z])
-    if line.axis == X and not line.on_surface and _met_nothing(touched, here, start, task.probe.radius):
+    if line.axis == X and not line.on_surface and _met_nothing(memory, here, start, task.probe.radius):
         return [Waypoint(start, rotation=turn)]
     if not line.on_surface and np.abs(start[:2] - here[:2]).max() < COLUMN and start[Z] > here[Z]:
         return [Waypoint(start, rotation=turn)]  # up the probe's own column
@@ -93,29 +91,29 @@ def way_to(
     above = np.array([start[X], start[Y], top])
     if line.on_surface:
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        down = [Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.FEELING)]
+        down = [Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.GUARDED)]
         return [up, Waypoint(above, rotation=turn), *down]
-    column = _known_column(touched, start, line.axis)
+    column = _known_column(memory, start, line.axis)
     if column is None:
-        over = [up, Waypoint(above, rotation=turn), Waypoint(start, Pace.FEELING)]
+        over = [up, Waypoint(above, rotation=turn), Waypoint(start, Pace.GUARDED)]
     else:
         above[:2] = column[:2]
-        over = [up, Waypoint(above, rotation=turn), Waypoint(column), Waypoint(start, Pace.FEELING)]
+        over = [up, Waypoint(above, rotation=turn), Waypoint(column), Waypoint(start, Pace.GUARDED)]
     if line.axis == X or abs(here[Y] - line.begin) > BORDER:
         return over
     # Nothing should stand on the border; where something does, the area is cut through an object.
     beside = np.array([start[X], start[Y], here[Z]])
-    down = Pace.FEELING if here[Z] > start[Z] + 1e-3 else Pace.FREE
-    along = [Waypoint(here, rotation=turn), Waypoint(beside, Pace.FEELING), Waypoint(start, down)]
-    return min(along, over, key=lambda way: seconds(way, here, task, feeling))
+    pace = Pace.GUARDED if here[Z] > start[Z] + BORDER else Pace.FREE
+    along = [Waypoint(here, rotation=turn), Waypoint(beside, Pace.GUARDED), Waypoint(start, pace)]
+    return min(along, over, key=lambda way: seconds(way, here, task, safe_speed))
 
 
-def _known_column(touched: Touched, start: np.ndarray, axis: int) -> np.ndarray | None:
+def _known_column(memory: ContactMemory, start: np.ndarray, axis: int) -> np.ndarray | None:
     """(3,) m, a place beside the start (3,) of a line, where the probe has stood: above it nothing is.
 
     The cheapest of them all, counting what is left to be felt from there; None where none is of use.
     """
-    way, aside = touched.way(), 1 - axis
+    way, aside = memory.trail(), 1 - axis
     stood = way[np.abs(way[:, axis] - start[axis]) < BORDER, :3]
     deep = np.maximum(stood[:, Z], start[Z])
     cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
@@ -125,24 +123,24 @@ def _known_column(touched: Touched, start: np.ndarray, axis: int) -> np.ndarray 
     return np.array([*stood[best, :2], deep[best]])
 
 
-def seconds(way: list[Waypoint], here: np.ndarray, task: Task, feeling: Feeling) -> float:
-    """How long a way from `here` (3,) takes; `feeling` tells the speed, m/s, along a unit direction (3,)."""
+def seconds(way: list[Waypoint], here: np.ndarray, task: Task, safe_speed: SafeSpeed) -> float:
+    """How long a way from `here` (3,) takes; `safe_speed` tells the speed, m/s, along a unit direction (3,)."""
     time = 0.0
     for waypoint in way:
         step = waypoint.place - here
         length = float(np.sqrt(step @ step))
         if length > THERE:
-            speed = task.free_speed if waypoint.pace is Pace.FREE else feeling(step / length)
+            speed = task.free_speed if waypoint.pace is Pace.FREE else safe_speed(step / length)
             time += length / speed + STOP
         here = waypoint.place
     return time
 
 
-def _met_nothing(touched: Touched, here: np.ndarray, there: np.ndarray, spare: float) -> bool:
+def _met_nothing(memory: ContactMemory, here: np.ndarray, there: np.ndarray, spare: float) -> bool:
     """Whether both places lie on one line of the grid that met nothing between them, at its height."""
     if np.abs(here[[X, Z]] - there[[X, Z]]).max() > 1e-3:
         return False
-    touches = touched.table()
+    touches = memory.contacts()
     low, high = sorted((here[Y], there[Y]))
     on_line = np.abs(touches[:, 9] - there[X]) < 1e-3
     return not (on_line & (touches[:, Y] > low - spare) & (touches[:, Y] < high + spare)).any()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategy_task import DOWN, task
 
-from lwrprobe_strategies.following import ROOM, Follower, rolling
+from lwrprobe.control.contour_control import FORCE_RESERVE, ContourControl
+from strategy_task import DOWN, task
 
 
 def stiffness_along(t, normal):
@@ -25,47 +25,41 @@ def stiffness_along(t, normal):
 def test_no_surface_ahead_is_hit_harder_than_the_room_allows(direction, stiffness):
     t = task(stiffness=stiffness)
     d = np.array(direction) / np.linalg.norm(direction)
-    speed = Follower(t).approach_speed(d, DOWN)
+    speed = ContourControl(t).approach_speed(d, DOWN)
     random = np.random.default_rng(1)
     normals = random.normal(size=(4000, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     normals[:2] = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
     hardest = max(stiffness_along(t, n) * max(float(d @ n), 0.0) for n in normals)
     force = t.force_threshold + hardest * (speed * t.delay + speed**2 / (2.0 * t.acceleration))
-    assert force <= ROOM * t.force_limit * 1.02
-    assert force >= 0.8 * ROOM * t.force_limit, "and no slower than that asks for"
+    assert force <= FORCE_RESERVE * t.force_limit * 1.02
+    assert force >= 0.8 * FORCE_RESERVE * t.force_limit, "and no slower than that asks for"
 
 
 def test_a_task_may_ask_for_less():
-    assert Follower(task(approach=0.001)).approach_speed(np.array([1.0, 0.0, 0.0]), DOWN) == 0.001
+    assert ContourControl(task(approach=0.001)).approach_speed(np.array([1.0, 0.0, 0.0]), DOWN) == 0.001
 
 
 @pytest.mark.parametrize("travel", [1.0, -1.0])
 def test_a_wall_is_left_downwards_more_slowly_than_it_is_climbed(travel):
-    follower = Follower(task())
-    across = np.array([travel, 0.0, 0.0])
+    control = ContourControl(task())
+    binormal = (travel, 0.0, 0.0)
     up, down = np.array([0.0, -travel, 0.0]), np.array([0.0, travel, 0.0])
     speeds = {}
     for name, normal in (("up", up), ("down", down)):
-        follower.restart(normal)
-        velocity = follower.velocity(normal, 0.8, across, 0.02, DOWN, 0.008)
+        control.begin(normal)
+        velocity = control.velocity(normal, 0.8, binormal, 0.02, DOWN, 0.008)
         speeds[name] = velocity[2]
     assert speeds["up"] == pytest.approx(0.02, rel=0.05)
     assert -0.012 < speeds["down"] < 0.0
 
 
 def test_too_much_force_yields_and_too_little_presses():
-    follower = Follower(task())
+    control = ContourControl(task())
     normal = np.array([0.0, 0.0, 1.0])
-    across = np.array([1.0, 0.0, 0.0])
+    binormal = (1.0, 0.0, 0.0)
     for force, sign in ((1.6, 1.0), (0.3, -1.0)):
-        follower.restart(normal)
-        velocity = follower.velocity(normal, force, across, 0.02, DOWN, 0.008)
+        control.begin(normal)
+        velocity = control.velocity(normal, force, binormal, 0.02, DOWN, 0.008)
         assert np.sign(velocity @ normal) == sign
         assert velocity[1] > 0.0
-
-
-def test_a_sphere_rolls_about_the_point_last_touched():
-    around = rolling(np.array([0.0, 0.003, 0.004]), np.zeros(3), np.array([1.0, 0.0, 0.0]))
-    np.testing.assert_allclose(around, [0.0, 0.6, 0.8], atol=1e-12)
-    np.testing.assert_array_equal(rolling(np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0])), [1.0, 0.0, 0.0])

@@ -4,18 +4,19 @@ import itertools
 
 import numpy as np
 import pytest
-from naive_across import steep_between
+from naive_gap_lines import steep_between
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.across import lines_across, near_sides, rims
-from lwrprobe_strategies.touched import Touched
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
+from lwrprobe_strategies.planning.outlines import outlines
 
 FLOOR, RADIUS = 0.006, 0.005
 
 
 def felt(height, xs, ys):
     """Touches of a height field z(x, y) of the sphere's centre along grid lines; NaN where there is nothing."""
-    touched = Touched()
+    touched = ContactMemory()
     for x in xs:
         for y in ys:
             z = height(x, y)
@@ -27,7 +28,7 @@ def felt(height, xs, ys):
 
 
 def across(touched):
-    return lines_across(touched.table(), touched.way(), XS, 0.01, FLOOR, lambda line: 0.007)
+    return lines_across(touched.contacts(), touched.trail(), XS, 0.01, FLOOR, lambda line: 0.007)
 
 
 def block(x, y):
@@ -46,7 +47,7 @@ def test_both_ends_of_a_block_are_crossed_and_nothing_else():
     assert places == pytest.approx([-0.02, -0.01, 0.0, 0.01, 0.02], abs=5e-4)
     for line in lines:
         assert (abs(line.begin), line.height, line.on_surface) == (0.06, 0.007, False), "up from the foot"
-        down = line.instead
+        down = line.fallback
         assert (down.begin, down.end, down.place) == (line.end, line.begin, line.place)
         assert (down.height, down.on_surface) == (0.055, True)
         assert not line.free_end
@@ -58,13 +59,13 @@ def test_a_line_across_that_ends_in_free_space_may_be_driven_from_there():
 
     lines = across(felt(wall, XS, YS))
     assert len(lines) == 5
-    assert all(line.free_end and line.instead is None and abs(line.begin) == 0.01 for line in lines)
+    assert all(line.free_end and line.fallback is None and abs(line.begin) == 0.01 for line in lines)
 
 
 def test_how_low_a_line_may_begin_is_asked_for_the_wall_it_meets_first():
     asked = []
     touched = felt(block, XS, YS)
-    lines_across(touched.table(), touched.way(), XS, 0.004, FLOOR, lambda line: asked.append(line) or 0.007)
+    lines_across(touched.contacts(), touched.trail(), XS, 0.004, FLOOR, lambda line: asked.append(line) or 0.007)
     assert asked
     assert all(abs(line.end - line.begin) <= 0.004 + 1e-12 for line in asked)
 
@@ -96,7 +97,7 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
     knots = random.uniform(FLOOR, 0.05, len(XS))
     knots[random.random(len(XS)) < 0.3] = np.nan
     touched = felt(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
-    table, lines = touched.table(), across(touched)
+    table, lines = touched.contacts(), across(touched)
     for y in sorted({line.place for line in lines}):
         own = [line for line in lines if line.place == y]
         for x_a, x_b in itertools.pairwise(XS):
@@ -110,8 +111,8 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
 
 
 def test_nothing_touched_needs_no_line():
-    assert across(Touched()) == []
-    assert rims(np.empty((0, 10)), XS, 0.007) == []
+    assert across(ContactMemory()) == []
+    assert outlines(np.empty((0, 10)), XS, 0.007) == []
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -119,11 +120,11 @@ def test_an_end_beside_the_outermost_touch_is_sought_on_the_side_it_lies(sign):
     angle = 0.3  # the outermost touch lies beside the end of an upright cylinder, in +y
     normal = np.array([sign * np.cos(angle), np.sin(angle), 0.0])
     point = 0.024 * normal + [0.0, 0.0, 0.01]
-    touched = Touched()
+    touched = ContactMemory()
     touched.add(point + RADIUS * normal, point, normal, np.nan)
-    (line,) = rims(touched.table(), XS, 0.007)
+    (line,) = outlines(touched.contacts(), XS, 0.007)
     assert line.axis == 0
-    assert line.rim == -1, "towards lower y, where the normal turns along x"
+    assert line.outline == -1, "towards lower y, where the normal turns along x"
     assert line.sign == -sign
     assert sign * line.begin > sign * line.end
     assert line.place == pytest.approx(point[1] + RADIUS * normal[1])
@@ -132,33 +133,33 @@ def test_an_end_beside_the_outermost_touch_is_sought_on_the_side_it_lies(sign):
 
 def test_an_end_is_sought_on_the_wall_and_not_on_the_edge_above_it():
     out = np.array([np.cos(0.3), np.sin(0.3), 0.0])
-    touched = Touched()
+    touched = ContactMemory()
     for height, up in ((0.02, 0.0), (0.03, 0.0), (0.05, 0.6)):
         normal = np.sqrt(1.0 - up * up) * out + [0.0, 0.0, up]
         point = 0.024 * out + [0.0, 0.0, height]
         touched.add(point + RADIUS * normal, point + np.array([1e-5 * up, 0.0, 0.0]), normal, np.nan)
-    (line,) = rims(touched.table(), XS, 0.007)
+    (line,) = outlines(touched.contacts(), XS, 0.007)
     assert line.height < 0.04
 
 
 def test_a_flat_end_is_found_already():
     normal = np.array([1.0, 0.01, 0.0]) / np.hypot(1.0, 0.01)
-    touched = Touched()
+    touched = ContactMemory()
     touched.add(np.array([0.055, 0.0, 0.02]), np.array([0.05, 0.0, 0.02]), normal, np.nan)
-    assert rims(touched.table(), XS, 0.007) == []
+    assert outlines(touched.contacts(), XS, 0.007) == []
 
 
 def test_a_descent_is_known_to_be_free_as_far_as_the_probe_has_stood():
     touched = felt(block, XS, YS)
     for y in YS:
         touched.passed(np.array([0.05, y, 0.0575]), 0.05)
-    ends = [line.instead for line in across(touched) if line.end == 0.05]
+    ends = [line.fallback for line in across(touched) if line.end == 0.05]
     assert ends
     assert all(line.height == 0.055 and line.free_to == 0.0575 for line in ends)
 
 
 def test_near_touches_are_remembered_once():
-    touched = Touched()
+    touched = ContactMemory()
     up = np.array([0.0, 0.0, 1.0])
     for k in range(11):
         touched.add(np.array([0.0, 1e-4 * k, 0.05]), np.array([0.0, 1e-4 * k, 0.045]), up, 0.0)
@@ -167,7 +168,7 @@ def test_near_touches_are_remembered_once():
 
 @pytest.mark.parametrize("travel", [1.0, -1.0])
 def test_a_near_side_that_was_met_above_its_foot_is_felt_from_as_low_as_it_may_be(travel):
-    touched = Touched()
+    touched = ContactMemory()
     wall, up = np.array([0.0, -travel, 0.0]), np.array([0.0, 0.0, 1.0])
     for z in np.arange(0.03, 0.05, 0.001):
         centre = np.array([0.0, -0.03 * travel, z])
@@ -176,30 +177,30 @@ def test_a_near_side_that_was_met_above_its_foot_is_felt_from_as_low_as_it_may_b
         centre = np.array([0.0, y, 0.055])
         touched.add(centre, centre - RADIUS * up, up, 0.0)
     area = Area(np.array([-0.08, -0.06, FLOOR]), np.array([0.08, 0.06, 0.06]))
-    assert near_sides(touched.table(), touched.way(), area, 0.01, lambda line: 0.008) == [], (
+    assert near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008) == [], (
         "the far side went no lower"
     )
     for z in np.arange(0.05, FLOOR, -0.001):
         centre = np.array([0.0, 0.03 * travel, z])
         touched.add(centre, centre + RADIUS * wall, -wall, 0.0)
-    (line,) = near_sides(touched.table(), touched.way(), area, 0.01, lambda line: 0.008)
+    (line,) = near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008)
     assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.008, False)
     assert line.begin == pytest.approx(-0.06 * travel)
     assert line.end == pytest.approx(-0.025 * travel)
-    down = line.instead
+    down = line.fallback
     assert (down.begin, down.end, down.height, down.on_surface) == (line.end, line.begin, 0.055, True)
 
 
 def test_the_table_grows_and_what_was_asked_for_before_stays():
-    touched, normal = Touched(), np.array([0.0, 0.0, 1.0])
-    assert touched.table().shape == touched.way().shape == (0, 10)
+    touched, normal = ContactMemory(), np.array([0.0, 0.0, 1.0])
+    assert touched.contacts().shape == touched.trail().shape == (0, 10)
     seen = []
     for k in range(5):
         centre = np.array([0.001 * k, 0.0, 0.05])
         touched.add(centre, centre - RADIUS * normal, normal, 0.0)
         touched.passed(centre + np.array([0.0, 0.001, 0.0]), 0.0)
-        seen.append((touched.table(), touched.way()))
+        seen.append((touched.contacts(), touched.trail()))
     for k, (table, way) in enumerate(seen):
         assert (len(table), len(way)) == (k + 1, 2 * k + 2)
         np.testing.assert_array_equal(table[:, 0], 0.001 * np.arange(k + 1))
-        np.testing.assert_array_equal(way, touched.way()[: len(way)])
+        np.testing.assert_array_equal(way, touched.trail()[: len(way)])

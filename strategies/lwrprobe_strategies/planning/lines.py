@@ -1,4 +1,4 @@
-"""Lines that are driven over an exploration area (Rau 2017, sections 4.2.3 and 4.2.4, figure 4.6)."""
+"""Lines over an exploration area (Rau 2017, sections 4.2.3 and 4.2.4, figure 4.6)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lwrprobe.contracts import Area, InputError
+
+X, Y, Z = range(3)
+"""Indices of the world axes."""
+AT_END = 1e-5
+"""m, within which a line's end is reached."""
+ON_FLOOR = 0.003
+"""m above the area's floor, up to which a line that begins there counts as one on the floor."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -19,11 +26,11 @@ class Line:
     place : m, on the other horizontal axis
     begin, end : m along `axis`
     height : m, of the sphere's centre at the beginning
-    on_surface : the beginning is known to touch; it is come down to from above
-    free_to : m, height down to which the way to such a beginning is known to be free
-    rim : 0, or the sign on the other horizontal axis towards which a touch is followed around in the horizontal plane
-    instead : to be driven where this one has to be given up
-    raised : begins above what the stick has met
+    on_surface : the beginning is known to touch; it is approached from above
+    free_to : m, height down to which the path to such a beginning is known to be free
+    outline : 0, or the sign on the other horizontal axis towards which a contact is followed in the horizontal plane
+    fallback : the line to drive where this one has to be given up
+    raised : begins above something that the stick has touched
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -34,8 +41,8 @@ class Line:
     height: float
     on_surface: bool = False
     free_to: float = np.inf
-    rim: int = 0
-    instead: Line | None = None
+    outline: int = 0
+    fallback: Line | None = None
     free_end: bool = False
     raised: bool = False
 
@@ -48,6 +55,18 @@ class Line:
     def aside(self) -> int:
         """The other horizontal axis."""
         return 1 - self.axis
+
+    @property
+    def grid_x(self) -> float:
+        """m, x of the line where it is one of the grid, along y; else NaN."""
+        return self.place if self.axis == Y else np.nan
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """(3,) unit, along the line."""
+        ahead = np.zeros(3)
+        ahead[self.axis] = self.sign
+        return ahead
 
     @property
     def start(self) -> np.ndarray:

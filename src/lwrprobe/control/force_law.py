@@ -1,8 +1,9 @@
-"""How hard, how fast, how damped: the force law, chosen from stiffness, delay and force limit.
+"""The force law: how a normal force becomes a velocity, and which damping and speeds are safe.
 
-Symbols: K series stiffness, tau total reaction delay (sensor, network, loop, half a hold), B damping of the
-first-order law `v_n = (F - F_target) / B`, a braking, S = K tau / B. For the law with a continuous delay S < pi/2 is
-stable and S <= 1/e does not overshoot; S decides everything else as well.
+The law is an admittance of first order, `v_n = (F - F_target) / B`, along the outward normal.
+
+Symbols: K series stiffness, tau total reaction delay (sensor, network, loop, half a hold), B damping, a braking,
+S = K tau / B. With a continuous delay the law is stable for S < pi/2 and does not overshoot for S <= 1/e.
 """
 
 from __future__ import annotations
@@ -10,10 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from lwrprobe.contracts import InputError
-from lwrprobe.contracts.samples import Vector
 
 NO_OVERSHOOT = math.exp(-1.0)
 """Largest stability number without overshoot."""
@@ -21,10 +19,33 @@ NO_OVERSHOOT = math.exp(-1.0)
 REFUSED_ABOVE = 1.0
 """Contact is refused beyond this stability number; pi/2 is where the loop itself goes unstable."""
 
+MIN_DAMPING = 1.0
+"""N s/m; without a delay any damping is stable, and none would mean an infinite velocity."""
+
+
+def normal_velocity(error: float, damping: float, steady: float, inward: float, outward: float) -> float:
+    """m/s along the outward normal: `error / damping + steady`, from -`inward` to `outward`.
+
+    This function is the law. Every loop over a normal force calls it.
+
+    Parameters
+    ----------
+    error : N, force less target force
+    damping : N s/m, B
+    steady : m/s, the part that takes up a constant error of the tangent; 0 where nothing slides
+    inward, outward : m/s, largest speed towards the surface and away from it
+    """
+    return min(max(error / damping + steady, -inward), outward)
+
+
+def damping_without_overshoot(stiffness: float, delay: float) -> float:
+    """N s/m, B = e K tau: the smallest damping without overshoot (S = 1/e)."""
+    return math.e * delay * stiffness
+
 
 @dataclass(slots=True, frozen=True)
 class ForceLaw:
-    """Numbers with which a surface is touched and followed.
+    """The law's numbers along one normal, chosen beforehand.
 
     Attributes
     ----------
@@ -52,23 +73,7 @@ class ForceLaw:
 
     def normal_velocity(self, force: float) -> float:
         """m/s along the outward normal: (F - F_target) / B, inward never faster than the approach."""
-        return max((force - self.force_target) / self.damping, -self.approach_speed)
-
-    def feed(self, force: float, turn: float = 0.0) -> float:
-        """m/s along the tangent: full at the target, less the farther the force is off it, and at a turn ahead.
-
-        `turn` [rad] is the angle between the present normal and the one expected next; it costs its sine.
-        """
-        room = self.force_limit - self.force_target if force > self.force_target else self.force_target
-        off = min(abs(force - self.force_target) / room, 1.0)
-        return self.contour_speed * (1.0 - 0.9 * off) * (1.0 - 0.75 * abs(math.sin(min(abs(turn), 0.5 * math.pi))))
-
-    def release(self, force: Vector) -> Vector:
-        """(3,) m/s that gives way to an overlarge force, along the force itself."""
-        magnitude = float(np.sqrt(force @ force))
-        if magnitude <= self.force_target:
-            return np.zeros(3)
-        return force * ((magnitude - self.force_target) / (self.damping * magnitude))
+        return normal_velocity(force - self.force_target, self.damping, 0.0, self.approach_speed, math.inf)
 
 
 @dataclass(slots=True, frozen=True)
@@ -136,7 +141,7 @@ def choose_force_law(
         raise InputError("force.damping", damping, "a positive number")
 
     k_tau = stiffness * delay
-    b = damping if damping is not None else max(math.e * k_tau, 1.0)
+    b = damping if damping is not None else max(damping_without_overshoot(stiffness, delay), MIN_DAMPING)
     s = k_tau / b
     if s > REFUSED_ABOVE:
         return Refusal(f"stability number K tau / B = {s:.3g} is above {REFUSED_ABOVE:g}: the force would swing", s)

@@ -1,13 +1,14 @@
 """Leaning: no further than the body behind the stick needs to stay behind the sphere."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from strategy_task import DOWN, task
 
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.orientation_change import UP, OrientationChange, OrientationChangeConfig, extent, turned
+from lwrprobe_strategies.planning.lean import UP, LeanPlanner, extent, turned
+from strategy_task import DOWN, task
 
 PROBE = load_scene("block").probe.as_probe()
 
@@ -35,12 +36,9 @@ def test_how_far_a_link_reaches(seed):
         assert extent(link, rotation, direction) == pytest.approx(farthest, abs=2e-6)
 
 
-def leaning(towards, options=None, **limits):
-    strategy = OrientationChange()
-    t = task(links=PROBE.links)
-    t = type(t)(**{**{name: getattr(t, name) for name in t.__slots__}, "options": options, **limits})
-    strategy.start(t)
-    return strategy._leaning(np.array(towards), [], [np.zeros(3)]), t
+def leaning(towards, max_deg=40.0, **limits):
+    t = replace(task(links=PROBE.links), **limits)
+    return LeanPlanner(t, DOWN, np.radians(max_deg)).lean(np.array(towards), [], [np.zeros(3)]), t
 
 
 @pytest.mark.parametrize("towards", [(0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.6, 0.8, 0.0)])
@@ -60,7 +58,7 @@ def test_the_least_lean_that_shelters_the_body_is_taken(towards):
 
 
 def test_leaning_no_further_than_is_allowed_and_not_where_the_arm_does_not_reach():
-    rotation, _ = leaning((0.0, -1.0, 0.0), OrientationChangeConfig(tilt_deg=6.0))
+    rotation, _ = leaning((0.0, -1.0, 0.0), 6.0)
     assert np.degrees(np.arccos(rotation[:, 2] @ DOWN[:, 2])) == pytest.approx(6.0)
     assert leaning((0.0, -1.0, 0.0), reachable=lambda poses: False)[0] is None
     assert leaning((0.0, 0.0, 0.0))[0] is None

@@ -1,4 +1,4 @@
-"""Where something has met the stick before the sphere: what stands out above a line."""
+"""Places where the stick was touched before the sphere: something stands out above the line there."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lwrprobe_strategies.lines import Line
-from lwrprobe_strategies.way import THERE
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.paths import THERE
 
 WARY = 0.012
-"""m before a place where something has met the stick, from which on a line is driven slowly."""
+"""m before a place where the stick was touched, from which on a line is driven slowly: braking, and a line's slant."""
 PASSED = 0.005
 """m behind such a place, from which on it does not matter any more."""
 
 
 @dataclass(slots=True)
-class Stick:
-    """The places where it was met, and how far a line may be driven before it may be met again.
+class ShaftMemory:
+    """Where the stick was touched, and how far a line may be driven before that may happen again.
 
     Attributes
     ----------
@@ -27,14 +27,14 @@ class Stick:
     beside: float
     _met: list[tuple[np.ndarray, float]] = field(default_factory=list)
 
-    def meets(self, line: Line, here: np.ndarray) -> None:
-        """Remember that on a line something has met it, the sphere being `here` (3,)."""
+    def add(self, line: Line, here: np.ndarray) -> None:
+        """Remember that something touched the stick on a line, the sphere being at `here` (3,)."""
         self._met.append((here.copy(), line.sign))
 
-    def piece(self, line: Line, here: np.ndarray) -> tuple[float, bool]:
-        """m along the line's axis up to which it may be driven as one piece, and whether with care.
+    def stretch(self, line: Line, here: np.ndarray) -> tuple[float, bool]:
+        """m on the line's axis up to which it may be driven in one piece, and whether with care.
 
-        What meets the stick near the sensor is met as hard as what meets the sphere along the stick.
+        Near the sensor the stick is as stiff across as it is along its axis.
         """
         way = self._ahead(line, here)
         if way is None:

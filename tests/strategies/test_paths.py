@@ -6,30 +6,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategy_task import AREA, DOWN, task
 
 from lwrprobe.contracts import Area
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.lines import Line
-from lwrprobe_strategies.touched import Touched
-from lwrprobe_strategies.way import HOVER, RISE, Pace, line_height, lowest_beside, seconds, way_to
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.paths import HOVER, RISE, Pace, line_height, lowest_beside, path_to, seconds
+from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
 TOP = float(AREA.upper[2])
 BORDER = float(AREA.upper[1])
 
 
-def feeling(along):
+def safe_speed(along):
     return 0.007 if abs(along[2]) > 0.5 else 0.03
 
 
 def way(line, here, touched=None):
-    return way_to(line, np.array(here), DOWN, task(), Touched() if touched is None else touched, feeling)
+    return path_to(line, np.array(here), DOWN, task(), ContactMemory() if touched is None else touched, safe_speed)
 
 
 def column(x, y, low):
     """The memory of a probe that has stood in one place down to `low`."""
-    touched = Touched()
+    touched = ContactMemory()
     for z in np.arange(low, 0.0601, 0.001):
         touched.passed(np.array([x, y, z]), x)
     return touched
@@ -40,7 +40,7 @@ def test_an_unknown_column_is_felt_all_the_way_down():
     pieces = way(line, [0.0, 0.0, 0.05])
     assert [piece.pace for piece in pieces[:-1]] == [Pace.FREE] * (len(pieces) - 1)
     assert all(piece.place[2] == TOP for piece in pieces[:-1])
-    assert pieces[-1].pace is Pace.FEELING
+    assert pieces[-1].pace is Pace.GUARDED
     assert tuple(pieces[-1].place) == tuple(line.start)
 
 
@@ -49,7 +49,7 @@ def test_a_column_the_probe_has_stood_in_is_come_down_fast_and_left_sideways():
     pieces = way(line, [0.0, 0.0, 0.05], column(0.02, BORDER, 0.006))
     *_, over, down, last = pieces
     assert over.place == pytest.approx([0.02, BORDER, TOP])
-    assert (down.pace, last.pace) == (Pace.FREE, Pace.FEELING)
+    assert (down.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
     assert down.place == pytest.approx([0.02, BORDER, 0.006])
     assert tuple(last.place) == tuple(line.start)
 
@@ -58,7 +58,7 @@ def test_lines_across_come_down_where_the_grid_has_been():
     line = Line(0, 0.01, -0.06, -0.05, 0.006)
     *_, down, last = way(line, [0.0, 0.0, 0.05], column(-0.06, 0.005, 0.006))
     assert down.place == pytest.approx([-0.06, 0.005, 0.006])
-    assert (down.pace, last.pace) == (Pace.FREE, Pace.FEELING)
+    assert (down.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
 
 
 @pytest.mark.parametrize(("distance", "above"), [(0.01, False), (0.15, True)])
@@ -68,8 +68,8 @@ def test_along_the_border_or_over_the_top_whatever_is_quicker(distance, above):
     touched = column(line.place, BORDER, 0.006)
     pieces = way(line, here, touched)
     assert any(piece.place[2] == TOP for piece in pieces) is above
-    along = abs(distance) / feeling(np.array([1.0, 0.0, 0.0]))
-    assert seconds(pieces, here, task(), feeling) <= along + 0.5
+    along = abs(distance) / safe_speed(np.array([1.0, 0.0, 0.0]))
+    assert seconds(pieces, here, task(), safe_speed) <= along + 0.5
 
 
 @settings(max_examples=60, deadline=None)
@@ -81,7 +81,7 @@ def test_only_known_or_high_places_are_driven_to_fast(x, y, z, known, low, heigh
     touched = column(known, y, low)
     line = Line(1, x, y, -y, height)
     here = np.array([0.0, 0.0, z])
-    stood = touched.way()[:, :3]
+    stood = touched.trail()[:, :3]
     before = here
     for piece in way(line, here, touched):
         if piece.pace is Pace.FREE and np.abs(piece.place - before).max() > 1e-9:
@@ -133,5 +133,5 @@ def test_a_known_touch_is_come_down_to_fast_but_for_the_last_half_millimetre():
     line = Line(0, 0.0, 0.05, 0.06, 0.055, True, 0.056)
     *_, known, last = way(line, [0.0, 0.0, 0.05])
     assert known.place[2] == pytest.approx(0.056 + HOVER)
-    assert (known.pace, last.pace) == (Pace.FREE, Pace.FEELING)
+    assert (known.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
     assert last.place[2] < line.height

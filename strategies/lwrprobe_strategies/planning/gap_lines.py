@@ -1,10 +1,10 @@
-"""What lines along y leave out: steep faces that lie along the lines, feet of near sides, the object's ends in x.
+"""Lines that close what the lines along y leave out: faces that lie along them, and feet of near sides.
 
 Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
 line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
-A line over a tall object comes in at a height at which the body above the stick clears whatever may be there, and goes
-up; what lies below is felt afterwards, when it is known what the body has to clear. All these lines lead upwards where
-they can: a foot that nobody has felt has to be come to slowly.
+A line over a tall object begins at a height at which the body above the stick clears whatever may be there, and goes
+up; what lies below is touched afterwards, when it is known what the body has to clear. All these lines lead upwards
+where they can: a foot that has not been touched yet has to be approached slowly.
 """
 
 from __future__ import annotations
@@ -15,29 +15,19 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.lines import Line
+from lwrprobe_strategies.planning.lines import Line
 
 ROUGH = 0.002
-"""m, by which the way from touch to touch between two lines may exceed the lines' distance."""
+"""m, by which the way from contact to contact between two lines may exceed the lines' distance."""
 NEAR = 0.0015
 """m, within which a touch of a line along y counts for a line across."""
-BELOW = 0.003
-"""m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
-FACING = 0.5
-"""Share of the normal along x, from which on a touch is one of an end in x."""
 OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
-UPWARD = 0.3
-"""Share of the normal along z, up to which a touch is one of a wall."""
-WIDENS = 0.05
-"""Share of the normal along z, from which on an object is wider below."""
-BENT = 0.06
-"""Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
 
 def lines_across(
-    touches: np.ndarray,
-    way: np.ndarray,
+    contacts: np.ndarray,
+    trail: np.ndarray,
     places: np.ndarray,
     pitch: float,
     floor: float,
@@ -47,27 +37,27 @@ def lines_across(
 
     Parameters
     ----------
-    touches, way : (m, 10) and (k, 10) as in `Touched.table` and `Touched.way`
+    contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
     lowest : m, height at which a line that begins in free space may be driven
     """
-    if not len(touches):
+    if not len(contacts):
         return []
     xs = np.sort(places)
     runs: dict[tuple[int, int], list[tuple[float, np.ndarray]]] = {}
-    for y in _places_across(touches, pitch):
-        heights = _heights(touches, xs, y, floor)
+    for y in _places_across(contacts, pitch):
+        heights = _heights(contacts, xs, y, floor)
         for first, last in _left_out(xs, heights, pitch, floor):
             runs.setdefault((first, last), []).append((y, heights))
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
-            ends = [_end(way, xs, heights, i, y, floor) for i in (first, last)]
-            # From its foot up a wall is felt faster than down from its top.
+            ends = [_end(trail, xs, heights, i, y, floor) for i in (first, last)]
+            # From its foot up a wall is followed faster than down from its top.
             low, high = sorted(ends, key=lambda end: end.height)
             down = replace(high, end=low.begin) if high.on_surface else None
-            line = replace(low, end=high.begin, instead=down, free_end=down is None)
+            line = replace(low, end=high.begin, fallback=down, free_end=down is None)
             lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
 
@@ -77,78 +67,52 @@ def _up_to(line: Line, farthest: float) -> Line:
     return replace(line, end=line.begin + line.sign * min(abs(line.end - line.begin), farthest))
 
 
-def _end(way: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: float, floor: float) -> Line:
+def _end(trail: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: float, floor: float) -> Line:
     """A line across that begins on a line of the grid, where that touched or in free space; it leads nowhere yet."""
     x = float(xs[index])
     if heights[index] <= floor + 1e-4:
         return Line(0, float(y), x, x, floor)
     # Where the probe has stood its stick filled the column above.
-    stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - y) < NEAR), 2].max()
+    stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - y) < NEAR), 2].max()
     return Line(0, float(y), x, x, float(heights[index]), True, float(stood))
 
 
 def near_sides(
-    touches: np.ndarray, way: np.ndarray, area: Area, pitch: float, lowest: Callable[[Line], float]
+    contacts: np.ndarray, trail: np.ndarray, area: Area, pitch: float, lowest: Callable[[Line], float]
 ) -> list[Line]:
     """Lines along y up every wall that a line met well above the area's floor, from its foot to where it came over.
 
-    Where the foot cannot be come to, the wall is felt from the top down instead. `touches` and `way` as above, those of
-    one line in the order in which they were made; `pitch` m, between two lines; `lowest` m, height at which one may be
-    driven.
+    Where the foot is out of reach, the wall is touched from the top down instead. `contacts` and `trail` as above,
+    those of one line in the order in which they were made; `pitch` m, between two lines; `lowest` m, height at which
+    one may be driven.
     """
     lines: list[Line] = []
-    for x in np.unique(touches[~np.isnan(touches[:, 9]), 9]):
-        own = touches[touches[:, 9] == x]
+    for x in np.unique(contacts[~np.isnan(contacts[:, 9]), 9]):
+        own = contacts[contacts[:, 9] == x]
         over = own[own[:, 8] > OVER]
         # The far side was felt as far down as the links allow; no lower than that goes the near one.
         met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
         if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
             continue
         top = over[0]
-        stood = way[(way[:, 9] == x) & (np.abs(way[:, 1] - top[1]) < NEAR), 2].max()
+        stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - top[1]) < NEAR), 2].max()
         out = float(area.lower[1] if own[0, 7] < 0.0 else area.upper[1])
         down = Line(1, float(x), float(top[1]), out, float(top[2]), True, float(stood))
-        up = Line(1, float(x), out, float(top[1]), float(top[2]), instead=down)
+        up = Line(1, float(x), out, float(top[1]), float(top[2]), fallback=down)
         lines.append(replace(up, height=lowest(up)))
     return lines
 
 
-def rims(touches: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
-    """Lines that find the object's ends in x, where the outermost touch says that the end lies beside it.
-
-    Each touches the object where it reached furthest and follows it around, in the horizontal plane, to where the
-    normal points along x.
-    """
-    lines: list[Line] = []
-    for sign in (1.0, -1.0):
-        facing = touches[sign * touches[:, 6] > FACING]
-        if not len(facing):
-            continue
-        # An upper edge is touched as far out as the wall under it, but beside it the probe would pass over the top.
-        walls = facing[np.abs(facing[:, 8]) < UPWARD]
-        facing = walls if len(walls) else facing
-        last = facing[np.argmax(sign * facing[:, 3])]
-        free = places[sign * places > sign * last[0] + 1e-3]
-        across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
-        if abs(across) < BENT or not len(free) or last[2] < height - BELOW:
-            continue
-        begin = float(free[np.argmin(sign * free)])
-        # What faces up there reaches further out below.
-        level = height if last[8] > WIDENS else max(float(last[2]), height)
-        lines.append(Line(0, float(last[1]), begin, float(last[0]), level, rim=-1 if across > 0.0 else 1))
-    return lines
-
-
-def _places_across(touches: np.ndarray, pitch: float) -> np.ndarray:
+def _places_across(contacts: np.ndarray, pitch: float) -> np.ndarray:
     """(k,) m in y, no more than a pitch apart and half of that from the ends of what was touched."""
-    low, high = touches[:, 4].min(), touches[:, 4].max()
+    low, high = contacts[:, 4].min(), contacts[:, 4].max()
     count = max(int(np.ceil((high - low) / pitch - 1e-6)), 1)
     return low + (np.arange(count) + 0.5) * (high - low) / count
 
 
-def _heights(touches: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.ndarray:
+def _heights(contacts: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.ndarray:
     """(n,) m, the highest place of the sphere's centre on each grid line at `y`; `floor` where nothing was touched."""
-    near = touches[np.abs(touches[:, 1] - y) < NEAR]
+    near = contacts[np.abs(contacts[:, 1] - y) < NEAR]
     heights = np.full(len(xs), floor)
     for i, x in enumerate(xs):
         own = near[near[:, 9] == x]
@@ -159,8 +123,8 @@ def _heights(touches: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.
 
 def _left_out(xs: np.ndarray, heights: np.ndarray, pitch: float, floor: float) -> list[tuple[int, int]]:
     """Index pairs of lines between which the surface is steep along x; pairs up to two lines apart become one."""
-    way = np.hypot(np.diff(xs), np.diff(heights))
-    steep = np.flatnonzero(way > np.maximum(np.diff(xs), pitch) + ROUGH)
+    length = np.hypot(np.diff(xs), np.diff(heights))
+    steep = np.flatnonzero(length > np.maximum(np.diff(xs), pitch) + ROUGH)
     pairs: list[tuple[int, int]] = []
     for i in steep:
         low_between = pairs and (heights[pairs[-1][1] : i + 1] <= floor + 1e-4).all()

@@ -1,0 +1,169 @@
+"""Hybrid force and velocity control of a sphere on a surface: the force law along the normal, a feed along the tangent.
+
+The tangent is taken as in the source (Rau 2017, sections 4.2.5 and 5.3.3, figure 4.8): perpendicular to the contact
+normal, in the plane of the tracking frame, on the side that leads onward. The normal part is the law of `force_law`.
+Its steady part integrates the force error, so that a constant error of the tangent's direction needs no steady force
+error.
+
+The probe is a stick. It is hundreds of times stiffer along its axis than across. Damping and safe speeds therefore
+depend on the direction, and follow from the task's forces, stiffness and delay.
+"""
+
+from __future__ import annotations
+
+from math import acos, cos, e, sin, sqrt
+
+import numpy as np
+
+from lwrprobe.contracts import InputError, Task
+from lwrprobe.control.force_law import approach_speed, damping_without_overshoot, normal_velocity
+
+MAX_INWARD = 0.01
+"""m/s towards the surface. More would only deepen a contact that is about to return."""
+MAX_OUTWARD = 0.05
+"""m/s away from the surface: what the arm follows within one delay."""
+NORMAL_MEMORY = 0.5
+"""Share of the last normal in the tracked one: halves the noise, costs one sample of delay."""
+MIN_NORMAL = 0.1
+"""Length of the mean of two normals below which they oppose each other, and the new one counts alone."""
+RESET_TIME = 8.0
+"""Integral time of the steady part in units of the delay: slow enough not to disturb the stability of the law."""
+MAX_STEADY = 0.5
+"""Share of the inward speed, and of the feed, that the steady part may reach: a tangent 27 degrees off."""
+TURN = 0.08
+"""rad by which the surface may turn within one delay: a feed of F_target / (K tau TURN) keeps the contact."""
+MIN_FEED = 0.1
+"""Share of the feed that remains however large the force error is, so that a corner is left."""
+CONE = 0.35
+"""rad by which the normal may turn towards the stick before the law knows; the stiffest direction in it counts."""
+NORMALS = np.linspace(0.0, 0.5 * np.pi, 91)
+"""rad from the stick's axis: normals of the surfaces that a motion may meet, in steps of one degree."""
+DIRECTIONS = 200
+"""Steps from across the stick to along it for which the approach speed is computed beforehand."""
+FORCE_RESERVE = 0.85
+"""Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
+DIVE = 0.3
+"""Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
+
+Vector = tuple[float, float, float]
+
+
+class ContourControl:
+    """Turns contact normal and force into a velocity of the sphere.
+
+    It is called with every sample. Numpy needs a microsecond for each operation on three numbers, so vectors are
+    computed by component.
+
+    Parameters
+    ----------
+    task : forces, stiffness, delay, probe and speeds
+
+    Raises
+    ------
+    InputError : no room between the threshold of a contact and the force limit
+
+    Attributes
+    ----------
+    normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.normal = np.zeros(3)
+        self._steady = 0.0
+        lateral, _, along = task.probe.compliance.tolist()
+        self._compliance = 1.0 / task.stiffness, lateral, along
+        self._slack = task.force_limit - task.force_target
+        give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
+        # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet. It grows with the share
+        # of d along the stick, so that the end of each step counts.
+        axial = np.arccos(np.linspace(0.0, 1.0, DIRECTIONS + 1))
+        hardest = (np.cos(axial[:, None] - NORMALS) / (1.0 / task.stiffness + give)).max(axis=1)
+        room = FORCE_RESERVE * task.force_limit - task.force_threshold
+        if room <= 0.0:
+            raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
+        safe = [approach_speed(room, k, task.delay, task.acceleration) for k in hardest.tolist()]
+        self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
+
+    def begin(self, normal: np.ndarray) -> None:
+        """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""
+        self.normal = normal / np.sqrt(normal @ normal)
+        self._steady = 0.0
+
+    def tangent(self, binormal: Vector) -> Vector:
+        """Unit direction onward: normal x binormal.
+
+        With z up, a binormal of +x leads over an object in +y and up a wall that stands ahead there.
+        """
+        nx, ny, nz = self.normal.tolist()
+        return _perpendicular(nx, ny, nz, *binormal)
+
+    def velocity(
+        self, normal: np.ndarray, force: float, binormal: Vector, feed: float, rotation: np.ndarray, period: float
+    ) -> np.ndarray:
+        """(3,) m/s in the world frame for the next `period` s.
+
+        Parameters
+        ----------
+        normal : (3,) unit, the surface's at this sample
+        force : N, the acting force's component along the normal
+        binormal : unit, perpendicular to the plane of the contour, signed as in `tangent`
+        feed : m/s, wanted along the tangent
+        rotation : (3, 3) of the tip
+        """
+        keep, new = NORMAL_MEMORY, 1.0 - NORMAL_MEMORY
+        (mx, my, mz), (nx, ny, nz) = self.normal.tolist(), normal.tolist()
+        bx, by, bz = keep * mx + new * nx, keep * my + new * ny, keep * mz + new * nz
+        size = sqrt(bx * bx + by * by + bz * bz)
+        if size > MIN_NORMAL:
+            nx, ny, nz = bx / size, by / size, bz / size
+        self.normal = np.array((nx, ny, nz))
+        ax, ay, az = rotation[:, 2].tolist()
+        axial = nx * ax + ny * ay + nz * az
+        task, delay = self.task, self.task.delay
+        damping = damping_without_overshoot(self._stiffness(axial), delay)
+        error = force - task.force_target
+        inward = min(self._approach(axial), MAX_INWARD)
+        steady = self._steady + error * period / (damping * RESET_TIME * delay)
+        self._steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * feed)
+        press = normal_velocity(error, damping, self._steady, inward, MAX_OUTWARD)
+        tx, ty, tz = _perpendicular(nx, ny, nz, *binormal)
+        dive = tx * ax + ty * ay + tz * az
+        if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
+            feed = min(feed, self._approach(dive))
+        feed = min(feed, task.force_target / (damping / e * TURN))
+        feed *= min(max(1.0 - abs(error) / self._slack, MIN_FEED), 1.0)
+        return np.array((feed * tx + press * nx, feed * ty + press * ny, feed * tz + press * nz))
+
+    def approach_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
+        """m/s at which a first touch met along `direction` (unit) stays below `FORCE_RESERVE` of the force limit.
+
+        F = F_threshold + K (v tau + v^2 / (2 a)), solved for v, with the K of whatever surface would be met hardest;
+        never above the task's approach speed. `rotation` (3, 3) is the tip's.
+        """
+        return self._approach(float(rotation[:, 2] @ direction))
+
+    def release_velocity(self, force: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """(3,) m/s along an overlarge force (3,) N, so that the excess is gone after about one delay."""
+        size = float(np.sqrt(force @ force))
+        along = force / size if size > 1e-9 else self.normal
+        excess = max(size - self.task.force_target, 0.0)
+        speed = excess / (self._stiffness(float(rotation[:, 2] @ self.normal)) * self.task.delay)
+        return along * min(speed, MAX_OUTWARD)
+
+    def _approach(self, axial: float) -> float:
+        """`approach_speed` by the share of the direction along the stick."""
+        return self._safe[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
+
+    def _stiffness(self, axial: float) -> float:
+        """N/m of object, arm and probe in series, by the share of the normal along the stick."""
+        angle = max(acos(min(abs(axial), 1.0)) - CONE, 0.0)
+        series, lateral, along = self._compliance
+        return 1.0 / (series + sin(angle) ** 2 * lateral + cos(angle) ** 2 * along)
+
+
+def _perpendicular(nx: float, ny: float, nz: float, ax: float, ay: float, az: float) -> Vector:
+    """Unit vector along n x a, zero where they are parallel."""
+    x, y, z = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    size = sqrt(x * x + y * y + z * z)
+    return (x / size, y / size, z / size) if size > 1e-6 else (0.0, 0.0, 0.0)

@@ -1,0 +1,341 @@
+"""Covering an area by lines and following whatever a line meets: what the source's three strategies share.
+
+Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses surface or risks the arm:
+
+- Lines are driven at the lowest height at which the wide part of the probe stays above everything the area may
+  hold; the source leaves that height to the operator.
+- A lost contact is sought on an arc around the point last touched (`skills.reapproach`).
+- A wall that would have to be descended is climbed from the line's other end instead (`planning.climb`).
+- Where a line began above the lowest height, the near side is touched afterwards.
+- The return to the first contact runs along the area's border, where nothing stands.
+- Faces that lie along the lines are crossed by lines of their own afterwards (`planning.gap_lines`), and the object's
+  ends in x are sought (`planning.outlines`); the source misses up to a line's distance at each end.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import Done, InputError, Progress
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.climb import DescentWatch
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.paths import Waypoint, path_to
+from lwrprobe_strategies.planning.retraction import UNDER, back_along, off_surface
+from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
+from lwrprobe_strategies.planning.shaft import ShaftMemory
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, reapproach, release, reorient, transit
+from lwrprobe_strategies.supervisor import Program, SkillStrategy
+
+RAISE = 0.0025
+"""m by which a line is raised where the stick has been touched: half of the sphere's radius."""
+PAST_END = 0.03
+"""Share of the normal across the line, from which on the end of the object counts as passed."""
+TURNED_BACK = -0.5
+"""Share of the tangent towards the next line, below which a level contour leads away from it again."""
+
+
+@dataclass(slots=True, frozen=True)
+class CoverageConfig:
+    """Options that the strategies share.
+
+    Attributes
+    ----------
+    step : m, between two lines
+    first_line : `border` starts at the area's end in -x; `middle` as in the source's figure 4.6, with a return to
+        the first contact for the other side
+    reapproach : m, way along which a lost contact is sought before the grid takes over
+    retreat : m, way off a collision threat
+    climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
+    near_sides : touch walls that a line met above the lowest height down to their foot
+    across : cross the faces that lie along the lines by lines along x
+    find_ends : follow the object around its ends in x to where it reaches furthest
+    """
+
+    step: float = 0.010
+    first_line: str = "middle"
+    reapproach: float = 0.025
+    retreat: float = 0.010
+    climb: bool = True
+    near_sides: bool = True
+    across: bool = True
+    find_ends: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("step", "reapproach", "retreat"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and 0.0 < value <= 1.0):
+                raise InputError(f"strategy.{name}", value, "a length in metres, above 0 and at most 1")
+        if self.first_line not in ("border", "middle"):
+            raise InputError("strategy.first_line", self.first_line, "border, middle")
+
+
+class Coverage(SkillStrategy):
+    """Covers the area with lines and follows whatever a line meets; `avoid` is what a strategy adds.
+
+    Attributes
+    ----------
+    lines : which line comes next
+    frame : the present line, and the plane in which a contact on it is followed
+    threats : collision threats on the present line so far
+    begun : (3, 3), the orientation in which the present line was begun
+    """
+
+    Config: ClassVar[type] = CoverageConfig
+
+    def program(self) -> Program:
+        """Line after line, until none is left (section 4.2.3, figure 4.6)."""
+        self.options = self.task.options or self.Config()
+        spacing = self.options.step
+        self.lines = LineScheduler(
+            self.task, self.tip.memory, spacing, self.options.first_line,
+            near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
+        )  # fmt: skip
+        self.upright = self.tip.rotation
+        self.rest = False
+        self.shaft = ShaftMemory(BESIDE * spacing)
+        retraction: list[Waypoint] = []
+        while (line := self.lines.next(self.tip.here)) is not None:
+            yield from self.drive(line, retraction)
+            retraction = self.retraction()
+        yield from transit(self.tip, retraction, self.begun)
+        return Done("area covered")
+
+    def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+        """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
+        skill: Procedure | None = self.approach(line, retraction)
+        outcome: Outcome = Ended.ARRIVED
+        while skill is not None:
+            try:
+                outcome = yield from skill
+                skill = self.following(outcome)
+            except Overload:
+                skill = release(self.tip, self.frame)
+            except CollisionThreat:
+                skill = self.answer_threat()
+            except (Blocked, Jammed):
+                skill = self.give_up()
+        return outcome
+
+    def following(self, outcome: Outcome) -> Procedure | None:
+        """What follows from how a skill ended; None = this line is done."""
+        match outcome:
+            case Ended.ARRIVED | Ended.RETRACTED | Ended.NOTHING_FOUND:  # nothing there: on along the line (4.2.4)
+                return self.along_line()
+            case Ended.TABLE:
+                self.tip.leave()
+                return self.along_line()
+            case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
+                return self.along_surface()
+            case Ended.TURNED:
+                return self.contour()
+            case Lost(point):  # figure 4.9
+                return reapproach(self.tip, self.frame, point, self.options.reapproach)
+            case Ended.NEXT_LINE:
+                return self.next_in_passing()
+            case Ended.TURN_WANTED:
+                return self.turn()
+            case Ended.SHAFT_CONTACT:
+                self.rest = True
+                return self.raise_line()
+            case Ended.NO_CONTACT:
+                return self.give_up()
+            case _:
+                return None
+
+    @abstractmethod
+    def avoid(self) -> Procedure | None:
+        """The answer to a collision threat, as a skill; None = leave the line. The strategies differ in this alone."""
+
+    # What a strategy may also change
+
+    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
+        """The line as it is to be driven, and the orientation (3, 3) of the tip at its beginning."""
+        return line, self.upright
+
+    def leaves_descents(self, line: Line) -> bool:
+        """Whether a wall down which the line leads may be climbed from its other end instead."""
+        return line.free_end
+
+    def turn_wanted(self) -> np.ndarray | None:
+        """(3, 3) to turn to in the middle of a contour, None = go on as it is."""
+        return None
+
+    # Skills with what they need here
+
+    def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+        """Off what is touched, and to the beginning of a line."""
+        tip = self.tip
+        self.threats = 0
+        start = retraction[-1].place if retraction else tip.here
+        before = tip.rotation
+        line, tip.rotation = self.prepared(line, start)
+        self.begun = tip.rotation
+        self.frame = TrackingFrame(line, self.task.area)
+
+        def safe_speed(along: np.ndarray) -> float:
+            return tip.control.approach_speed(along, tip.rotation)
+
+        path = path_to(line, start, tip.rotation, self.task, tip.memory, safe_speed)
+        return transit(tip, retraction + path, before)
+
+    def along_line(self) -> Procedure:
+        """On along the line until something is touched."""
+        self.frame = self.frame.upright()
+        line = self.frame.line
+
+        def stretch(here: np.ndarray) -> tuple[np.ndarray, bool]:
+            end, careful = self.shaft.stretch(line, here)
+            target = line.at(end)
+            target[Z] = here[Z]
+            return target, careful
+
+        rest, self.rest = self.rest, False
+        return guarded_move(self.tip, line.at(line.end), line.ahead, stretch, line.grid_x, rest)
+
+    def along_surface(self) -> Procedure:
+        """Along a surface that is touched anew; around the object where its outline is sought."""
+        line, normal = self.frame.line, self.tip.control.normal
+        if line.outline:
+            sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
+            self.frame = self.frame.horizontal(sense, line.height)
+        return self.contour()
+
+    def contour(self) -> Procedure:
+        """On along the surface, in the plane of the frame."""
+        descent = DescentWatch(self.task, self.tip.control, self.tip.memory)
+
+        def until() -> Outcome | None:
+            turn = self.turn_wanted()
+            if turn is not None:
+                self.tip.rotation = turn
+                return Ended.TURN_WANTED
+            if self.frame.line.outline:
+                return Ended.END_FOUND if self._end_found() else None
+            if self.frame.level:
+                if self._at_next_line():
+                    return Ended.NEXT_LINE
+                return Ended.LINE_END if self._turned_back() else None
+            if self._at_table():
+                return Ended.TABLE
+            return Ended.DESCENT if self._climbs_instead(descent) else None
+
+        return follow_contour(self.tip, self.frame, until)
+
+    def contour_level(self) -> Procedure:
+        """On along the surface in a horizontal plane, towards the next grid line."""
+        sense = self.lines.towards_next() * (1.0 if self.tip.control.normal[Y] >= 0.0 else -1.0)
+        self.frame = self.frame.horizontal(sense)
+        return self.contour()
+
+    def contour_upright(self) -> Procedure:
+        """On along the surface in the vertical plane of the line."""
+        self.frame = self.frame.upright()
+        return self.contour()
+
+    def turn(self) -> Procedure:
+        """To the orientation that is wanted now."""
+        return reorient(self.tip, self.frame, touching=self.tip.trace.last is follow_contour)
+
+    # Decisions
+
+    def answer_threat(self) -> Procedure | None:
+        """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
+        if self._beneath():
+            return self.raise_line()
+        self.threats += 1
+        return self.avoid()
+
+    def give_up(self) -> Procedure | None:
+        """Leave the line where it is; its fallback comes next, or the next line."""
+        self.lines.give_up(self.frame.line)
+        return None
+
+    def raise_line(self) -> Procedure | None:
+        """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
+        line, here = self.frame.line, self.tip.here
+        self.shaft.add(line, here)
+        height = float(here[Z]) + RAISE
+        if height > self.task.area.upper[Z]:
+            return self.give_up()
+        begin = float(here[line.axis]) - line.sign * self.options.retreat
+        self.lines.raise_line(replace(line, begin=begin, height=height, on_surface=False))
+        return None
+
+    def next_in_passing(self) -> Procedure:
+        """A level contour has come to the next grid line: along that, from the side it is on."""
+        self.threats = 0
+        line = self.lines.in_passing(self.tip.here)
+        inward = -1.0 if self.tip.control.normal[Y] > 0.0 else 1.0
+        self.frame = TrackingFrame(line if line.sign == inward else line.turned(), self.task.area)
+        return self.contour()
+
+    def retraction(self) -> list[Waypoint]:
+        """Off the surface that is touched, or back along a line that met nothing."""
+        tip = self.tip
+        tip.leave()
+        if tip.trace.last is guarded_move and not tip.leaving:
+            first = back_along(tip.seen, self.frame.line)
+        else:
+            normal = tip.normal() if tip.leaving else tip.control.normal
+            first = off_surface(tip.seen, normal, self.options.retreat, tip.memory)
+        return [] if first is None else [first]
+
+    def _beneath(self) -> bool:
+        """Whether the line has led in under what stands ahead, so that the stick comes near that."""
+        interrupted, normal = self.tip.trace.last, self.tip.control.normal
+        if interrupted is follow_contour and not self.frame.level:
+            return bool(normal @ self.frame.line.ahead < 0.0 and normal[Z] < UNDER)
+        return interrupted is guarded_move
+
+    def _end_found(self) -> bool:
+        """Past the place where the normal points along the line, or too far around for an end."""
+        line, normal = self.frame.line, self.tip.control.normal
+        gone = (self.tip.here[line.aside] - line.place) * line.outline
+        return bool(normal[line.aside] * line.outline > PAST_END or gone > BESIDE * self.options.step)
+
+    def _at_next_line(self) -> bool:
+        neighbours = self.lines.neighbours()
+        if neighbours is None:
+            return False
+        here, there = neighbours
+        return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
+
+    def _turned_back(self) -> bool:
+        """Around the object's end, and now away from the next line again."""
+        tangent = self.tip.control.tangent(self.frame.binormal())
+        return tangent[X] * self.lines.towards_next() < TURNED_BACK
+
+    def _at_table(self) -> bool:
+        tip, frame = self.tip, self.frame
+        return frame.at_table(tip.here) and tip.control.tangent(frame.binormal())[Z] < 0.0
+
+    def _climbs_instead(self, descent: DescentWatch) -> bool:
+        """Whether the wall that is descended is left here, to be climbed from the line's other end."""
+        if not self.options.climb or self.tip.seen.contact is None or not self.leaves_descents(self.frame.line):
+            return False
+        up = descent.climb(self.tip.seen, self.frame, self.upright)
+        if up is None or self.lines.hopeless(up):
+            return False
+        self.lines.insert(up)
+        return True
+
+    # For the runner
+
+    @property
+    def line_spacing(self) -> float | None:
+        """m between two lines."""
+        return float(self.options.step)
+
+    def progress(self) -> Progress:
+        """The line, the skill, and the share of the lines done."""
+        driven, known = self.lines.count()
+        kind = "grid line" if self.frame.line.axis == Y else "line across"
+        state = self.tip.trace.state
+        doing = f"{kind}, {min(driven + 1, known)} of {known}: {state}"
+        return Progress(doing, min(driven / max(known, 1), 1.0), state)

@@ -1,0 +1,84 @@
+"""Walls are climbed rather than descended, where that is quicker.
+
+A foot that has not been touched yet is met stick first, and the stick is stiffest along its axis: F = K v tau allows
+some 5 mm/s downwards where it allows 20 mm/s upwards, since above the sphere there is the probe's own column. A contour
+that comes to a wall leading down is left there; the same line is driven from its other end, up that wall, to where it
+was left. The source descends (Rau 2017, section 4.2.5). What lies in a valley is descended into once, from one side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from lwrprobe.contracts import Observation, Task
+from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.paths import OFF, Waypoint, lowest_beside, path_to, seconds
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+
+DOWN = np.array([0.0, 0.0, -1.0])
+STEEP = 0.9
+"""Share of the direction onward along z, downwards, from which on a contour descends a wall."""
+FLAT = sqrt(1.0 - STEEP * STEEP)
+"""Share of the normal along z, from which on no direction along the surface is that steep."""
+WALL = 0.002
+"""m under its upper edge, after which a descent is one of a wall and not one over a rounded edge."""
+OVERLAP = 0.0025
+"""m along the line that both contours have in common."""
+
+
+class DescentWatch:
+    """Notices that one contour descends, and decides whether to come from the other side instead.
+
+    Parameters
+    ----------
+    task : speeds, area, the probe's links
+    control : the tracked normal, and how fast a descent may be
+    memory : where the probe has been
+    """
+
+    def __init__(self, task: Task, control: ContourControl, memory: ContactMemory) -> None:
+        self._task, self._control, self._memory = task, control, memory
+        self._edge: np.ndarray | None = None
+        self._decided = False
+
+    def climb(self, seen: Observation, frame: TrackingFrame, rotation: np.ndarray) -> Line | None:
+        """The line from the other end, where the present one descends and that one is quicker; decided once a descent.
+
+        `rotation` (3, 3) is how the tip would be held on it.
+        """
+        here = seen.pose[:3, 3]
+        # Called with every sample: mostly the normal alone shows that nothing is that steep.
+        if abs(self._control.normal[Z]) > FLAT or self._control.tangent(frame.binormal())[Z] > -STEEP:
+            self._edge, self._decided = None, False
+            return None
+        if self._edge is None:
+            self._edge = here.copy()
+        if self._decided or self._edge[Z] - here[Z] < WALL:
+            return None
+        self._decided = True
+        line = frame.line
+        end = float(self._edge[line.axis]) - line.sign * OVERLAP
+        # Down the wall from here, should its foot turn out not to be within reach.
+        down = Line(line.axis, line.place, float(here[line.axis]), line.end, float(here[Z]), True, float(here[Z]))
+        up = Line(line.axis, line.place, line.end, end, float(here[Z]), fallback=down)
+        up = replace(up, height=lowest_beside(up, self._memory.contacts()[:, 3:6], self._task))
+        return up if self._quicker(seen, up, rotation) else None
+
+    def _quicker(self, seen: Observation, up: Line, rotation: np.ndarray) -> bool:
+        task, here, held = self._task, seen.pose[:3, 3], seen.pose[:3, :3]
+
+        def speed(along: np.ndarray) -> float:
+            return self._control.approach_speed(along, held)
+
+        height = here[Z] - up.height
+        there = path_to(up, here + OFF * self._control.normal, rotation, task, self._memory, speed)
+        top = float(task.area.upper[Z])
+        over = np.array([up.start[0], up.start[1], top])
+        back = [Waypoint(np.array([here[0], here[1], top])), Waypoint(over), Waypoint(up.start)]
+        climb = height / task.contour_speed + seconds(there, here, task, speed) + seconds(back, here, task, speed)
+        return climb < height / min(speed(DOWN), task.contour_speed)

@@ -1,0 +1,44 @@
+"""Lines that find the object's ends in x, where the outermost contact shows that the end lies beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe_strategies.planning.lines import Line
+
+BELOW = 0.003
+"""m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
+FACING = 0.5
+"""Share of the normal along x, from which on a touch is one of an end in x."""
+UPWARD = 0.3
+"""Share of the normal along z, up to which a touch is one of a wall."""
+WIDENS = 0.05
+"""Share of the normal along z, from which on an object is wider below."""
+BENT = 0.06
+"""Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
+
+
+def outlines(contacts: np.ndarray, places: np.ndarray, height: float) -> list[Line]:
+    """Lines that find the object's ends in x, where the outermost touch says that the end lies beside it.
+
+    Each touches the object where it reached furthest and follows it around, in the horizontal plane, to where the
+    normal points along x.
+    """
+    lines: list[Line] = []
+    for sign in (1.0, -1.0):
+        facing = contacts[sign * contacts[:, 6] > FACING]
+        if not len(facing):
+            continue
+        # An upper edge is touched as far out as the wall under it, but beside it the probe would pass over the top.
+        walls = facing[np.abs(facing[:, 8]) < UPWARD]
+        facing = walls if len(walls) else facing
+        last = facing[np.argmax(sign * facing[:, 3])]
+        free = places[sign * places > sign * last[0] + 1e-3]
+        across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
+        if abs(across) < BENT or not len(free) or last[2] < height - BELOW:
+            continue
+        begin = float(free[np.argmin(sign * free)])
+        # What faces up there reaches further out below.
+        level = height if last[8] > WIDENS else max(float(last[2]), height)
+        lines.append(Line(0, float(last[1]), begin, float(last[0]), level, outline=-1 if across > 0.0 else 1))
+    return lines

@@ -1,0 +1,154 @@
+"""The line scheduler: the lines of the grid, and after them those that close what the grid has left out."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Task
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
+from lwrprobe_strategies.planning.lines import Grid, Line, Y, Z
+from lwrprobe_strategies.planning.outlines import outlines
+from lwrprobe_strategies.planning.paths import line_height, lowest_beside
+
+BESIDE = 1.5
+"""Line spacings across a line, within which another line is its neighbour."""
+
+
+class LineScheduler:
+    """Which line is driven next. It plans; it moves nothing.
+
+    Parameters
+    ----------
+    task : the area, the probe and where it stands
+    memory : the contacts so far; read when the grid is done
+    spacing : m, between two lines
+    first_line : `border` or `middle`
+    near_sides, across, ends : which lines follow those of the grid
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        memory: ContactMemory,
+        spacing: float,
+        first_line: str,
+        *,
+        near_sides: bool = True,
+        across: bool = True,
+        ends: bool = True,
+    ) -> None:
+        self._task, self._area, self._memory, self._spacing = task, task.area, memory, spacing
+        first = None if first_line == "border" else float(task.start[0])
+        self.grid = Grid.over(task.area, spacing, first, task.probe.radius)
+        self.height = line_height(task)
+        self._number = self._driven = -1  # of the present line of the grid; of lines done
+        self._inserted: Line | None = None
+        self._coming: deque[Line] = deque()
+        self._given_up: list[Line] = []
+        self._raised: list[Line] = []
+        gaps = ((near_sides, self._near_sides), (across, self._lines_across), (ends, self._outlines))
+        self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
+
+    def next(self, here: np.ndarray) -> Line | None:
+        """The next line from `here` (3,) m, where the tip is; None when nothing is left out."""
+        if self._inserted is not None:
+            line, self._inserted = self._inserted, None
+            return line if line.axis == Y else self._above(line)  # along y even the free part has to be driven
+        self._driven += 1
+        self._number += 1
+        if self._number < len(self.grid):
+            return self._grid_line(here)
+        while not self._coming and self._passes:
+            self._coming.extend(self._passes.popleft()())
+        if not self._coming:
+            return None
+        line = self._coming.popleft()
+        if line.fallback is not None and self.hopeless(line):
+            return line.fallback
+        return self._above(line)
+
+    def in_passing(self, here: np.ndarray) -> Line:
+        """The grid's next line, which a contour has reached by itself."""
+        self._driven += 1
+        self._number += 1
+        return self._grid_line(here)
+
+    def insert(self, line: Line | None) -> None:
+        """Drive this next, and then go on as if it belonged to the present line."""
+        self._inserted = line
+
+    def give_up(self, line: Line) -> None:
+        """The line cannot be driven to its end: its fallback comes next, where it has one."""
+        self.insert(line.fallback)
+        if line.fallback is not None:
+            self._given_up.append(line)
+
+    def hopeless(self, line: Line) -> bool:
+        """Whether one like it had to be given up beside it."""
+        return any(
+            other.axis == line.axis
+            and abs(other.begin - line.begin) < self._spacing
+            and abs(other.place - line.place) < BESIDE * self._spacing
+            for other in self._given_up
+        )
+
+    def raise_line(self, line: Line) -> None:
+        """Go on with the same line higher up: at least as high as one beside it had to be driven."""
+        self.insert(self._above(replace(line, raised=True)))
+
+    def lowest(self, line: Line) -> float:
+        """m, height at which a line may be driven beside what was touched."""
+        return lowest_beside(line, self._memory.contacts()[:, 3:6], self._task)
+
+    def neighbours(self) -> tuple[float, float] | None:
+        """x of the present line of the grid and of the next one on the same side, m; None at the end of a side."""
+        following = self._number + 1
+        if following >= len(self.grid) or following == self.grid.second_side:
+            return None
+        return float(self.grid.x[self._number]), float(self.grid.x[following])
+
+    def towards_next(self) -> float:
+        """Sign of x in which the grid goes on."""
+        last = min(self._number + 1, len(self.grid) - 1)
+        return 1.0 if self.grid.x[last] >= self.grid.x[last - 1] else -1.0
+
+    def count(self) -> tuple[int, int]:
+        """Lines done, and lines known of."""
+        driven = max(self._driven, 0)
+        return driven, driven + len(self._coming) + max(len(self.grid) - max(self._number, 0), 0)
+
+    def _above(self, line: Line) -> Line:
+        """The line, as high as lines beside it had to be raised."""
+        beside = [
+            other.height
+            for other in self._raised
+            if (other.axis, other.sign) == (line.axis, line.sign)
+            and abs(other.end - line.end) < self._spacing
+            and abs(other.place - line.place) < BESIDE * self._spacing
+        ]
+        if beside and not line.on_surface:
+            line = replace(line, height=max(line.height, *beside), raised=True)
+        if line.raised:
+            self._raised.append(line)
+        return line
+
+    def _grid_line(self, here: np.ndarray) -> Line:
+        """The present line of the grid, from the border that is nearer."""
+        low, high = float(self._area.lower[Y]), float(self._area.upper[Y])
+        line = Line(Y, float(self.grid.x[self._number]), low, high, self.height, free_end=True)
+        return line if here[Y] <= 0.5 * (low + high) else line.turned()
+
+    def _near_sides(self) -> list[Line]:
+        return near_sides(self._memory.contacts(), self._memory.trail(), self._area, self._spacing, self.lowest)
+
+    def _lines_across(self) -> list[Line]:
+        contacts, trail, floor = self._memory.contacts(), self._memory.trail(), float(self._area.lower[Z])
+        return lines_across(contacts, trail, self.grid.x, self._spacing, floor, self.lowest)
+
+    def _outlines(self) -> list[Line]:
+        return outlines(self._memory.contacts(), self.grid.x, self.height)

@@ -1,0 +1,113 @@
+"""The frame in which a contour is followed: its plane, the way onward, where it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from math import nan
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.lines import AT_END, Line, X, Y, Z
+
+GAIN = 2.0
+"""1/s, of the return of a probe that was pushed off its line."""
+MAX_RETURN = 0.005
+"""m/s, of that return: slow beside the feed, so that the surface decides the way."""
+AT_TABLE = 1e-5
+"""m above the area's floor, within which the table height is reached."""
+
+Vector = tuple[float, float, float]
+
+
+class Plane(StrEnum):
+    """Along which two world axes a contact is followed: the source's motion states, and one for lines along x."""
+
+    X_Y = "X_Y"
+    Z_Y = "Z_Y"
+    Z_X = "Z_X"
+
+
+@dataclass(slots=True, frozen=True)
+class TrackingFrame:
+    """A line, and the plane in which a contact on it is followed; at first the vertical plane through the line.
+
+    Attributes
+    ----------
+    line : the line
+    area : in which the tip has to stay
+    level : the plane is horizontal plane
+    sense : +1 or -1, the sense in which a horizontal contour runs around the object
+    height : m, of a horizontal contour, None where it may drift
+    """
+
+    line: Line
+    area: Area
+    level: bool = False
+    sense: float = 1.0
+    height: float | None = None
+
+    def upright(self) -> TrackingFrame:
+        """The vertical plane through the same line."""
+        return replace(self, level=False)
+
+    def horizontal(self, sense: float, height: float | None = None) -> TrackingFrame:
+        """A horizontal plane."""
+        return replace(self, level=True, sense=sense, height=height)
+
+    @property
+    def plane(self) -> Plane:
+        """The source's motion state."""
+        return Plane.X_Y if self.level else Plane.Z_Y if self.line.axis == Y else Plane.Z_X
+
+    @property
+    def grid_x(self) -> float:
+        """m, x of the grid line on which a contact lies; NaN off the grid."""
+        return nan if self.level else self.line.grid_x
+
+    def binormal(self) -> Vector:
+        """Unit normal of the plane, signed so that the tangent (contact normal x binormal) leads onward."""
+        if self.level:
+            return 0.0, 0.0, self.sense
+        return (self.line.sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -self.line.sign, 0.0)
+
+    def past_end(self, place: np.ndarray) -> bool:
+        """Whether the line's end is reached at a place (3,); a horizontal contour ends at the area's border."""
+        line, here = self.line, place.item(self.line.axis)
+        if self.level:
+            low, high = self.area.lower.item(line.axis), self.area.upper.item(line.axis)
+            return here >= high - AT_END or here <= low + AT_END
+        return (here - line.end) * line.sign >= -AT_END
+
+    def at_table(self, place: np.ndarray) -> bool:
+        """Whether a place (3,) is as low as the tip may be."""
+        return place.item(Z) <= self.area.lower.item(Z) + AT_TABLE
+
+    def back(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(3,) m/s within the surface towards the plane, for a probe at `place` (3,) that was pushed off it.
+
+        `normal` (3,) is the surface's.
+        """
+        nx, ny, nz = normal.tolist()
+        pull = [0.0, 0.0, 0.0]
+        if not self.level:
+            pull[self.line.aside] = _pull(self.line.place - place.item(self.line.aside))
+        elif self.height is not None:
+            pull[Z] = _pull(self.height - place.item(Z))
+        out = pull[X] * nx + pull[Y] * ny + pull[Z] * nz
+        return np.array((pull[X] - out * nx, pull[Y] - out * ny, pull[Z] - out * nz))
+
+    def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """`velocity` (3,) without what leads out of the area in height or across the line; changed in place."""
+        for axis in (self.line.aside, Z):
+            here, onward = place.item(axis), velocity.item(axis)
+            outward = onward > 0.0 and here >= self.area.upper.item(axis)
+            inward = onward < 0.0 and here <= self.area.lower.item(axis)
+            if outward or inward:
+                velocity[axis] = 0.0
+        return velocity
+
+
+def _pull(off: float) -> float:
+    return min(max(GAIN * off, -MAX_RETURN), MAX_RETURN)

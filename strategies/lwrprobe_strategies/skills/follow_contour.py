@@ -1,0 +1,73 @@
+"""Follow a contour: slide along a surface at the wanted force (Rau 2017, section 4.2.5, phase 1, figure 4.8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lwrprobe.contracts import Confidence, VelocityCommand
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills.inner_edge import InnerEdge
+from lwrprobe_strategies.skills.release import release
+from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.tip import Tip
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@skill(Overload, CollisionThreat, Blocked, Jammed)
+def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome | None]) -> Procedure:
+    """Slide along what is touched, in the plane of the frame. An overlarge force is released, and the contour goes on.
+
+    Parameters
+    ----------
+    frame : in which plane, and where the line ends
+    until : called with every sample; the outcome with which the contour ends, None = go on
+
+    Returns
+    -------
+    What `until` says, Ended.LINE_END, or Lost with the point touched last
+    """
+    edge = InnerEdge(tip.task.force_target)
+    binormal = frame.binormal()
+    while True:
+        seen, here = tip.seen, tip.here
+        met = edge.normal(seen)
+        normal = tip.normal() if met is None else met
+        contact = seen.contact
+        if contact is not None and contact.confidence > Confidence.NONE:
+            tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
+        overload = False
+        try:
+            yield slide(tip, frame, normal)
+        except Overload:
+            overload = True
+        finally:
+            edge.watch(tip.seen, tip.control, binormal)
+        if overload:
+            if (yield from release(tip, frame)) is Ended.LINE_END:
+                return Ended.LINE_END
+            continue
+        if frame.past_end(tip.here):
+            return Ended.LINE_END
+        outcome = until()
+        if outcome is not None:
+            return outcome
+        if tip.seen.contact is None:
+            return Lost(here - tip.task.probe.radius * normal)
+
+
+def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray) -> VelocityCommand:
+    """Along the tangent, and along the normal (3,) by the force law."""
+    seen, task = tip.seen, tip.task
+    here, held = seen.pose[:3, 3], seen.pose[:3, :3]
+    feed = task.contour_speed
+    if seen.contact is None or seen.contact.confidence is not Confidence.RELIABLE:
+        # The stick may be what touches, and above the sphere nothing is known then.
+        feed = min(feed, tip.control.approach_speed(DOWN, held))
+    force = max(float(seen.force @ normal), 0.0)
+    velocity = tip.control.velocity(normal, force, frame.binormal(), feed, held, tip.period)
+    velocity += frame.back(here, tip.control.normal)
+    return VelocityCommand(frame.bounded(here, velocity), reason=follow_contour.name, pose=tip.turn())

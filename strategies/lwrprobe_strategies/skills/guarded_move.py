@@ -1,0 +1,75 @@
+"""Guarded move: straight on until something is touched (Rau 2017, section 4.2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import nan
+
+import numpy as np
+
+from lwrprobe.contracts import Confidence, Goal, VelocityCommand
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Overload
+from lwrprobe_strategies.planning.lines import AT_END
+from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.tip import Tip
+
+DOUBTED = 2
+"""Samples after which a contact that may be one of the stick is one: the first alone may be too weak to decide."""
+FACING = -0.3
+"""Normal along the motion, below which what is being left stands in the way."""
+
+Stretch = Callable[[np.ndarray], tuple[np.ndarray, bool]]
+"""From a place (3,) to how far the tip may go in one piece (3,), and whether with care."""
+
+
+@skill(Overload, CollisionThreat, Blocked, seeks_contact=True)
+def guarded_move(
+    tip: Tip,
+    end: np.ndarray,
+    ahead: np.ndarray | None = None,
+    stretch: Stretch | None = None,
+    grid_x: float = nan,
+    rest: bool = False,
+) -> Procedure:
+    """Go straight to a place, no faster than a contact on the way allows.
+
+    Parameters
+    ----------
+    end : (3,) m, where the motion ends without a contact
+    ahead : (3,) unit, direction of the motion, None = from here to `end`
+    stretch : how far to go in one piece, None = to the end; with care is at the speed along the stick
+    grid_x : m, of the grid line that is driven, for the memory
+    rest : stand still for one sample first
+
+    Returns
+    -------
+    Ended.CONTACT, Ended.SHAFT_CONTACT where the stick touches and not the sphere, or Ended.NO_CONTACT at the end
+    """
+    if ahead is None:
+        way = end - tip.here
+        ahead = way / max(float(np.sqrt(way @ way)), 1e-9)
+    goal: Goal | None = None
+    doubts = int(rest)
+    stop = VelocityCommand(np.zeros(3), reason=guarded_move.name)
+    while True:
+        if not doubts and (goal is None or tip.seen.goal_reached):
+            target, careful = (end, False) if stretch is None else stretch(tip.here)
+            held = tip.seen.pose[:3, :3]
+            speed = tip.control.approach_speed(held[:, 2] if careful else ahead, held)
+            goal = Goal(tip.pose_at(target), speed, guarded_move.name)
+        try:
+            yield stop if doubts or goal is None else goal
+        finally:
+            tip.memory.passed(tip.here, grid_x)
+        contact = tip.seen.contact
+        if contact is not None and not tip.leaving and contact.confidence <= Confidence.DOUBTFUL:
+            doubts += 1
+            if doubts >= DOUBTED:
+                return Ended.SHAFT_CONTACT
+            continue
+        doubts = 0
+        if tip.touches or (contact is not None and float(tip.normal() @ ahead) < FACING):
+            tip.control.begin(tip.normal())
+            return Ended.CONTACT
+        if float((tip.here - end) @ ahead) >= -AT_END:
+            return Ended.NO_CONTACT

@@ -1,0 +1,31 @@
+"""Release: give way to an overlarge force (Rau 2017, section 5.3.3, `exploration()`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contracts import VelocityCommand
+from lwrprobe_strategies.outcomes import Ended
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.tip import Tip
+
+RELEASED = 1.25
+"""Times the wanted force, below which the force is released: what the force law corrects by itself."""
+
+
+@skill()
+def release(tip: Tip, frame: TrackingFrame) -> Procedure:
+    """Move along the force until it is near the wanted one.
+
+    Returns
+    -------
+    Ended.RELEASED, or Ended.LINE_END where the line ends on the way
+    """
+    while True:
+        velocity = tip.control.release_velocity(tip.seen.force, tip.seen.pose[:3, :3])
+        yield VelocityCommand(frame.bounded(tip.here, velocity), reason=release.name)
+        if frame.past_end(tip.here):
+            return Ended.LINE_END
+        if np.sqrt(tip.seen.force @ tip.seen.force) <= RELEASED * tip.task.force_target:
+            return Ended.RELEASED

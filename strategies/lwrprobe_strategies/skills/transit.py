@@ -1,0 +1,74 @@
+"""Transit: through free space along a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
+
+from lwrprobe.contracts import Goal
+from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
+from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.tip import Tip
+
+YIELDS = 0.7
+"""Share of a way along the force, from which on it yields to that force."""
+
+
+@skill(Overload, Blocked, seeks_contact=True)
+def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = None) -> Procedure:
+    """Go through the waypoints in turn, each on a straight, jerk-limited line.
+
+    A contact that is being left when the transit begins does not end it, nor does its force on a way that yields to it.
+
+    Parameters
+    ----------
+    path : where to go; with no waypoint the tip stays where it is
+    rotation : (3, 3) in which the tip is held until a waypoint has another one, None = as wanted
+
+    Returns
+    -------
+    Ended.ARRIVED, or Ended.CONTACT where something is touched on the way
+    """
+    rotation = tip.rotation if rotation is None else rotation
+    if not path:
+        yield Goal(tip.seen.pose, tip.task.free_speed, transit.name)
+        return Ended.CONTACT if tip.touches else Ended.ARRIVED
+    for waypoint in path:
+        if waypoint.rotation is not None:
+            rotation = waypoint.rotation
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, waypoint.place
+        goal = Goal(pose, speed_to(tip, waypoint, rotation), transit.name)
+        while True:
+            try:
+                yield goal
+            except Overload:
+                if not yields(tip, waypoint):
+                    raise
+            if tip.touches:
+                tip.control.begin(tip.normal())
+                return Ended.CONTACT
+            if waypoint.reached(tip.seen.pose):
+                break
+    return Ended.ARRIVED
+
+
+def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
+    """m/s on the way to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
+    if waypoint.pace is Pace.FREE:
+        return tip.task.free_speed
+    way = waypoint.place - tip.here
+    size = float(np.sqrt(way @ way))
+    along = way / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
+    return min(tip.control.approach_speed(along, turn) for turn in (tip.seen.pose[:3, :3], rotation))
+
+
+def yields(tip: Tip, waypoint: Waypoint) -> bool:
+    """Whether the way leaves what is touched along the force: there is no better answer to it."""
+    if not tip.leaving:
+        return False
+    way, force = waypoint.place - tip.here, tip.seen.force
+    return float(way @ force) > YIELDS * hypot(*way.tolist()) * hypot(*force.tolist())

@@ -1,0 +1,151 @@
+"""Runs a program of skills as a strategy, and raises what interrupts a skill in the innermost one.
+
+The program and its skills are generators. They are sent each observation and yield the motion that answers it. The same
+observations give the same motions: a run is replayed or resumed by showing a new program what the old one was shown.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Sequence
+from math import hypot
+from typing import Any, ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import STRATEGY_CONTRACT, Done, Motion, Observation, Progress, Task
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload
+from lwrprobe_strategies.skills.skill import Skill
+from lwrprobe_strategies.tip import Tip
+from lwrprobe_strategies.trace import Row
+
+Program = Generator[Motion, Observation, Done]
+
+OVERLOAD = 0.6
+"""Share of the way from the wanted force to the limit, above which the force is overlarge: time to act remains."""
+JAM_TIME = 3.0
+JAM_DISTANCE = 0.002
+"""s and m: a tip that follows a surface and has not come further than this in that time is stuck."""
+NEARER = 0.0005
+"""m by which a link may come nearer after a threat has been answered, before that is a new threat."""
+
+
+class Supervisor:
+    """Decides with every sample whether the innermost skill is interrupted.
+
+    Parameters
+    ----------
+    tip : what the skills share
+    """
+
+    def __init__(self, tip: Tip) -> None:
+        self._tip = tip
+        task = tip.task
+        self._overload = task.force_target + OVERLOAD * (task.force_limit - task.force_target)
+        self._answered = np.inf  # m, clearance at the last threat
+        self._mark: tuple[float, np.ndarray] | None = None  # s and place, since when there is no progress
+
+    def interruption(self, seen: Observation) -> Interruption | None:
+        """What to raise in the innermost skill instead of sending it the observation."""
+        tip = self._tip
+        skill: Skill[Any] = tip.trace.running[-1]  # type: ignore[assignment]
+        concerns = skill.interruptions
+        if skill.seeks_contact and tip.touches:
+            return None
+        if Overload in concerns and hypot(*seen.force.tolist()) > self._overload:
+            return Overload()
+        if CollisionThreat in concerns and self._threatened(seen):
+            return CollisionThreat()
+        if seen.blocked and Blocked in concerns:
+            return Blocked()
+        if Jammed not in concerns:
+            self._mark = None
+        elif self._jammed(seen):
+            return Jammed()
+        return None
+
+    def _threatened(self, seen: Observation) -> bool:
+        """A link is nearer than it may come, and nearer than when the last threat was answered."""
+        near = seen.clearance
+        if near is None or not near.threatens:
+            self._answered = np.inf
+            return False
+        if near.distance > self._answered - NEARER:
+            return False
+        self._answered = near.distance
+        return True
+
+    def _jammed(self, seen: Observation) -> bool:
+        here = seen.pose[:3, 3]
+        if self._mark is None:
+            self._mark = (seen.time, here)
+        since, place = self._mark
+        if seen.time - since < JAM_TIME:
+            return False
+        self._mark = (seen.time, here)
+        return bool(np.abs(here - place).max() < JAM_DISTANCE)
+
+
+class SkillStrategy(ABC):
+    """A strategy written as a program of skills; `program` is all that it has to define.
+
+    Attributes
+    ----------
+    task : what is to be explored, from `start` on
+    tip : what the skills share, from `start` on
+    """
+
+    Config: ClassVar[type]
+    contract: ClassVar[int] = STRATEGY_CONTRACT
+    task: Task
+    tip: Tip
+
+    @abstractmethod
+    def program(self) -> Program:
+        """Yields motions, most of them from skills, and returns how the exploration has ended."""
+
+    @property
+    def line_spacing(self) -> float | None:
+        """m between neighbouring lines of contacts, None where the strategy has no such distance."""
+        return None
+
+    @property
+    def trace(self) -> Sequence[Row]:
+        """(time s, skill, event, next skill) of each change of skill so far."""
+        return self.tip.trace.rows
+
+    def start(self, task: Task) -> None:
+        """Take over: the tip rests in free space. The program runs up to its first motion."""
+        self.task, self.tip = task, Tip(task)
+        self._supervisor = Supervisor(self.tip)
+        self._program = self.program()
+        self._done: Done | None = None
+        self._advance(None)
+
+    def step(self, observation: Observation) -> Motion:
+        """Answer one observation."""
+        if self._done is not None:
+            return self._done
+        self.tip.observe(observation)
+        return self._advance(observation)
+
+    def _advance(self, seen: Observation | None) -> Motion:
+        trace = self.tip.trace
+        try:
+            if seen is None:
+                return next(self._program)
+            interruption = self._supervisor.interruption(seen) if trace.running else None
+            if interruption is None:
+                return self._program.send(seen)
+            trace.event = interruption.event
+            return self._program.throw(interruption)
+        except StopIteration as stop:
+            self._done = stop.value
+        except Interruption as interruption:
+            self._done = Done(f"{interruption} while the strategy did: {trace.state}", complete=False)
+        trace.finish()
+        return self._done
+
+    def progress(self) -> Progress:
+        """The skill that runs."""
+        return Progress(self.tip.trace.state, 0.0, self.tip.trace.state)

@@ -1,0 +1,89 @@
+"""What skills share: the task, the latest observation, the controller, the memory of contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contracts import Confidence, Observation, Task
+from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.trace import Trace
+
+MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
+"""s between two samples; what lies outside is a gap in the stream and not a time to integrate over."""
+FIRST_PERIOD = 0.008
+"""s, assumed before the second sample: 125 Hz."""
+HELD = 3.0 - 1e-6
+"""Trace of the turn between two orientations, from which on they are the same for a command."""
+
+
+class Tip:
+    """The tip and what it has met.
+
+    The supervisor updates it with every sample. A skill reads it, and keeps its own state in local variables.
+
+    Attributes
+    ----------
+    task : what is to be explored
+    seen : the latest observation
+    period : s between the last two
+    control : hybrid force and velocity control; holds the tracked normal
+    memory : where the tip has been and what it touched there
+    rotation : (3, 3), the orientation in which the tip is to be held; set by the program, never by a skill
+    leaving : what is touched now is being left, and is no new contact
+    trace : which skill ran when, and how it ended
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.rotation = np.array(task.orientation, dtype=np.float64)
+        self.seen = Observation(0.0, self.pose_at(np.asarray(task.start)), np.zeros(3), np.zeros(3))
+        self.period = FIRST_PERIOD
+        self.control = ContourControl(task)
+        self.memory = ContactMemory()
+        self.leaving = False
+        self.trace = Trace()
+        self._samples = 0
+
+    @property
+    def here(self) -> np.ndarray:
+        """(3,) m, the sphere's centre."""
+        return self.seen.pose[:3, 3]
+
+    def observe(self, seen: Observation) -> None:
+        """Take over a sample."""
+        if self._samples:
+            self.period = min(max(seen.time - self.seen.time, MIN_PERIOD), MAX_PERIOD)
+        self._samples += 1
+        self.seen = seen
+        self.trace.time = seen.time
+        if seen.contact is None:
+            self.leaving = False
+
+    @property
+    def touches(self) -> bool:
+        """Something is touched, and it is not being left."""
+        return self.seen.contact is not None and not self.leaving
+
+    def leave(self) -> None:
+        """What is touched now counts as no contact until the tip is off it."""
+        self.leaving = self.seen.contact is not None
+
+    def normal(self) -> np.ndarray:
+        """(3,) unit: the contact's normal, or the direction of the force where no normal could be estimated."""
+        contact, force = self.seen.contact, self.seen.force
+        if contact is not None and contact.confidence > Confidence.NONE:
+            return contact.normal
+        size = float(np.sqrt(force @ force))
+        return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
+
+    def pose_at(self, place: np.ndarray) -> np.ndarray:
+        """(4, 4) at a place (3,), in the wanted orientation."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self.rotation, place
+        return pose
+
+    def turn(self) -> np.ndarray | None:
+        """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
+        pose = self.seen.pose
+        return None if np.vdot(self.rotation, pose[:3, :3]) > HELD else self.pose_at(pose[:3, 3])

@@ -1,0 +1,113 @@
+"""The line scheduler alone, against contacts drawn by hand."""
+
+import numpy as np
+import pytest
+
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.scheduler import LineScheduler
+from strategy_task import AREA, task
+
+BORDER = float(AREA.upper[1])
+NEAR, FAR = np.array([0.0, -BORDER, 0.0]), np.array([0.0, BORDER, 0.0])
+RADIUS = 0.005
+
+
+def grid_alone(first_line="border"):
+    return LineScheduler(
+        task(), ContactMemory(), 0.01, first_line, near_sides=False, across=False, ends=False
+    )  # fmt: skip
+
+
+def touch_block(memory, xs, top=0.035, half=0.03):
+    """Contacts of lines along y over a block, as the grid makes them: up the near side, over the top, down the far."""
+    for x in xs:
+        path = [(-half - RADIUS, z, -1.0, 0.0) for z in np.arange(0.006, top, 0.001)]
+        path += [(y, top + RADIUS, 0.0, 1.0) for y in np.arange(-half, half + 1e-9, 0.001)]
+        path += [(half + RADIUS, z, 1.0, 0.0) for z in np.arange(top, 0.006, -0.001)]
+        for y, z, ny, nz in path:
+            centre, normal = np.array([x, y, z]), np.array([0.0, ny, nz])
+            memory.add(centre, centre - RADIUS * normal, normal, x)
+
+
+def drain(lines, here=FAR):
+    driven = []
+    while (line := lines.next(here)) is not None:
+        driven.append(line)
+    return driven
+
+
+def test_the_grid_comes_first_and_each_line_from_the_border_that_is_nearer():
+    lines = grid_alone()
+    first = lines.next(NEAR)
+    assert (first.begin, first.end) == (-BORDER, BORDER)
+    rest = drain(lines)
+    assert all(line.begin == BORDER for line in rest)
+    assert [first.place, *(line.place for line in rest)] == list(lines.grid.x)
+    done, known = lines.count()
+    assert done == known == len(lines.grid)
+
+
+def test_from_the_middle_one_side_is_done_before_the_other():
+    places = [line.place for line in drain(grid_alone("middle"))]
+    start = places.index(min(p for p in places if p >= 0.0))
+    assert start == 0
+    turn = next(i for i in range(1, len(places)) if places[i] < 0.0)
+    assert all(p >= 0.0 for p in places[:turn])
+    assert all(p < 0.0 for p in places[turn:])
+
+
+def test_an_inserted_line_comes_next_and_is_none_of_the_grid():
+    lines = grid_alone()
+    first = lines.next(NEAR)
+    up = Line(1, first.place, first.end, 0.0, 0.006)
+    lines.insert(up)
+    assert lines.next(NEAR) is up
+    assert [line.place for line in drain(lines)] == list(lines.grid.x[1:])
+
+
+def test_what_had_to_be_given_up_beside_is_not_tried_again():
+    lines = grid_alone()
+    down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
+    lines.give_up(Line(1, 0.0, BORDER, 0.02, 0.006, fallback=down))
+    assert lines.next(NEAR) is down
+    assert lines.hopeless(Line(1, 0.01, BORDER, 0.02, 0.006))
+    assert not lines.hopeless(Line(1, 0.02, BORDER, 0.02, 0.006)), "two lines on"
+    assert not lines.hopeless(Line(1, 0.01, -BORDER, -0.02, 0.006)), "the other side"
+    assert not lines.hopeless(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
+
+
+def test_a_line_beside_a_raised_one_is_raised_as_high():
+    lines = grid_alone()
+    lines.next(NEAR)
+    across = Line(0, 0.0, -0.05, 0.05, 0.006)
+    lines.raise_line(Line(0, 0.0, -0.05, 0.05, 0.011))
+    assert lines.next(NEAR).height == 0.011
+    lines.insert(Line(0, 0.01, -0.05, 0.05, 0.006))
+    beside = lines.next(NEAR)
+    assert (beside.height, beside.raised) == (0.011, True)
+    lines.insert(Line(0, 0.03, -0.05, 0.05, 0.006))
+    assert lines.next(NEAR).height == across.height, "three lines on nothing is known"
+
+
+@pytest.mark.parametrize("across", [True, False])
+def test_after_the_grid_the_faces_along_the_lines_are_crossed(across):
+    memory = ContactMemory()
+    lines = LineScheduler(task(), memory, 0.01, "border", near_sides=False, across=across, ends=False)
+    touched = [x for x in lines.grid.x if abs(x) <= 0.04]
+    touch_block(memory, touched)
+    after = [line for line in drain(lines) if line.axis == 0]
+    assert bool(after) is across
+    ends = {round(max(abs(line.begin), abs(line.end)), 6) for line in after}
+    assert ends <= {round(max(touched) + 0.01, 6), round(-min(touched) + 0.01, 6)}
+    assert all(abs(line.place) < 0.035 for line in after)
+
+
+def test_neighbours_end_with_a_side_of_the_grid():
+    lines = grid_alone("middle")
+    for _ in range(len(lines.grid)):
+        lines.next(NEAR)
+        pair = lines.neighbours()
+        if pair is not None:
+            assert (pair[1] - pair[0]) * lines.towards_next() > 0.0
+    assert lines.neighbours() is None
