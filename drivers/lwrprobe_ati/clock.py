@@ -37,6 +37,4 @@ class DeviceClock:
 
     def forget(self) -> None:
         """Begin anew: the device's clock has been set."""
-        last = self._last
-        self.__init__()
-        self._last = last
+        self._last_stamp, self._device = None, 0.0

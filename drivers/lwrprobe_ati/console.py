@@ -54,13 +54,13 @@ class Console:
         Raises DeviceRefused, quoting the reply, when a prompt came without it, and ConnectionLost when nothing
         came any more.
         """
-        self._send(command)
+        line = self._send(command)
         pattern = re.compile(expected, re.MULTILINE)
         text, end = "", time.monotonic() + self._timeout
         patience = end
         while True:
             left = min(end, patience) - time.monotonic()
-            piece = self._receive(left) if left > 0.0 else b""
+            piece = self._receive(line, left) if left > 0.0 else b""
             text += piece.decode("latin-1")
             reply = _without_echo(text, command)
             prompted = _PROMPT.search(text) is not None
@@ -70,20 +70,22 @@ class Console:
                 raise self._no_reply(command, reply, prompted)
             patience = time.monotonic() + _AFTER_PROMPT if prompted else end
 
-    def _send(self, command: str) -> None:
+    def _send(self, command: str) -> socket.socket:
+        """The connection that the command went out on."""
         if self._socket is None:
             raise ConnectionLost(f"console {self._where}: not connected")
         try:
             self._socket.sendall(command.encode("ascii") + b"\r\n")
+            return self._socket
         except OSError as error:
             self.close()
             raise ConnectionLost(f"console {self._where}: {error.strerror or error}") from None
 
-    def _receive(self, seconds: float) -> bytes:
+    def _receive(self, line: socket.socket, seconds: float) -> bytes:
         """Some bytes, or none when the time is over."""
         try:
-            self._socket.settimeout(seconds)
-            piece = self._socket.recv(4096)
+            line.settimeout(seconds)
+            piece = line.recv(4096)
         except TimeoutError:
             return b""
         except OSError as error:

@@ -6,9 +6,11 @@ import time
 
 import numpy as np
 
-from lwrprobe.contracts import HealthCheck, SampleStatus, WrenchSample
+from lwrprobe.contracts import DriverError, HealthCheck, SampleStatus, WrenchSample
+from lwrprobe_ati.calibration import Calibration
 from lwrprobe_ati.sensor import AtiSensor
-from lwrprobe_ati.wire import battery_light
+from lwrprobe_ati.setup import Setup
+from lwrprobe_ati.wire import Record, battery_light
 
 _POLL = 0.002
 _AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -28,13 +30,16 @@ def sensor_health(sensor: AtiSensor, seconds: float) -> list[HealthCheck]:
             samples.append(sample)
             ages.append(time.monotonic() - sample.time)
         time.sleep(_POLL)
+    setup, record = sensor.setup, sensor.stream.last if sensor.stream is not None else None
+    if setup is None or record is None:
+        raise DriverError("the sensor is not open")
     counts = {name: value - before[name] for name, value in sensor.counters().items()}
     return [
         *_timing(sensor, samples, ages),
         _losses(counts),
-        *_wrench(sensor, samples),
+        *_wrench(setup.calibration, samples),
         _flags(samples),
-        *_device(sensor),
+        *_device(setup, record),
     ]
 
 
@@ -65,13 +70,13 @@ def _losses(counts: dict[str, int]) -> HealthCheck:
     )
 
 
-def _wrench(sensor: AtiSensor, samples: list[WrenchSample]) -> list[HealthCheck]:
+def _wrench(calibration: Calibration, samples: list[WrenchSample]) -> list[HealthCheck]:
     """In N and N·mm; drift compares the last fifth with the first."""
     values = np.array([[*s.force, *(1000.0 * s.torque)] for s in samples])
     noise, mean = values.std(axis=0), values.mean(axis=0)
     fifth = max(1, len(values) // 5)
     drift = values[-fifth:].mean(axis=0) - values[:fifth].mean(axis=0)
-    limits = sensor.setup.calibration.ratings * np.repeat([1.0, 1000.0], 3)
+    limits = calibration.ratings * np.repeat([1.0, 1000.0], 3)
     return [
         HealthCheck("noise", _six(noise), bool((noise < 0.01 * limits).all()), {"sigma": noise.tolist()}),
         HealthCheck("bias", _six(mean), bool((np.abs(mean) < 0.5 * limits).all()), {"mean": mean.tolist()}),
@@ -87,12 +92,12 @@ def _flags(samples: list[WrenchSample]) -> HealthCheck:
     seen = SampleStatus.OK
     for sample in samples:
         seen |= SampleStatus(sample.status)
-    text = ", ".join(flag.name.lower() for flag in SampleStatus if flag and flag in seen)
+    text = ", ".join((flag.name or "").lower() for flag in SampleStatus if flag and flag in seen)
     return HealthCheck("flags", text or "none", seen in (SampleStatus.OK, SampleStatus.LOST_BEFORE))
 
 
-def _device(sensor: AtiSensor) -> list[HealthCheck]:
-    record, calibration = sensor.stream.last, sensor.setup.calibration
+def _device(setup: Setup, record: Record) -> list[HealthCheck]:
+    calibration = setup.calibration
     light = battery_light(record)
     named = f"serial {calibration.serial or '?'}, {calibration.part or '?'} of {calibration.date or '?'}"
     who = "the device" if calibration.device_multiplies else "this host (Mult OFF)"
@@ -103,5 +108,5 @@ def _device(sensor: AtiSensor) -> list[HealthCheck]:
             "calibration", f"{calibration.number} of transducer {calibration.transducer}: {named}; matrix by {who}"
         ),
         HealthCheck("range", f"{limits[0]:g} {limits[1]:g} {limits[2]:g} N, {1000.0 * limits[3]:g} N·mm"),
-        HealthCheck("firmware", sensor.setup.firmware),
+        HealthCheck("firmware", setup.firmware),
     ]

@@ -50,15 +50,15 @@ class PacketFilter:
             self.old += 1
         else:
             self.implausible += 1
-        return self._doubt(record, arrival)
+        return self._doubt(last, record, arrival)
 
-    def _doubt(self, record: Record, arrival: float) -> int | None:
+    def _doubt(self, last: Record, record: Record, arrival: float) -> int | None:
         if self._doubtful and not self._follows(self._doubtful[-1], record):
             self._doubtful = []
         self._doubtful.append(record)
         if len(self._doubtful) < _CONVINCING:
             return None
-        passed = _signed(record.stamp - self._last.stamp) / TICKS
+        passed = _signed(record.stamp - last.stamp) / TICKS
         self.rebooted |= abs(passed - (arrival - self._last_arrival)) > _CLOCK_STEP
         return self._accept(record, arrival, 1)
 

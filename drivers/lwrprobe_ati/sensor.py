@@ -68,7 +68,7 @@ class AtiSensor:
             self._open_console()
             self.setup = set_up(self._console, self.config)
             self.stream = Stream(self.config, self.setup.calibration)
-            self._start_stream()
+            self._start_stream(self.stream)
         except DriverError:
             self.close()
             raise
@@ -79,16 +79,16 @@ class AtiSensor:
         Sends start again when the device has been silent for a while. Raises ConnectionLost when it stays silent,
         and when it was switched off and on in between: its settings and bias are then unknown.
         """
-        samples = [sample for sample in self._received() if sample.time >= self._valid_from]
-        if self.stream.packets.rebooted:
+        stream = self._streaming()
+        samples = [sample for sample in self._received(stream) if sample.time >= self._valid_from]
+        if stream.packets.rebooted:
             raise ConnectionLost("the sensor's clock has jumped: it was restarted and has to be opened again")
         self._watch_silence()
         return samples
 
     def tare(self) -> None:
         """Let the device subtract its present reading; what was measured before is thrown away."""
-        if self.stream is None:
-            raise DriverError("the sensor is not open")
+        self._streaming()
         if not self._console.is_open:
             self._open_console()
         set_bias(self._console, self.config.transducer, True)
@@ -121,6 +121,16 @@ class AtiSensor:
 
     # --- insides ---
 
+    def _streaming(self) -> Stream:
+        if self.stream is None:
+            raise DriverError("the sensor is not open")
+        return self.stream
+
+    def _data_line(self) -> socket.socket:
+        if self._socket is None:
+            raise DriverError("the sensor is not open")
+        return self._socket
+
     def _connected_socket(self) -> socket.socket:
         line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
@@ -145,43 +155,43 @@ class AtiSensor:
                 time.sleep(_FREEING)
             self._console.open()
 
-    def _start_stream(self) -> None:
+    def _start_stream(self, stream: Stream) -> None:
         end = time.monotonic() + self.config.timeout
         self._discard()
-        while self.stream.last is None:
+        while stream.last is None:
             now = time.monotonic()
             if now >= end:
-                raise ConnectionLost(self._nothing_came())
+                raise ConnectionLost(self._nothing_came(stream))
             if now - self._asked >= 0.25:
                 self._send(Command.START)
                 self._asked = now
             time.sleep(0.002)
-            self._received()
+            self._received(stream)
         self._heard = self._asked = time.monotonic()
 
-    def _received(self) -> list[WrenchSample]:
+    def _received(self, stream: Stream) -> list[WrenchSample]:
         samples: list[WrenchSample] = []
-        if self.stream is None:
-            raise DriverError("the sensor is not open")
+        line = self._data_line()
         for _ in range(_AT_ONCE):
             try:
-                data = self._socket.recv(2048)
+                data = line.recv(2048)
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
                 continue  # nobody listens there just now: that is silence
             except OSError as error:
                 raise ConnectionLost(f"the data line to {self.config.udp} broke: {error.strerror}") from None
-            samples += self.stream.samples(data, time.monotonic())
+            samples += stream.samples(data, time.monotonic())
         if samples:
             self._heard = time.monotonic()
         return samples
 
     def _discard(self) -> None:
         """Throw away what an earlier stream has left in the buffer."""
+        line = self._data_line()
         for _ in range(_AT_ONCE):
             try:
-                self._socket.recv(2048)
+                line.recv(2048)
             except BlockingIOError:
                 break
             except OSError:
@@ -204,11 +214,13 @@ class AtiSensor:
 
     def _send(self, command: Command) -> None:
         self._sequence += 1
-        with contextlib.suppress(OSError, AttributeError):  # also from a signal, when all is half gone
-            self._socket.send(encode_command(command, self._sequence))
+        line = self._socket  # None when a signal comes while all is half gone
+        with contextlib.suppress(OSError):
+            if line is not None:
+                line.send(encode_command(command, self._sequence))
 
-    def _nothing_came(self) -> str:
-        t = self.stream.traffic
+    def _nothing_came(self, stream: Stream) -> str:
+        t = stream.traffic
         if not t.datagrams:
             return f"the sensor at {self.config.udp} sends nothing to {self.config.local}"
         return (

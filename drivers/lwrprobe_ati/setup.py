@@ -33,15 +33,21 @@ def set_bias(console: Console, transducer: int, on: bool) -> None:
     console.ask(f"bias {transducer} {'on' if on else 'off'}", r"Bias")
 
 
+def _ask(console: Console, command: str, pattern: str) -> re.Match[str]:
+    """What the pattern finds in the reply to a command."""
+    match = re.search(pattern, console.ask(command, pattern), re.MULTILINE)
+    assert match is not None, "Console.ask returns only once the pattern is in the reply"
+    return match
+
+
 def _firmware(console: Console) -> str:
-    reply = console.ask("versions", r"^Firmware\s+\S+")
-    return re.search(r"(?m)^Firmware\s+(\S+)", reply)[1]
+    return _ask(console, "versions", r"^Firmware\s+(\S+)")[1]
 
 
 def _set_rate(console: Console, config: AtiConfig) -> None:
     pattern = r"Packet\s+rate\s*=\s*(\d+)[\s\S]*?Oversample\s*=\s*(\d+)"
-    reply = console.ask(f"rate {config.rate} {config.oversampling}", pattern)
-    rate, oversampling = (int(text) for text in re.search(pattern, reply).groups())
+    found = _ask(console, f"rate {config.rate} {config.oversampling}", pattern)
+    rate, oversampling = int(found[1]), int(found[2])
     if (rate, oversampling) != (config.rate, config.oversampling):
         raise DeviceRefused(
             f"the device runs at {rate} Hz x {oversampling}, not at {config.rate} Hz x {config.oversampling} as asked"
@@ -51,16 +57,14 @@ def _set_rate(console: Console, config: AtiConfig) -> None:
 def _power(console: Console, transducer: int) -> None:
     console.ask(f"xpwr {transducer} on", "")
     pattern = rf"^\s*{transducer}\s+(ON|OFF)\s+(ON|OFF)\s*$"
-    reply = console.ask("xpwr", pattern)
-    if re.search(pattern, reply, re.MULTILINE)[2] != "ON":
+    if _ask(console, "xpwr", pattern)[2] != "ON":
         raise DeviceRefused(f"transducer {transducer} stays without power: is it plugged into input {transducer}?")
 
 
 def _set_filter(console: Console, config: AtiConfig) -> None:
     console.ask(f"filter {config.transducer} {config.filter} {config.taps}", "")
     pattern = rf"^\s*{config.transducer}\s+([A-Za-z]+)\s+(\d+)\s*$"
-    reply = console.ask("filter", pattern)
-    kind, taps = re.search(pattern, reply, re.MULTILINE).groups()
+    kind, taps = _ask(console, "filter", pattern).groups()
     if (kind.lower(), int(taps)) != (config.filter, config.taps):
         raise DeviceRefused(f"the device filters with {kind} {taps}, not with {config.filter} {config.taps} as asked")
 

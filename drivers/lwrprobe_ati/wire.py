@@ -71,7 +71,7 @@ def decode_datagram(data: bytes | memoryview, transducer: int) -> Datagram | str
     the number of transducers, from 1 up, then follows from the length. Left-over bytes short of a record's
     head are tolerated. Records of one datagram follow each other; if they do not, none of them is believed.
     """
-    records = []
+    records: list[Record] = []
     at, size = 0, len(data)
     bit = 1 << (transducer - 1)
     while size - at > _LARGEST_LEFT_OVER:

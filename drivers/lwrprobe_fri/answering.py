@@ -16,6 +16,7 @@ import sys
 import time
 from dataclasses import asdict
 from math import radians
+from typing import Any, get_args
 
 from lwrprobe.contracts.address import as_address
 from lwrprobe_fri import messages as m
@@ -29,6 +30,7 @@ _FIELDS = {
     "position": Field.JOINT_POSITION,
     "joint_impedance": Field.JOINT_POSITION | Field.JOINT_STIFFNESS | Field.JOINT_DAMPING,
 }
+_REQUESTS: dict[bytes, Request] = {name.encode(): name for name in get_args(Request)}
 _BUFFER = 2048
 _BRIDGED = 10  # cycles without measurement for which the ramp goes on braking
 
@@ -122,7 +124,7 @@ class Answering:
                 case m.SET_POINT:
                     self._set_point = m.unpack_set_point(packet)
                 case m.REQUEST:
-                    self._request(packet[1:].decode())
+                    self._request(_REQUESTS[packet[1:]])
                 case m.TAKE_OVER:
                     self._set_point = None
                     self._braking = False
@@ -288,10 +290,16 @@ _START = (
 )
 
 
+def _config(fields: dict[str, Any]) -> FriConfig:
+    """The configuration whose fields have passed through JSON, which knows no tuples."""
+    lists = {name: tuple(value) for name, value in fields.items() if isinstance(value, list)}
+    return FriConfig(**(fields | lists))
+
+
 def main(argv: list[str]) -> None:
     """Entry of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the runner brakes the arm first and then ends this process
-    config = FriConfig(**{k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(argv[0]).items()})
+    config = _config(json.loads(argv[0]))
     controller = socket.socket(fileno=int(argv[1]))
     runner = socket.socket(fileno=int(argv[2]))
     # Nothing here makes cycles; a collection would come at the wrong moment.

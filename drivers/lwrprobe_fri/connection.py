@@ -104,6 +104,13 @@ class Connection:
         self._take_in()
         return self._latest
 
+    def arrival(self) -> Arrival:
+        """The newest measurement; ConnectionLost before the first."""
+        latest = self.latest
+        if latest is None:
+            raise ConnectionLost(silence_of(self.config))
+        return latest
+
     @property
     def traffic(self) -> Traffic:
         """What has been counted since the line was opened."""
@@ -125,7 +132,7 @@ class Connection:
     @property
     def answered_in_time(self) -> float:
         """Share of the controller's measurements since the line was opened whose answer it has not missed."""
-        if self._first is None or self._report is None:
+        if self._first is None or self._latest is None or self._report is None:
             return 0.0
         # The counter goes on where it was before this remote came; a restart begins it anew.
         missed = max(0, self._latest.measurement.misses - self._first.misses)
@@ -154,10 +161,11 @@ class Connection:
         seen = -1
         while True:
             self._take_in()
-            fresh = not self._silent and self._latest is not None and self._latest.index > seen
-            if fresh and good(self._latest):
-                return self._latest
-            seen = self._latest.index if fresh else seen
+            latest = self._latest
+            if not self._silent and latest is not None and latest.index > seen:
+                if good(latest):
+                    return latest
+                seen = latest.index
             left = end - time.monotonic()
             if self._failure:
                 raise ConnectionLost(self._failure)
@@ -190,11 +198,11 @@ class Connection:
 
         Raises DeviceRefused for a joint beyond its range or farther than its speed allows.
         """
-        self._take_in()
-        report = self._report
+        latest, report = self.arrival(), self._report
+        assert report is not None, "it comes with every arrival"
         start, since = self._set_point or (report.position, report.cycles - 1)
         elapsed = min(max(1, report.cycles - since), _PATIENCE) if self._set_point else 1
-        time_step = self._latest.measurement.cycle * elapsed
+        time_step = latest.measurement.cycle * elapsed
         for name, q, before, speed, reach in zip(JOINTS, joints, start, self._speed, self._range):
             if abs(q) > reach:
                 raise DeviceRefused(f"set point refused: {name} at {q:.4f} rad, its range is +-{reach:.4f} rad")
@@ -285,7 +293,7 @@ class Connection:
     def _timeout_error(self, otherwise: str, timeout: float) -> DriverError:
         traffic = self._traffic
         heard = f"{traffic.foreign} datagrams came from others, {traffic.malformed} were malformed"
-        if self._silent:
+        if self._silent or self._latest is None:
             where = f"from {self.config.remote} at {self.config.bind}"
             return ConnectionLost(f"{otherwise} {where} within {timeout:g} s; {heard}")
         latest = self._latest.measurement

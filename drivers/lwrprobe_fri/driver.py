@@ -62,7 +62,7 @@ class FriArm:
         self._line, self._seen, self._before = line, -1, None
         atexit.register(self.close)
         try:
-            self._adopt_cycle(line.latest.measurement.cycle)
+            self._adopt_cycle(line.arrival().measurement.cycle)
         except InputError:
             self.close()
             raise
@@ -98,7 +98,7 @@ class FriArm:
         )
         line.take_over()
         self._stopped = False
-        self._seen = line.latest.index
+        self._seen = line.arrival().index
 
     def read(self) -> ArmState:
         """Wait for the next measurement; the newest one when several have come.
@@ -150,7 +150,7 @@ class FriArm:
         end = time.monotonic() + self.config.stop_timeout
         while not line.resting and time.monotonic() < end:
             try:
-                line.next(line.latest.index)
+                line.next(line.arrival().index)
             except DriverError:
                 return  # silent: the controller itself brakes when answers stay away
 
@@ -239,7 +239,7 @@ class FriArm:
         def commanding(arrival: Arrival) -> bool:
             return arrival.measurement.state == State.CMD or line.claims_started(arrival.measurement)
 
-        if commanding(line.latest):
+        if commanding(line.arrival()):
             line.request("stop")
             line.wait_until(lambda a: not commanding(a), self.config.stop_timeout, "command mode was not left")
 

@@ -14,11 +14,11 @@ from lwrprobe_fri.wire import JOINTS, Measurement, Quality
 
 def connection_health(line: Connection, seconds: float) -> list[HealthCheck]:
     """Listen for `seconds`; raises ConnectionLost when the controller falls silent."""
-    first, joints = line.latest, []
+    joints: list[tuple[float, ...]] = []
     begin = time.monotonic()
     before = asdict(line.traffic)
     end = begin + seconds
-    arrival = first
+    arrival = line.arrival()
     while time.monotonic() < end or not joints:
         arrival = line.next(arrival.index)
         joints.append(arrival.measurement.measured)

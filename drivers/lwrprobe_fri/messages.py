@@ -88,7 +88,9 @@ class Report:
     @classmethod
     def unpacked(cls, packet: bytes) -> Report:
         words = _REPORT.unpack_from(packet)
-        return cls(*words[1:9], words[9:16], words[16:], packet[-MEASUREMENT_SIZE:])
+        late, resting, index, cycles, orders, steps, time, took = words[1:9]
+        measurement = packet[-MEASUREMENT_SIZE:]
+        return cls(late, resting, index, cycles, orders, steps, time, took, words[9:16], words[16:], measurement)
 
 
 def pack_set_point(joints: tuple[float, ...], velocity: tuple[float, ...]) -> bytes:

@@ -36,16 +36,15 @@ class OperatorConsole:
         self._stdin = _descriptor_of_stdin() if stdin else None
         self._typed = b""
         self._socket: socket.socket | None = None
-        self._selector: selectors.BaseSelector | None = None
         self.reactor: Reactor | None = None
 
     def open(self, selector: selectors.BaseSelector) -> None:
-        self._selector = selector
         if self._address is not None:
-            self._socket = bound_socket(self._address, "control")
-            selector.register(self._socket, selectors.EVENT_READ, self._from_port)
+            self._socket = line = bound_socket(self._address, "control")
+            selector.register(line, selectors.EVENT_READ, lambda: self._from_port(line))
         if self._stdin is not None:
-            selector.register(self._stdin, selectors.EVENT_READ, self._from_stdin)
+            stdin = self._stdin
+            selector.register(stdin, selectors.EVENT_READ, lambda: self._from_stdin(stdin, selector))
 
     def due(self) -> float:
         return float("inf")
@@ -75,19 +74,19 @@ class OperatorConsole:
             raise UnknownNameError("device", name, self._devices)
         return self._devices[name].control(rest)
 
-    def _from_port(self) -> None:
-        data, peer = self._socket.recvfrom(4096)
-        self._socket.sendto(self.control(data.decode("utf-8", "replace")).encode(), peer)
+    def _from_port(self, line: socket.socket) -> None:
+        data, peer = line.recvfrom(4096)
+        line.sendto(self.control(data.decode("utf-8", "replace")).encode(), peer)
 
-    def _from_stdin(self) -> None:
-        typed = os.read(self._stdin, 4096)  # not readline: its buffer would hide further lines from select
+    def _from_stdin(self, stdin: int, selector: selectors.BaseSelector) -> None:
+        typed = os.read(stdin, 4096)  # not readline: its buffer would hide further lines from select
         if not typed:
-            self._selector.unregister(self._stdin)
+            selector.unregister(stdin)
             return
         *lines, self._typed = (self._typed + typed).split(b"\n")
-        for line in lines:
-            if line.strip():
-                print(self.control(line.decode("utf-8", "replace")), flush=True)
+        for words in lines:
+            if words.strip():
+                print(self.control(words.decode("utf-8", "replace")), flush=True)
 
 
 def _descriptor_of_stdin() -> int | None:

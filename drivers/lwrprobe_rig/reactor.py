@@ -72,7 +72,8 @@ class Reactor:
 
     def __exit__(self, *error: object) -> None:
         self.stop()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
         if self._failure is not None and error[0] is None:
             raise self._failure
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lwrprobe.compiled import entry
@@ -160,10 +162,12 @@ class World:
         return pose
 
     def _start(self) -> np.ndarray:
-        given = self.config.start_q
-        if given is None and self.scene.arm.start_deg is not None:
+        given: Sequence[float] | np.ndarray
+        if self.config.start_q is not None:
+            given = self.config.start_q
+        elif self.scene.arm.start_deg is not None:
             given = np.radians(self.scene.arm.start_deg)
-        if given is None:
+        else:
             given = READY_POSTURE if self.robot.n == 7 else np.zeros(self.robot.n)
         return self.robot.joint_values(np.array(given), "sim.start_q")
 

@@ -49,6 +49,7 @@ class TelnetLine:
 
     @property
     def port(self) -> int:
+        assert self._listener is not None, "open() binds the port"
         return self._listener.getsockname()[1]
 
     def open(self, selector: selectors.BaseSelector) -> None:
@@ -64,7 +65,7 @@ class TelnetLine:
             raise ConnectionLost(f"telnet: cannot listen on {where}: {error.strerror}") from None
         listener.listen(4)
         self._listener = listener
-        selector.register(listener, selectors.EVENT_READ, self._accept)
+        selector.register(listener, selectors.EVENT_READ, lambda: self._accept(listener, selector))
 
     def close(self) -> None:
         self.free()
@@ -73,7 +74,7 @@ class TelnetLine:
 
     def free(self) -> None:
         """Drop the client, as UDP command 5 does."""
-        if self._client is not None:
+        if self._client is not None and self._selector is not None:
             self._selector.unregister(self._client)
             self._client.close()
         self._client = None
@@ -100,22 +101,22 @@ class TelnetLine:
         self.chatter = seconds
         self._next_chatter = now + seconds if seconds else float("inf")
 
-    def _accept(self) -> None:
+    def _accept(self, listener: socket.socket, selector: selectors.BaseSelector) -> None:
         with contextlib.suppress(OSError):
-            client, _ = self._listener.accept()
+            client, _ = listener.accept()
             if self._client is not None or time.monotonic() < self.deaf_until:
                 client.close()
                 return
             client.setblocking(False)
             self._client = client
-            self._selector.register(client, selectors.EVENT_READ, self._receive)
+            selector.register(client, selectors.EVENT_READ, lambda: self._receive(client))
             self._send(f"{_GREETING}\r\n>")
             if self.chatter:
                 self._next_chatter = 0.0
 
-    def _receive(self) -> None:
+    def _receive(self, client: socket.socket) -> None:
         try:
-            typed = self._client.recv(4096)
+            typed = client.recv(4096)
         except BlockingIOError:
             return
         except OSError:

@@ -90,6 +90,7 @@ class AtiEmulator:
 
     @property
     def udp_address(self) -> str:
+        assert self._socket is not None, "open() binds the port"
         host, port = self._socket.getsockname()
         return f"{host}:{port}"
 
@@ -104,13 +105,13 @@ class AtiEmulator:
     # --- as a device of the reactor ---
 
     def open(self, selector: selectors.BaseSelector) -> None:
-        self._socket = bound_socket(self._udp, "udp")
+        self._socket = line = bound_socket(self._udp, "udp")
         try:
             self.console.open(selector)
         except BaseException:
-            self._socket.close()
+            line.close()
             raise
-        selector.register(self._socket, selectors.EVENT_READ, self._receive)
+        selector.register(line, selectors.EVENT_READ, lambda: self._receive(line))
         self._booted = time.monotonic()
 
     def due(self) -> float:
@@ -170,7 +171,7 @@ class AtiEmulator:
             if wrench.shape != (6,) or not np.isfinite(wrench).all():
                 raise InputError("load", item, "TRANSDUCER=Fx,Fy,Fz,Tx,Ty,Tz in N and N-mm")
             wrench[3:] *= 1e-3
-            self._input(number.strip()).load = lambda now, constant=wrench: constant
+            self._input(number.strip()).load = _constant(wrench)
 
     def set_faults(self, text: str) -> None:
         """`loss=0.05,freeze,pieces=0.002,chatter=0.1`, or `none`; what is not named stays as it is."""
@@ -231,11 +232,11 @@ class AtiEmulator:
             part.hex() for part in (record[16:17], record[17:18], record[18:22], record[22:26], record[26:30])
         )
 
-    def _receive(self) -> None:
+    def _receive(self, line: socket.socket) -> None:
         now = time.monotonic()
         while True:
             try:
-                data, peer = self._socket.recvfrom(2048)
+                data, peer = line.recvfrom(2048)
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
@@ -272,7 +273,7 @@ class AtiEmulator:
         self._bundle = []
 
     def _transmit(self, data: bytes) -> None:
-        if not self.settings.transmitting or self._destination is None:
+        if not self.settings.transmitting or self._destination is None or self._socket is None:
             return
         try:
             self._socket.sendto(data, self._destination)
@@ -319,3 +320,7 @@ class AtiEmulator:
             f"{state} to {self._destination} at {self.settings.rate} Hz, transducers {powered}, sequence "
             f"{self._sequence}, {self.sent} datagrams sent, {self.refused} commands refused"
         )
+
+
+def _constant(wrench: np.ndarray) -> Wrench:
+    return lambda now: wrench

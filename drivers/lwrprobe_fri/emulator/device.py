@@ -54,14 +54,15 @@ class FriEmulator:
     @property
     def address(self) -> str:
         """HOST:PORT that is really bound."""
+        assert self._socket is not None, "open() binds the port"
         host, port = self._socket.getsockname()
         return f"{host}:{port}"
 
     # --- as a device of the reactor ---
 
     def open(self, selector: selectors.BaseSelector) -> None:
-        self._socket = bound_socket(self._bind, "bind")
-        selector.register(self._socket, selectors.EVENT_READ, self._receive)
+        self._socket = line = bound_socket(self._bind, "bind")
+        selector.register(line, selectors.EVENT_READ, lambda: self._receive(line))
         self._next = time.monotonic()
 
     def due(self) -> float:
@@ -144,13 +145,14 @@ class FriEmulator:
         for data in self._in.arrived(now):
             self.controller.receive(data, now)
         for data in self._out.arrived(now):
-            self._socket.sendto(data, self._remote)
+            if self._socket is not None:
+                self._socket.sendto(data, self._remote)
 
-    def _receive(self) -> None:
+    def _receive(self, line: socket.socket) -> None:
         now = time.monotonic()
         while True:
             try:
-                data, peer = self._socket.recvfrom(2048)
+                data, peer = line.recvfrom(2048)
             except BlockingIOError:
                 break
             if peer[0] == self._remote[0]:

@@ -5,7 +5,7 @@ KRL counts from 1, the wire and this file from 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 STRATEGIES = {10: 1, 20: 2, 30: 3}
@@ -15,14 +15,25 @@ STRATEGIES = {10: 1, 20: 2, 30: 3}
 class Interface(Protocol):
     """What a program may do and ask: the KRL functions and variables of FRI."""
 
-    quality: int
-    commanding: bool
+    @property
+    def quality(self) -> int: ...
+
+    @property
+    def commanding(self) -> bool: ...
 
     def set_strategy(self, control: int) -> None: ...
 
     def fri_start(self, safety: float) -> None: ...
 
     def fri_stop(self) -> None: ...
+
+
+class Program(Protocol):
+    """A KRL program: it reads what the remote asks for and answers in the integers of the measurement."""
+
+    answers: list[int]
+
+    def poll(self, asked: Sequence[int], interface: Interface) -> None: ...
 
 
 class ProgramA:
@@ -80,4 +91,4 @@ class ByHand:
     def poll(self, asked: Sequence[int], interface: Interface) -> None: ...
 
 
-PROGRAMS = {"A": ProgramA, "B": ProgramB, "none": ByHand}
+PROGRAMS: dict[str, Callable[[], Program]] = {"A": ProgramA, "B": ProgramB, "none": ByHand}

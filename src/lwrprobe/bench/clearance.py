@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from time import perf_counter
 from typing import Any
@@ -280,8 +281,10 @@ def _coal(coal: Any, centres: np.ndarray) -> Ask:
         robot.distance(objects, callback)
         return max(callback.data.result.min_distance, 0.0)
 
-    ask.boxes = boxes  # the manager does not keep them alive
-    return ask
+    def ask_with(boxes: list[Any], pose: np.ndarray) -> float:
+        return ask(pose)
+
+    return partial(ask_with, boxes)  # the manager does not keep them alive
 
 
 def _coal_all_pairs(coal: Any, centres: np.ndarray) -> Ask:

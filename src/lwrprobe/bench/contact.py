@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -431,7 +432,7 @@ def _other_verdicts(seconds: dict[str, float], gravity: float, bent: float) -> l
     ]
 
 
-def _draw_errors(figure, by_friction: dict, by_force: dict, by_noise: dict) -> None:
+def _draw_errors(figure: Any, by_friction: dict, by_force: dict, by_noise: dict) -> None:
     panels = figure.subplots(1, 3, sharey=True)
     for axes, results, label in zip(
         panels,
@@ -447,7 +448,7 @@ def _draw_errors(figure, by_friction: dict, by_force: dict, by_noise: dict) -> N
     panels[0].legend()
 
 
-def _draw_work(figure, by_friction: dict, seconds: dict[str, float]) -> None:
+def _draw_work(figure: Any, by_friction: dict, seconds: dict[str, float]) -> None:
     axes = figure.subplots()
     for name in ESTIMATORS:
         errors = [e[name].row()[0] for e in by_friction.values()]

@@ -121,7 +121,7 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
             summary = explore(scene)
     except LwrprobeError as error:
         return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
-    error, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
+    contact, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
     stages = {stage["name"]: stage["us_median"] for stage in summary["stages"]}
     bound, descending = summary["lower_bound_time_s"], summary["lower_bound_descending_s"]
     ends = summary["end_errors_mm"]
@@ -131,8 +131,8 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         "collisions": summary["link_collisions"],
         "peak_force_n": summary["peak_force_n"],
         "range_used": summary["range_used"],
-        "contact_median": error.get("median"),
-        "contact_p95": error.get("p95"),
+        "contact_median": contact.get("median"),
+        "contact_p95": contact.get("p95"),
         "coverage": summary["coverage"],
         "coverage_upright": summary["coverage_upright"],
         "reachable": summary["coverage" if strategy == "orientation_change" else "coverage_upright"],

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,9 @@ ROUNDS = 7
 OPTIONS = {"targets": "poses that every solver gets", "cold": "random poses for our own count of successes"}
 
 
+Key = TypeVar("Key")
+
+
 @dataclass(slots=True)
 class Outcome:
     """What one solver made of a set of targets, one row a target.
@@ -51,6 +54,12 @@ class Outcome:
     success: Array
     jump: Array
     residual: Array
+
+    @classmethod
+    def room(cls, count: int) -> Outcome:
+        """Of so many targets, to be filled in."""
+        answered, success, jump = np.zeros((3, count), bool)
+        return cls(np.empty(count), np.empty(count), answered, success, jump, np.empty(count))
 
     @property
     def false(self) -> Array:
@@ -115,11 +124,11 @@ def _forward(report: BenchReport, robot: Robot, peers: list[Peer], quick: bool) 
     for peer in peers:
         times = [table.get(peer.name) for table in (forward, jacobian, batch)]
         if any(times):
-            own = 1e6 * compiled if peer.name == "lwrprobe" else None
-            rows.append([peer.name, *(None if t is None else 1e6 * t for t in times), own])
+            in_njit = 1e6 * compiled if peer.name == "lwrprobe" else None
+            rows.append([peer.name, *(None if t is None else 1e6 * t for t in times), in_njit])
     columns = ["library", "tip [us]", "Jacobian [us]", "tip in a batch of 10 000 [us]", "tip, called in njit [us]"]
     report.tables.append(Table("Forward kinematics and Jacobian, one call from Python into a buffer", columns, rows))
-    own, rival, toolbox = (name for name in ("lwrprobe", "pin", "rtb LM chan"))
+    own, rival, toolbox = "lwrprobe", "pin", "rtb LM chan"
     for what, table in (("tip", forward), ("Jacobian", jacobian)):
         if rival in table:
             text = f"{1e6 * table[own]:.3g} us against {1e6 * table[rival]:.3g} us"
@@ -197,7 +206,9 @@ def _solving_verdicts(
 def _many(report: BenchReport, robot: Robot, count: int) -> None:
     qs, poses = _targets(robot, count, 4)
     seeds = np.random.default_rng(5).uniform(robot.lower, robot.upper, qs.shape)
-    outcome = _outcomes(robot, {"lwrprobe": lwrprobe_peer(robot).cold}, poses, seeds)["lwrprobe"]
+    cold = lwrprobe_peer(robot).cold
+    assert cold is not None, "lwrprobe solves from a cold start"
+    outcome = _outcomes(robot, {"lwrprobe": cold}, poses, seeds)["lwrprobe"]
     failed, false = int((~outcome.success).sum()), int(outcome.false.sum())
     promise = f"cold starts: all of {count} random poses, no false success"
     report.verdicts.append(Verdict(promise, f"{failed} failed, {false} false", failed == false == 0))
@@ -211,15 +222,12 @@ def _targets(robot: Robot, count: int, seed: int) -> tuple[Array, Array]:
 
 
 def _outcomes(
-    robot: Robot, solvers: dict[str, Solve], poses: Array, seeds: Array, rounds: int = 1
-) -> dict[str, Outcome]:
+    robot: Robot, solvers: dict[Key, Solve], poses: Array, seeds: Array, rounds: int = 1
+) -> dict[Key, Outcome]:
     """Solvers take turns, a block of targets each and one before it that is not timed, so that each finds the caches as
     warm as its own loop leaves them; answers are judged outside the clock, those of the first round."""
     count = len(poses)
-    outcomes = {
-        name: Outcome(np.empty(count), np.empty(count), *(np.zeros(count, bool) for _ in range(3)), np.empty(count))
-        for name in solvers
-    }
+    outcomes = {name: Outcome.room(count) for name in solvers}
     for solve in solvers.values():
         _answer(solve, poses[0], seeds[0])
     each = {name: np.empty((rounds, count)) for name in solvers}

@@ -68,7 +68,7 @@ def judge_by_mujoco(report: BenchReport, build_world: Callable[..., Any]) -> Non
         rest, pushed = slice(140, 151), slice(400, len(path))
         for stage, when in (("pressed", rest), ("pushed", pushed)):
             mine, other = ours[when].mean(axis=0), np.median(theirs[when], axis=0)
-            off = np.linalg.norm(mine - other) / np.linalg.norm(other)
+            off = float(np.linalg.norm(mine - other) / np.linalg.norm(other))
             worst = max(worst, off)
             rows.append([name, stage, _as_text(mine), _as_text(other), 100 * off])
     columns = ["sphere", "stage", "simulator: force x, y, z [N]", "MuJoCo", "apart [%]"]

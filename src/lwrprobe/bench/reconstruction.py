@@ -174,10 +174,11 @@ def _warm(methods: dict[str, Method], record: TouchRecord) -> None:
 
 
 def _measure(
-    methods: dict[str, Method], record: TouchRecord, solid: Any, place: tuple, failures: dict[str, str]
+    methods: dict[str, Method], record: TouchRecord, solid: Any, place: tuple[str, float, str], failures: dict[str, str]
 ) -> list[Outcome]:
     """All methods on one record, one after the other, each timed once; one that fails is named once in the notes."""
     outcomes = []
+    scene, pitch, data = place
     for name, method in methods.items():
         try:
             begin = process_time()
@@ -185,15 +186,23 @@ def _measure(
             seconds = process_time() - begin
             found = mesh_error(mesh, solid, LOWEST, samples=_SAMPLES)
         except (LwrprobeError, RuntimeError) as error:  # a peer's own error counts as no mesh
-            failures.setdefault(name, f"{place[0]}, {place[1]:g} mm, {place[2]}: {error}")
+            failures.setdefault(name, f"{scene}, {pitch:g} mm, {data}: {error}")
             continue
         volume = np.nan if found.volume_error is None else 100.0 * abs(found.volume_error)
         outcomes.append(
             Outcome(
-                name, *place, len(record.points), 1e3 * found.mean, 1e3 * found.hausdorff, volume, found.watertight,
-                seconds,
+                method=name,
+                scene=scene,
+                pitch=pitch,
+                data=data,
+                contacts=len(record.points),
+                mean=1e3 * found.mean,
+                worst=1e3 * found.hausdorff,
+                volume=volume,
+                watertight=found.watertight,
+                seconds=seconds,
             )
-        )  # fmt: skip
+        )
     return outcomes
 
 
@@ -272,8 +281,9 @@ def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
             if not found:
                 continue
             where = f"{pitch:g} mm lines, {data}"
-            told = f"median {_median(found):.3g} mm"
-            verdicts.append(Verdict(f"{label} error <= {limit:g} mm at {where}, median", told, _median(found) <= limit))
+            middle = float(np.median(list(found.values())))
+            told = f"median {middle:.3g} mm"
+            verdicts.append(Verdict(f"{label} error <= {limit:g} mm at {where}, median", told, middle <= limit))
             above = [scene for scene, error in found.items() if error > limit]
             told = f"{len(found) - len(above)} of {len(found)}" + (f" (above: {', '.join(above)})" if above else "")
             verdicts.append(Verdict(f"the same on each object: {label}, {where}", told, not above))

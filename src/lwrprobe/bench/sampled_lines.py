@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lwrprobe.contracts import TouchRecord
+from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.scene.solid import Solid
 
 RADIUS = 0.005
@@ -31,12 +31,13 @@ def sample_lines(solid: Solid, pitch: float, phase: float = 0.5, seed: int = 1) 
     lower, upper = solid.bounds()
     count = int(np.ceil((upper[0] - lower[0] + 2.0 * _MARGIN) / pitch))
     places = 0.5 * (lower[0] + upper[0]) + pitch * (np.arange(-(count // 2), count // 2 + 1) + phase)
-    centres, free = [], []
+    lines: list[np.ndarray] = []
+    free: list[np.ndarray] = []
     for i, x in enumerate(places):
         ways, path = _line(solid, x, lower, upper)
-        centres += [_every_step(way, rng) for way in ways]
+        lines += [_every_step(way, rng) for way in ways]
         free.append(path if i % 2 == 0 else path[::-1])
-    centres = np.concatenate(centres)
+    centres = np.concatenate(lines)
     normals = centres - solid.nearest(centres).points
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = centres - RADIUS * normals + NOISE * rng.normal(size=centres.shape)
@@ -52,10 +53,13 @@ def sample_lines(solid: Solid, pitch: float, phase: float = 0.5, seed: int = 1) 
 
 def voxelised(record: TouchRecord) -> TouchRecord:
     """The same contacts as 2 mm voxel centres, each with the mean of its normals: what a map keeps."""
+    if record.normals is None:
+        raise InputError("record", "contacts without normals", "contacts with normals")
+    columns = record.normals.T
     cells, inverse = np.unique(np.floor(record.points / VOXEL).astype(np.int64), axis=0, return_inverse=True)
     inverse = inverse.ravel()
-    normals = np.stack([np.bincount(inverse, record.normals[:, m]) for m in range(3)], axis=1)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    sums = np.stack([np.bincount(inverse, column) for column in columns], axis=1)
+    normals = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-9)
     return TouchRecord(
         (cells + 0.5) * VOXEL,
         normals=normals,
@@ -78,7 +82,7 @@ def _line(solid: Solid, x: float, lower: np.ndarray, upper: np.ndarray) -> tuple
     distance = solid.signed_distance(nodes.reshape(-1, 3)).reshape(len(z), len(y))
     ways = []
     for line in contour_generator(y, z, distance).lines(RADIUS - _GRAZE):
-        way = np.column_stack([np.full(len(line), x), line])
+        way = np.column_stack([np.full(len(line), x), np.asarray(line)])
         ways += list(_runs(way, (way[:, 2] >= LOWEST) & _stick_is_free(solid, way, upper[2])))
     way = np.column_stack(
         [np.full(400, x), np.linspace(lower[1] - _MARGIN, upper[1] + _MARGIN, 400), np.full(400, LOWEST)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -90,7 +90,10 @@ def _machine() -> dict[str, str]:
     return machine() | versions("numpy", "numba", "scipy", "mujoco")
 
 
-def _foot(t: np.ndarray, depth: float) -> np.ndarray:
+Instant = TypeVar("Instant", float, np.ndarray)
+
+
+def _foot(t: Instant, depth: float) -> Instant:
     """Where the stick's foot is below the place of first touch: in and out again within a second."""
     return -GAP + (depth + GAP) * 0.5 * (1.0 - np.cos(2.0 * np.pi * t))
 
@@ -99,7 +102,7 @@ def _foot_speed(t: float, depth: float) -> float:
     return (depth + GAP) * np.pi * np.sin(2.0 * np.pi * t)
 
 
-def _driven_foot(t: np.ndarray, depth: float) -> np.ndarray:
+def _driven_foot(t: Instant, depth: float) -> Instant:
     """The same as an arm drives it: straight from one cycle of 1 ms to the next."""
     return np.interp(t, _KNOTS, _foot(_KNOTS, depth))
 
@@ -156,7 +159,8 @@ def _simulated(stiffness: float, times: np.ndarray, damping: float, **config: An
 
 def _error_at_rest(report: BenchReport, steps_ms: tuple[float, ...]) -> dict[float, list[tuple[float, float, float]]]:
     """Press without inertia: the simulator as it is by default, over stiffness and step."""
-    rows, found = [], {}
+    rows = []
+    found: dict[float, list[tuple[float, float, float]]] = {}
     worst = 0.0
     for stiffness in STIFFNESSES:
         found[stiffness] = []

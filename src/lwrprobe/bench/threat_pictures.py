@@ -21,11 +21,13 @@ def touches_of(folder: Path) -> dict[str, Any]:
     """`points` (n, 3) m and `level` (n,): whether a wall was followed level around, in the plane X_Y, there."""
     from lwrprobe.evaluation.run_folder import read_run
 
-    record = read_run(folder).record
-    way, pause = np.diff(record.points, axis=0), np.diff(record.times)
+    run = read_run(folder)
+    record, normals = run.record, run.record.normals
+    assert normals is not None, "contacts.csv has them"
+    way, pause = np.diff(record.points, axis=0), np.diff(run.times)
     across = np.linalg.norm(way[:, :2], axis=1)
     level = (across > STILL) & (np.abs(way[:, 2]) < LEVEL * across) & (pause < SOON)
-    level &= np.abs(record.normals[1:, 2]) < 0.5
+    level &= np.abs(normals[1:, 2]) < 0.5
     every = max(1, len(level) // MOST_POINTS)
     return {"points": record.points[1::every].round(5).tolist(), "level": level[::every].tolist()}
 

@@ -13,9 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import ruckig
@@ -73,6 +73,12 @@ def _integer(options: dict[str, str], name: str, default: int) -> int:
     if not text.isdigit() or int(text) < 1:
         raise InputError(name, text, "a whole number above 0")
     return int(text)
+
+
+class Generator(Protocol):
+    """What is timed: one step of a trajectory."""
+
+    def step(self) -> object: ...
 
 
 class BareRuckig:
@@ -145,7 +151,7 @@ def _step_times(
     bare: BareRuckig, arm: JointTrajectory, tip: CartesianTrajectory, goals: np.ndarray, rounds: int
 ) -> dict[str, np.ndarray]:
     far = (_pose(np.array((0.4, 0.1, -0.2)), np.array((0.3, 0.2, -0.4))), _pose(np.zeros(3)))
-    renewals = {
+    renewals: dict[str, tuple[Generator, Callable[[int], object]]] = {
         "bare Ruckig, 7 joints": (bare, lambda n: bare.set_goal(goals[n % 64])),
         "JointTrajectory, 7 joints": (arm, lambda n: arm.set_goal(goals[n % 64])),
         "CartesianTrajectory": (tip, lambda n: tip.set_goal(far[n % 2], 0.25)),
@@ -178,7 +184,7 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
     def feed(n: int) -> None:
         fed.set_feed(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
 
-    candidates = {
+    candidates: dict[str, tuple[Generator, Callable[[int], object]]] = {
         "bare Ruckig, 7 joints": (bare, lambda n: bare.set_goal(goals[n % 64])),
         "JointTrajectory, 7 joints": (arm, lambda n: arm.set_goal(goals[n % 64])),
         "CartesianTrajectory, straight": (straight, go_straight),
@@ -251,7 +257,11 @@ def _around_goals(report: BenchReport, rng: np.random.Generator, replans: int) -
     joint = _joints_around_goals(np.random.default_rng(seed), replans // 2)
     tip = _tip_around_goals(rng, replans - replans // 2)
     columns = ["generator", "re-plans", "exceptions", "plans refused", "limit violations", "goals missed"]
-    rows = [["bare Ruckig, 7 joints", *bare], ["JointTrajectory, 7 joints", *joint], ["CartesianTrajectory", *tip]]
+    rows: list[list[Any]] = [
+        ["bare Ruckig, 7 joints", *bare],
+        ["JointTrajectory, 7 joints", *joint],
+        ["CartesianTrajectory", *tip],
+    ]
     report.tables.append(Table("Re-plans at and around goals", columns, rows))
     ours = [joint[k] + tip[k] for k in range(5)]
     text = f"{ours[1]} exceptions, {ours[3]} violations in {ours[0]}"
@@ -493,7 +503,9 @@ def _corner(angle: float, stop_first: bool) -> tuple[float, np.ndarray]:
 
 def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> None:
     """Straight moves that pass near singularities of the LWR 4+, with and without the speed governor."""
-    robot, cases, watched = lwr4(), [], []
+    robot = lwr4()
+    cases: list[tuple[float, float, float, float]] = []
+    watched: list[np.ndarray] = []
     while len(cases) < wanted:
         q = rng.uniform(0.6 * robot.lower, 0.6 * robot.upper)
         q[5] = rng.uniform(-0.15, 0.15)
@@ -507,7 +519,7 @@ def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> Non
             watched.append(governed[2])
     free, governed, short, long = np.array(cases).T
     cost = np.concatenate(watched)
-    rows = [
+    rows: list[list[Any]] = [
         ["without", *_spread(free), float(np.median(short)), None],
         ["with", *_spread(governed), float(np.median(long)), 1e6 * float(cost.mean())],
     ]
@@ -527,7 +539,7 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
     return way / np.linalg.norm(way)
 
 
-def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool):
+def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) -> tuple[float, float, np.ndarray] | None:
     """(largest joint share, duration, seconds of each look) of a move; None where the line leaves the workspace."""
     robot = lwr4()
     solver, tip = IKSolver(robot), CartesianTrajectory(1e-3, FAST_TURN)

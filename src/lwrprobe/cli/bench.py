@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from lwrprobe.bench.report import BenchReport
 
 
 def bench(
@@ -39,7 +44,7 @@ def bench(
         typer.echo(f"wrote {path}", err=True)
 
 
-def _show(report, console) -> None:
+def _show(report: BenchReport, console: Console) -> None:
     from rich.table import Table
 
     from lwrprobe.bench.report import cell_text

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import metadata, version
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import lwrprobe
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
+
+    from lwrprobe.contracts.plugins import Plugin
 
 
 def doctor(
@@ -52,7 +57,7 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
     from lwrprobe.scene import load_scene
 
     loaded = load_scene(scene, settings)
-    faces = {}
+    faces: dict[str, Any] = {}
     for name in dict.fromkeys(names):
         plugin = load("driver", name, DRIVER_CONTRACT)
         config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
@@ -88,11 +93,11 @@ def _libraries() -> list[tuple[str, bool]]:
     return rows
 
 
-def _extra(need) -> str:
+def _extra(need: Requirement) -> str:
     marker = str(need.marker or "")
     return marker.split('"')[1] if marker.startswith("extra") and '"' in marker else ""
 
 
-def _plugin_line(plugin) -> str:
+def _plugin_line(plugin: Plugin) -> str:
     state = f"broken: {plugin.broken}" if plugin.broken else f"from {plugin.distribution} {plugin.version}"
     return f"{plugin.kind} {plugin.name:<22} {state}"

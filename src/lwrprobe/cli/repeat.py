@@ -29,6 +29,8 @@ def repeat(
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as the last line of output.")] = False,
 ) -> None:
     """Touch one place COUNT times at each speed: mean, sigma and range along the touch, and the bias of each speed."""
+    import numpy as np
+
     from lwrprobe.cli.progress import ProgressLine
     from lwrprobe.exploration.procedures.repeat import Plan
     from lwrprobe.exploration.procedures.repeat import repeat as touch
@@ -37,8 +39,8 @@ def repeat(
     given = (("arm.driver", arm), ("sensor.driver", sensor))
     overrides = [*(settings or []), *(f"{key}={json.dumps(value)}" for key, value in given if value is not None)]
     plan = Plan(
-        above=None if above is None else _numbers("above", above, 3),
-        direction=_numbers("direction", direction, 3),
+        above=None if above is None else np.array(_numbers("above", above, 3)),
+        direction=np.array(_numbers("direction", direction, 3)),
         reach=reach,
         speeds=tuple(_numbers("speeds", speeds)) if speeds else (),
         count=count,

@@ -230,9 +230,12 @@ class WrenchConditioner:
         return outcome
 
     def _collect(self, sample: WrenchSample) -> None:
-        self._collecting.append(sample)
-        if len(self._collecting) >= self._bias_count:
-            samples, self._collecting = self._collecting, None
+        samples = self._collecting
+        if samples is None:
+            return
+        samples.append(sample)
+        if len(samples) >= self._bias_count:
+            self._collecting = None
             self.bias_outcome = self.take_bias(samples, self._bias_rotation, self._touch_force)
 
     def _cleaned(self, values: np.ndarray) -> tuple[np.ndarray, str]:

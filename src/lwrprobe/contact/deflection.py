@@ -48,8 +48,11 @@ class Deflection:
         self._force[:] = force
         self._stick_shift(self._rotation, self.compliance, self._force, out)
         if self.joint_compliance is not None:
-            if jacobian is None or np.shape(jacobian)[1] != self.joint_compliance.size:
-                raise InputError("jacobian", np.shape(jacobian), f"(6, {self.joint_compliance.size}), the tip's")
+            joints = self.joint_compliance.size
+            if jacobian is None:
+                raise InputError("jacobian", jacobian, f"(6, {joints}), the tip's")
+            if np.shape(jacobian)[1] != joints:
+                raise InputError("jacobian", np.shape(jacobian), f"(6, {joints}), the tip's")
             kernels.add_arm_shift(
                 np.ascontiguousarray(jacobian, dtype=np.float64), self.joint_compliance, self._force, out
             )
@@ -139,7 +142,7 @@ def _solve_compliance(a: np.ndarray, b: Vector) -> Compliance:
     return Compliance(values, loaded, sigma, float(np.sqrt(np.mean(error**2))))
 
 
-def _compliance(field: str, value: Sequence[float]) -> Vector:
+def _compliance(field: str, value: Sequence[float] | Vector) -> Vector:
     array = np.array(value, dtype=np.float64)
     if array.ndim != 1 or not (np.isfinite(array).all() and (array >= 0.0).all()):
         raise InputError(field, value, "finite numbers, zero or more")

@@ -90,7 +90,7 @@ class DriftWatch:
 
     def rezero(self) -> BiasChange | None:
         """Move the conditioner's zero to the mean reading; None when not `ready` or when the drift is suspicious."""
-        if not self.ready:
+        if not self.ready or self._last_time is None:
             return None
         now, change = self._recent[-1][0], self.drift
         minutes = max(now - self._last_time, self._window) / 60.0

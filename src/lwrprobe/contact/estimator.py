@@ -161,7 +161,7 @@ class Given:
         self.row = np.zeros(kernels.INPUT)
         self._centre = self.row[6:9]
         self._pack = Struct(f"{kernels.INPUT}d").pack_into
-        self._memory = memoryview(self.row).cast("B")
+        self._memory = self.row.data.cast("B")
 
     def fill(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> np.ndarray:
         """The row, with these in it."""

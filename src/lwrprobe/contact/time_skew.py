@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,7 +112,7 @@ def _along(positions: np.ndarray) -> np.ndarray:
     return centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
 
 
-def _golden(function, low: float, high: float) -> float:
+def _golden(function: Callable[[float], float], low: float, high: float) -> float:
     """Minimum of a unimodal function by golden section (Kiefer 1953), to a thousandth of the interval."""
     ratio = 0.5 * (np.sqrt(5.0) - 1.0)
     a, b = low, high

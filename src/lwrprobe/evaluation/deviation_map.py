@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.mesh_error import deviation, face_deviation
@@ -52,7 +53,7 @@ def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
     import trimesh
 
     path, signed = Path(path), deviation(mesh, solid)
-    vertex = {"deviation": signed.astype(np.float32)}
+    vertex: dict[str, ArrayLike] = {"deviation": signed.astype(np.float32)}
     if mesh.vertex_error is not None:
         vertex["vertex_error"] = mesh.vertex_error.astype(np.float32)
     made = trimesh.Trimesh(
@@ -60,5 +61,7 @@ def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
         face_attributes={"deviation": face_deviation(mesh, solid).astype(np.float32)},
         vertex_colors=np.round(255.0 * deviation_colours(signed, 0.002)).astype(np.uint8),
     )  # fmt: skip
-    path.write_bytes(made.export(file_type="ply"))
+    content = made.export(file_type="ply")
+    assert isinstance(content, bytes), "a PLY is binary"
+    path.write_bytes(content)
     return path

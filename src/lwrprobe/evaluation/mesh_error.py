@@ -166,5 +166,6 @@ def _volumes(mesh: TriangleMesh, to_mesh: MeshDistance, solid: Solid, above: flo
     heights = lower[2] + (np.arange(count[2]) + rng.random((len(columns), count[2]))) / count[2] * (upper - lower)[2]
     points = np.column_stack([np.repeat(columns, count[2], axis=0), heights.ravel()])
     true, made = solid.contains(points), to_mesh.contains(columns, heights).ravel()
-    volume = float(np.count_nonzero(made) / max(np.count_nonzero(true), 1) - 1.0)
-    return volume, float(np.count_nonzero(true & made) / max(np.count_nonzero(true | made), 1))
+    either, both = int(np.count_nonzero(true | made)), int(np.count_nonzero(true & made))
+    volume = int(np.count_nonzero(made)) / max(int(np.count_nonzero(true)), 1) - 1.0
+    return volume, both / max(either, 1)

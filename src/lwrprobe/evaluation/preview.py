@@ -32,8 +32,11 @@ def draw_preview(
     from PIL import Image, ImageDraw
 
     view = View(_AZIMUTH, _ELEVATION, *_bounds(points, mesh, truth), _WIDTH, _HEIGHT)
-    panels = (("touched", _points(points, view)), ("reconstructed", _shape(mesh, _MESH, view)))
-    panels += (("true shape", _shape(truth, _TRUTH, view)),)
+    panels = (
+        ("touched", _points(points, view)),
+        ("reconstructed", _shape(mesh, _MESH, view)),
+        ("true shape", _shape(truth, _TRUTH, view)),
+    )
     size = (3 * (_WIDTH + _SIDE) + _SIDE, _TOP + _HEIGHT + _SIDE)
     sheet = Image.new("RGB", (_FINER * size[0], _FINER * size[1]), "white")
     pen = ImageDraw.Draw(sheet)

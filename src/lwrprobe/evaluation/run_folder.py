@@ -41,10 +41,15 @@ class RunFolder:
     trace: np.ndarray
 
     @property
+    def times(self) -> np.ndarray:
+        """(n,) s, of each contact."""
+        assert self.record.times is not None, "contacts.csv has them"
+        return self.record.times
+
+    @property
     def duration(self) -> float:
         """s, to the last thing that was noted."""
-        assert self.record.times is not None
-        return max(0.0, *self.trace[-1:, 0].tolist(), *self.record.times[-1:].tolist())
+        return max(0.0, *self.trace[-1:, 0].tolist(), *self.times[-1:].tolist())
 
 
 def read_run(folder: str | Path) -> RunFolder:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,10 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
     return path
 
 
+def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
+    return None if rows is None else rows[:count]
+
+
 def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
     method = run.scene.reconstruction
     try:
@@ -55,27 +60,42 @@ def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
         return None
 
 
+@dataclass(slots=True, frozen=True)
+class _Compared:
+    """The mesh beside the true shape: signed distance (n,) m of its vertices, and `MeshError.as_dict`."""
+
+    mesh: TriangleMesh
+    solid: Solid
+    signed: np.ndarray
+    error: dict[str, Any]
+
+
+def _compared(mesh: TriangleMesh, solid: Solid, lowest: float, error: dict[str, Any] | None) -> _Compared | None:
+    """`error` where it is known already; None for a scrap of a mesh, too low or too small to be compared."""
+    try:
+        known = error or mesh_error(mesh, solid, lowest, samples=_SAMPLES).as_dict()
+    except LwrprobeError:
+        return None
+    return _Compared(mesh, solid, deviation(mesh, solid), known)
+
+
 class _Page:
     """The sections of one report, each a piece of HTML, empty where the run has nothing for it."""
 
     def __init__(self, run: RunFolder, surface: Reconstruction | None, error: dict[str, Any] | None) -> None:
         """`error` is the mesh's, as `MeshError.as_dict` gives it, where it is known already."""
-        self.run, self.surface = run, surface
+        self.run = run
         self.summary = run.summary
-        self.mesh = surface.mesh if surface is not None and len(surface.mesh.faces) else None
+        self.surface = surface if surface is not None and len(surface.mesh.faces) else None
+        self.mesh = self.surface.mesh if self.surface is not None else None
         self.lowest = run.scene.area.lower[2]
         # On real devices the scene's objects are a guess; only a simulator's are the truth.
         known = run.summary is None or run.summary.link_collisions is not None
         simulated = known and run.scene.arm.driver == "sim"
         self.solid: Solid | None = run.scene.solid() if simulated and run.scene.objects else None
-        self.signed = deviation(self.mesh, self.solid) if self.mesh is not None and self.solid is not None else None
-
-        self.error = error
-        if self.signed is not None and error is None:
-            try:
-                self.error = mesh_error(self.mesh, self.solid, self.lowest, samples=_SAMPLES).as_dict()
-            except LwrprobeError:  # a scrap of a mesh, too low or too small to be compared
-                self.signed = None
+        self.compared: _Compared | None = None
+        if self.mesh is not None and self.solid is not None:
+            self.compared = _compared(self.mesh, self.solid, self.lowest, error)
 
     def html(self) -> str:
         title = escape(self.run.scene.title or self.run.scene.name)
@@ -101,8 +121,8 @@ class _Page:
             tiles.append(("robot time", f"{s.sim_time_s:.0f}", "s"))
         if s is not None and s.coverage is not None:
             tiles.append(("touched of what can be", f"{100 * s.coverage:.1f}", "%"))
-        if self.signed is not None:
-            error = self.error
+        if self.compared is not None:
+            error = self.compared.error
             tiles.append(("mesh error, mean", f"{error['mean']:.2f}", "mm"))
             tiles.append(("mesh error, largest", f"{error['hausdorff']:.1f}", "mm"))
             if error["volume_error"] is not None:
@@ -152,14 +172,15 @@ class _Page:
         return found
 
     def _viewer(self) -> str:
-        if self.mesh is None or len(self.mesh.vertices) > _MOST_VERTICES:
+        if self.surface is None or len(self.surface.mesh.vertices) > _MOST_VERTICES:
             return ""
-        lower, upper = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-        places = 2.0 * (self.mesh.vertices - 0.5 * (lower + upper)) / np.linalg.norm(upper - lower)
-        paints = self._paints()
+        mesh = self.surface.mesh
+        lower, upper = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        places = 2.0 * (mesh.vertices - 0.5 * (lower + upper)) / np.linalg.norm(upper - lower)
+        paints = self._paints(self.surface)
         shape = {
             "places": _base64(places.astype("<f4").tobytes()),
-            "faces": _base64(self.mesh.faces.astype("<u4").tobytes()),
+            "faces": _base64(mesh.faces.astype("<u4").tobytes()),
             "paints": {name: _base64(np.round(255 * c).astype(np.uint8).tobytes()) for name, (c, _) in paints.items()},
         }
         buttons = "".join(
@@ -169,27 +190,27 @@ class _Page:
         return (
             f'<h2>The shape found</h2><figure><div class="modes">{buttons}</div>'
             '<div id="viewer"><canvas tabindex="0" aria-label="The mesh; drag to turn"></canvas></div>'
-            f"<figcaption>{method}: {len(self.mesh.faces)} triangles. Drag to turn, wheel to come closer.</figcaption>"
+            f"<figcaption>{method}: {len(mesh.faces)} triangles. Drag to turn, wheel to come closer.</figcaption>"
             f'<script type="application/json" id="shape">{json.dumps(shape)}</script></figure>'
         )
 
-    def _paints(self) -> dict[str, tuple[np.ndarray, str]]:
+    def _paints(self, surface: Reconstruction) -> dict[str, tuple[np.ndarray, str]]:
         """Colours (n, 3) of the mesh's vertices and what they say, by name."""
-        n = len(self.mesh.vertices)
+        vertex_error, n = surface.mesh.vertex_error, len(surface.mesh.vertices)
         paints = {"shape": (np.tile(_PLAIN, (n, 1)), "What was made of the contacts.")}
-        beyond = self.surface.unreachable
+        beyond = surface.unreachable
         if beyond is not None:
             text = (
                 f"Violet: {beyond.mean():.0%} of the vertices close the mesh where no sphere of this size can touch "
                 "(inner edges, slots, under its lowest height); no surface is claimed there."
             )
             paints["beyond reach"] = (np.where(beyond[:, None], _BEYOND, _PLAIN), text)
-        if self.mesh.vertex_error is not None:
+        if vertex_error is not None:
             ramp = _legend(ERROR, "0", "1.5 mm or more")
-            paints["expected error"] = (ERROR.colours(self.mesh.vertex_error / 0.0015), f"Error to expect: {ramp}")
-        if self.signed is not None:
+            paints["expected error"] = (ERROR.colours(vertex_error / 0.0015), f"Error to expect: {ramp}")
+        if self.compared is not None:
             ramp = _legend(DEVIATION, "−2 mm, too deep", "+2 mm, too far out")
-            paints["deviation"] = (deviation_colours(self.signed, 0.002), f"Against the truth: {ramp}")
+            paints["deviation"] = (deviation_colours(self.compared.signed, 0.002), f"Against the truth: {ramp}")
         return paints
 
     def _pictures(self) -> str:
@@ -203,22 +224,23 @@ class _Page:
         paint = HEIGHT.colours(0.15 + 0.85 * np.clip(height, 0.0, 1.0))
         images = [render_points(shown, paint, view, 6e-4) for view in views]
         figures = [_figure("touched", images, f"{len(points)} contacts, brighter the higher.")]
-        if self.mesh is not None:
-            sights = [Sight(self.mesh, view) for view in views]
-            for name, (paint, text) in self._paints().items():
+        if self.surface is not None:
+            sights = [Sight(self.surface.mesh, view) for view in views]
+            for name, (paint, text) in self._paints(self.surface).items():
                 figures.append(_figure(name, [sight.paint(paint) for sight in sights], text))
         return f'<h2>From two sides</h2><div class="grid">{"".join(figures)}</div>'
 
     def _errors(self) -> str:
-        if self.signed is None:
+        if self.compared is None:
             return ""
-        points, _ = sample_mesh(self.mesh, self.lowest, _SAMPLES)
+        mesh, solid = self.compared.mesh, self.compared.solid
+        points, _ = sample_mesh(mesh, self.lowest, _SAMPLES)
         rows = "".join(
             f"<tr><td>{e.facing}</td><td>{e.share:.0%}</td><td>{1e3 * e.bias:+.3f}</td><td>{1e3 * e.rms:.3f}</td>"
             f"<td>{1e3 * e.largest:+.2f}</td></tr>"
-            for e in facing_errors(self.mesh, self.solid, self.lowest, _SAMPLES)
+            for e in facing_errors(mesh, solid, self.lowest, _SAMPLES)
         )
-        chart = histogram(1e3 * self.solid.signed_distance(points), "deviation, mm", 2.0)
+        chart = histogram(1e3 * solid.signed_distance(points), "deviation, mm", 2.0)
         return (
             '<h2>Against the truth</h2><div class="grid">'
             f"<figure>{chart}<figcaption><b>Deviations of the mesh</b>, positive "
@@ -230,7 +252,7 @@ class _Page:
     def _over_time(self) -> str:
         run, charts = self.run, []
         if self.solid is not None and len(run.record.points) > 1:
-            charts += self._learning()
+            charts += self._learning(self.solid)
         if len(run.trace) > 1:
             limits = run.scene.contact
             time, force = _peaks(run.trace[:, 0], run.trace[:, 4])
@@ -239,16 +261,16 @@ class _Page:
             charts.append(f"<figure>{chart}<figcaption><b>Force</b> on the sphere.</figcaption></figure>")
         return f'<h2>While it ran</h2><div class="grid">{"".join(charts)}</div>' if charts else ""
 
-    def _learning(self) -> list[str]:
+    def _learning(self, solid: Solid) -> list[str]:
         """Coverage and errors against the robot's time."""
-        record, scene = self.run.record, self.run.scene
-        found = reach(self.solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES // 2)
+        record, instants, scene = self.run.record, self.run.times, self.run.scene
+        found = reach(solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES // 2)
         if not len(found.points):
             return []
-        times = np.linspace(0.0, float(record.times.max()), 41)[1:]
-        covered = 100.0 * coverage_over_time(record.points, record.times, times, found, record.pitch or 0.010)
-        away = 1e3 * gap_over_time(record.points, record.times, times, found)
-        at, error = self._meshes_on_the_way()
+        times = np.linspace(0.0, float(instants.max()), 41)[1:]
+        covered = 100.0 * coverage_over_time(record.points, instants, times, found, record.pitch or 0.010)
+        away = 1e3 * gap_over_time(record.points, instants, times, found)
+        at, error = self._meshes_on_the_way(solid)
         charts = [
             line_chart([Line(times, covered, "touched", "c")], "robot time, s", "touched, %", top=105.0),
             line_chart(
@@ -263,28 +285,30 @@ class _Page:
         texts = ["<b>Coverage</b> of what the sphere can touch.", "<b>Error</b> against run time."]
         return [f"<figure>{chart}<figcaption>{text}</figcaption></figure>" for chart, text in zip(charts, texts)]
 
-    def _meshes_on_the_way(self) -> tuple[np.ndarray, np.ndarray]:
-        record, at, error = self.run.record, [], []
-        last = float(record.times.max())
+    def _meshes_on_the_way(self, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+        record, instants = self.run.record, self.run.times
+        at: list[float] = []
+        error: list[float] = []
+        last = float(instants.max())
         for share in _STAGES_OF_TIME:
-            n = int(np.searchsorted(record.times, share * last, side="right"))
+            n = int(np.searchsorted(instants, share * last, side="right"))
             free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
             so_far = TouchRecord(
-                record.points[:n], normals=record.normals[:n], trust=record.trust[:n], free_path=free,
+                record.points[:n], normals=_first(record.normals, n), trust=_first(record.trust, n), free_path=free,
                 probe_radius=record.probe_radius, table=record.table, lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
             made = _surface(self.run, so_far)
             if made is not None:
                 at.append(share * last)
-                error.append(self._mean_error(made.mesh))
-        if self.mesh is not None:
+                error.append(self._mean_error(made.mesh, solid))
+        if self.compared is not None:
             at.append(last)
-            error.append(self.error["mean"])
+            error.append(self.compared.error["mean"])
         return np.array(at), np.array(error)
 
-    def _mean_error(self, mesh: TriangleMesh) -> float:
+    def _mean_error(self, mesh: TriangleMesh, solid: Solid) -> float:
         try:
-            return 1e3 * mean_error(mesh, self.solid, self.lowest, _SAMPLES // 4)
+            return 1e3 * mean_error(mesh, solid, self.lowest, _SAMPLES // 4)
         except LwrprobeError:
             return np.nan
 

@@ -47,7 +47,7 @@ class Robot:
     lower: Array
     upper: Array
     speed: Array
-    prismatic: Array | None = None
+    prismatic: Array = field(default_factory=lambda: np.zeros(0, bool))
     convention: Convention = "standard"
     base: Array = field(default_factory=lambda: np.eye(4))
     tool: Array = field(default_factory=lambda: np.eye(4))
@@ -61,7 +61,7 @@ class Robot:
             raise InputError("robot.a", self.a, "at least one joint")
         for name in ("a", "alpha", "d", "theta", "lower", "upper", "speed"):
             object.__setattr__(self, name, _column(f"robot.{name}", getattr(self, name), n))
-        prismatic = np.zeros(n, bool) if self.prismatic is None else np.asarray(self.prismatic, bool)
+        prismatic = np.asarray(self.prismatic, bool) if np.size(self.prismatic) else np.zeros(n, bool)
         if prismatic.shape != (n,):
             raise InputError("robot.prismatic", prismatic.shape, f"the shape ({n},)")
         object.__setattr__(self, "prismatic", prismatic)

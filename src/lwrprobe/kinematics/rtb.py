@@ -10,7 +10,7 @@ from lwrprobe.contracts import InputError
 from lwrprobe.kinematics.robot import Array, Robot
 
 if TYPE_CHECKING:
-    from roboticstoolbox import DHRobot
+    from roboticstoolbox import DHLink, DHRobot
 
 
 def from_roboticstoolbox(robot: DHRobot, speed: Array | None = None) -> Robot:
@@ -63,6 +63,6 @@ def to_roboticstoolbox(robot: Robot) -> DHRobot:
     return toolbox.DHRobot(links, name=robot.name, base=SE3(robot.base), tool=SE3(robot.tool))
 
 
-def _limits(link: object) -> tuple[float, float]:
+def _limits(link: DHLink) -> tuple[float, float]:
     limits = link.qlim
     return (-np.inf, np.inf) if limits is None else (float(limits[0]), float(limits[1]))

@@ -206,7 +206,8 @@ class IKSolver:
         """
         self._needs_closed_form()
         target = _exactly_rotated(as_pose(pose))
-        found = (self._branch(target, signs) for signs in itertools.product((1, -1), repeat=3))
+        choices = itertools.product((1, -1), (1, -1), (1, -1))
+        found = (self._branch(target, signs) for signs in choices)
         return tuple(branch for branch in found if len(branch.arcs))
 
     def on_branch(self, pose: SE3 | Array, signs: tuple[int, int, int], arm_angle: float) -> Array | None:
@@ -250,7 +251,8 @@ class IKSolver:
 
     def _signs(self, q: Array) -> tuple[int, int, int]:
         bends = np.sin(q + self.robot.theta)
-        return tuple(-1 if bends[i] < 0.0 else 1 for i in (3, 1, 5))
+        elbow, shoulder, wrist = (-1 if bends[i] < 0.0 else 1 for i in (3, 1, 5))
+        return elbow, shoulder, wrist
 
     def _prefer(self, table: Array, wanted: Preference) -> None:
         n = self.robot.n

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +32,14 @@ class _Header:
     start: int
     lines: int
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.row.names or ()
+
+    def count(self, name: str) -> int:
+        """Values of a field."""
+        return math.prod(self.row[name].shape)
+
 
 def encode(cloud: Cloud) -> bytes:
     """ASCII, as octree2pointcloud writes it."""
@@ -55,9 +65,8 @@ def encode(cloud: Cloud) -> bytes:
 def decode(path: Path, content: bytes) -> dict[str, np.ndarray]:
     """Columns by name; padding and fields of several values are left out."""
     header = _header(path, content)
-    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.data]
-    columns = read(path, content, header)
-    names = [name for name in header.row.names if header.row[name].shape == () and not name.startswith("_")]
+    columns = _READERS[header.data](path, content, header)
+    names = [name for name in header.names if header.row[name].shape == () and not name.startswith("_")]
     return {name: np.asarray(columns[name], np.float64) for name in names}
 
 
@@ -120,7 +129,7 @@ def _number(path: Path, fields: dict[str, list[str]], name: str) -> int:
 
 
 def _ascii(path: Path, content: bytes, header: _Header) -> dict[str, np.ndarray]:
-    places = sum(int(np.prod(header.row[name].shape, dtype=int)) for name in header.row.names)
+    places = sum(header.count(name) for name in header.names)
     rows = []
     for number, line in enumerate(content[header.start :].splitlines(), start=header.lines + 1):
         cells = line.split()
@@ -137,9 +146,9 @@ def _ascii(path: Path, content: bytes, header: _Header) -> dict[str, np.ndarray]
         raise FormatError(f"{path}: POINTS {header.points}, but {len(rows)} lines of data")
     table = np.array(rows, np.float64).reshape(-1, places)
     columns, at = {}, 0
-    for name in header.row.names:
+    for name in header.names:
         columns[name] = table[:, at]
-        at += int(np.prod(header.row[name].shape, dtype=int))
+        at += header.count(name)
     return columns
 
 
@@ -166,8 +175,15 @@ def _compressed(path: Path, content: bytes, header: _Header) -> dict[str, np.nda
     if expand_lzf(packed, plain) != plain_size:
         raise FormatError(f"{path}: byte {header.start + 8}: the compressed data are broken")
     columns, at = {}, 0
-    for name in header.row.names:
+    for name in header.names:
         kind = header.row[name]
         columns[name] = plain[at : at + header.points * kind.itemsize].view(kind.base)
         at += header.points * kind.itemsize
     return columns
+
+
+_READERS: dict[str, Callable[[Path, bytes, _Header], dict[str, np.ndarray] | np.ndarray]] = {
+    "ascii": _ascii,
+    "binary": _binary,
+    "binary_compressed": _compressed,
+}

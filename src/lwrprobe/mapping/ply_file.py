@@ -42,7 +42,7 @@ def decode(path: Path, content: bytes) -> dict[str, np.ndarray]:
         wanted = f"{count * row.itemsize} for {count} vertices"
         raise FormatError(f"{path}: byte {start}: {len(content) - start} bytes of data; allowed: {wanted}")
     table = np.frombuffer(content, row, count, start)
-    return {name: np.asarray(table[name], np.float64) for name in row.names}
+    return {name: np.asarray(table[name], np.float64) for name in row.names or ()}
 
 
 def _header_lines(path: Path, content: bytes) -> tuple[list[str], int]:
@@ -87,16 +87,16 @@ def _vertex(path: Path, lines: list[str], order: str) -> tuple[np.dtype, int]:
 
 
 def _ascii(path: Path, content: bytes, row: np.dtype, count: int) -> dict[str, np.ndarray]:
-    lines = content.splitlines()[:count]
+    lines, names = content.splitlines()[:count], row.names or ()
     if len(lines) < count:
         raise FormatError(f"{path}: {len(lines)} lines of data; allowed: {count}, one a vertex")
-    table = np.empty((count, len(row.names)))
+    table = np.empty((count, len(names)))
     for i, line in enumerate(lines):
         try:
             values = [float(cell) for cell in line.split()]
         except ValueError:
             raise FormatError(f"{path}: vertex {i}: got {line[:60]!r}; allowed: numbers") from None
-        if len(values) != len(row.names):
-            raise FormatError(f"{path}: vertex {i}: {len(values)} numbers; allowed: {len(row.names)}")
+        if len(values) != len(names):
+            raise FormatError(f"{path}: vertex {i}: {len(values)} numbers; allowed: {len(names)}")
         table[i] = values
-    return {name: table[:, i] for i, name in enumerate(row.names)}
+    return {name: table[:, i] for i, name in enumerate(names)}

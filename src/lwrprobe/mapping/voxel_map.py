@@ -60,7 +60,7 @@ class VoxelMap:
     __slots__ = ("_carved", "_holds", "_insert", "_occupied", "_resolution")
 
     def __init__(self, resolution: float = 0.002) -> None:
-        if not (isinstance(resolution, Real) and 1e-6 <= resolution <= 1e3):
+        if not _within(resolution, 1e-6, 1e3):
             raise InputError("resolution", resolution, "metres, 1e-6 to 1e3")
         self._resolution = float(resolution)
         self._occupied = VoxelSet(self._resolution)
@@ -118,7 +118,7 @@ class VoxelMap:
     def carve_path(self, path: np.ndarray, radius: float) -> None:
         """The same along a polyline of sphere centres (n, 3) [m]; one point alone is a sphere at rest."""
         path = self._points(path, "path")
-        if not (isinstance(radius, Real) and 0.0 < radius <= WIDEST_SPHERE * self._resolution):
+        if not (_within(radius, 0.0, WIDEST_SPHERE * self._resolution) and radius > 0.0):
             raise InputError("radius", radius, f"metres, above 0 and at most {WIDEST_SPHERE} voxels")
         if len(path) == 0:
             return
@@ -184,8 +184,9 @@ class VoxelMap:
         """Lower and upper corner (3,) [m] of the box around all occupied voxels; None where there is none."""
         if not len(self):
             return None
-        low = self._occupied.words[kernels.LOWER : kernels.LOWER + 3]
-        high = self._occupied.words[kernels.UPPER : kernels.UPPER + 3] + 1
+        words = self._occupied.words
+        low = words[kernels.LOWER : kernels.LOWER + 3].astype(np.float64)
+        high = words[kernels.UPPER : kernels.UPPER + 3].astype(np.float64) + 1.0
         return (low - kernels.CENTRE_KEY) * self._resolution, (high - kernels.CENTRE_KEY) * self._resolution
 
     def write(self, path: str | Path) -> Path:
@@ -232,6 +233,11 @@ class VoxelMap:
 
 
 @cache
+def _within(value: object, lowest: float, greatest: float) -> bool:
+    """Whether it is a number from `lowest` to `greatest`."""
+    return isinstance(value, Real) and lowest <= float(value) <= greatest
+
+
 def _single_calls() -> tuple[Callable, Callable]:
     """Insertion and look-up of one point: the array is the map's own, and Python converts or refuses the numbers."""
     examples = np.empty(0, np.int64), 0.0, 0.0, 0.0

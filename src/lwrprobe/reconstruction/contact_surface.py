@@ -138,7 +138,16 @@ class _Work:
             lower[2] = touches.table - (np.ceil((touches.table - lower[2]) / step) + 0.5) * step
         return Grid.around(lower, upper, step)
 
-    def report(self, given, touches, pitch, grid, clusters, walls, unreachable) -> dict[str, Any]:
+    def report(
+        self,
+        given: int,
+        touches: Touches,
+        pitch: float,
+        grid: Grid,
+        clusters: Clusters,
+        walls: Walls,
+        unreachable: np.ndarray,
+    ) -> dict[str, Any]:
         return {
             "method": "contact_surface",
             "seconds": time.perf_counter() - self.begin,
@@ -218,7 +227,7 @@ def _outer_field(
     lowest = values[:, :, first : first + 1]
     values[:, :, :first] = np.where(overhung[:, :, :first], values[:, :, :first], lowest)
     for axis in range(3):
-        edge = [slice(None)] * 3
+        edge: list[slice | int] = [slice(None)] * 3
         for end in (0, -1):
             edge[axis] = end
             values[tuple(edge)] = np.maximum(values[tuple(edge)], grid.step)

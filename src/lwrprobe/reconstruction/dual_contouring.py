@@ -105,7 +105,7 @@ def _sheets() -> tuple[np.ndarray, np.ndarray]:
         for axis in range(3):
             for side in (0, 1):
                 face = [e for e in crossed if (_CORNERS[_EDGES[e], axis] == side).all()]
-                pairs = combinations(face, 2)
+                pairs = list(combinations(face, 2))
                 if len(face) == 4:
                     pairs = [(e, f) for e, f in pairs if any(inside[c] for c in set(_EDGES[e]) & set(_EDGES[f]))]
                 for e, f in pairs:

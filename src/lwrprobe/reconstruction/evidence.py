@@ -8,6 +8,7 @@ edge (the sphere rolls over it: an arc of its own radius) or a rounding has begu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,7 +141,9 @@ def _unsupported(evidence: Evidence, centres: np.ndarray, settings: WallSettings
     return start[kept], direction[kept], length[kept] - sure, contact[kept]
 
 
-def _thin(start: np.ndarray, direction: np.ndarray, gap: np.ndarray, contact: np.ndarray, size: float):
+def _thin(
+    start: np.ndarray, direction: np.ndarray, gap: np.ndarray, contact: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """One segment for each cell of edge `size`: means, and any of the contacts; cells of many directions are left."""
     if len(start) == 0:
         return start, direction, gap, contact
@@ -167,7 +170,9 @@ class _Arcs:
     radii: np.ndarray
 
 
-def _arcs(direction: np.ndarray, centres: np.ndarray, normals: np.ndarray, settings: WallSettings):
+def _arcs(
+    direction: np.ndarray, centres: np.ndarray, normals: np.ndarray, settings: WallSettings
+) -> Iterator[tuple[np.ndarray, _Arcs]]:
     """Rows of the segments by rounded direction, with the arcs towards it."""
     if len(direction) == 0:
         return
@@ -183,7 +188,18 @@ def _arcs(direction: np.ndarray, centres: np.ndarray, normals: np.ndarray, setti
         yield np.flatnonzero(group == g), _Arcs(unit, centres, along, pairs, radii)
 
 
-def _refine(row, arcs, start, direction, gap, contact, settings, place, facing, deviation) -> None:
+def _refine(
+    row: int,
+    arcs: _Arcs,
+    start: np.ndarray,
+    direction: np.ndarray,
+    gap: np.ndarray,
+    contact: np.ndarray,
+    settings: WallSettings,
+    place: np.ndarray,
+    facing: np.ndarray,
+    deviation: np.ndarray,
+) -> None:
     """Weigh the half-way guess of one segment against what the arcs of its line say."""
     towards = arcs.direction
     same_line = np.abs((arcs.centres - contact) @ towards) < 0.25 * settings.pitch

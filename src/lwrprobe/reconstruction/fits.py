@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from lwrprobe.contracts import TouchRecord
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 _SHARE = 0.97  # of the contacts that a warranted shape explains
 _TURNED = np.cos(np.radians(15.0))  # normals that differ by more do not agree
@@ -22,6 +25,8 @@ _MOST = 1000  # contacts used in a fit
 _FLOOR = 2e-5  # m, no dimension is claimed to be known better
 
 Kind = Literal["plane", "box", "cylinder", "sphere"]
+Description = tuple[dict[str, float], np.ndarray, np.ndarray]
+"""Dimensions m by name, position (3,) m and axis (3,)."""
 Distance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Signed distance (n,) m of points (n, 3) for a parameter vector."""
 
@@ -66,7 +71,7 @@ class _Candidate:
     kind: Kind
     start: np.ndarray
     distance: Distance
-    describe: Callable[[np.ndarray], tuple[dict[str, float], np.ndarray, np.ndarray]]
+    describe: Callable[[np.ndarray], Description]
     prior: list[tuple[np.ndarray, float, float]] = field(default_factory=list)
     """Weak knowledge: (gradient over the parameters, value, standard deviation)."""
 
@@ -81,7 +86,7 @@ def fit(record: TouchRecord) -> list[Fit]:
     chosen = np.unique(np.linspace(0, len(touches.points) - 1, _MOST).astype(int))
     centres, normals = touches.centres[chosen], touches.normals[chosen]
     fits = [_solve(c, centres, normals, touches) for c in _candidates(centres, normals, touches, pitch)]
-    best = {}
+    best: dict[Kind, Fit] = {}
     for found in fits:  # of several cylinders the better one
         if found.kind not in best or found.share > best[found.kind].share:
             best[found.kind] = found
@@ -126,7 +131,14 @@ def _solve(candidate: _Candidate, centres: np.ndarray, normals: np.ndarray, touc
     )  # fmt: skip
 
 
-def _objection(candidate, parameters, dimensions, share, touches: Touches, tolerance: float) -> str:
+def _objection(
+    candidate: _Candidate,
+    parameters: np.ndarray,
+    dimensions: dict[str, float],
+    share: float,
+    touches: Touches,
+    tolerance: float,
+) -> str:
     if any(not value > 0.0 for value in dimensions.values()):
         return "a dimension is not positive"
     if share < _SHARE:
@@ -147,7 +159,7 @@ def _gradient(distance: Distance, parameters: np.ndarray, points: np.ndarray) ->
     return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
 
 
-def _deviations(candidate: _Candidate, found, dimensions: dict[str, float]) -> dict[str, float]:
+def _deviations(candidate: _Candidate, found: OptimizeResult, dimensions: dict[str, float]) -> dict[str, float]:
     """One standard deviation of each dimension, from the normal equations and the scatter that was found."""
     contacts = len(found.fun) - len(candidate.prior)
     scatter = max(1.0, float(np.median(np.abs(found.fun[:contacts]))) / 0.6745)
@@ -160,7 +172,7 @@ def _deviations(candidate: _Candidate, found, dimensions: dict[str, float]) -> d
             (candidate.describe(found.x + step * unit)[0][name] - candidate.describe(found.x - step * unit)[0][name])
             for unit in np.eye(len(found.x))
         ]) / (2.0 * step)  # fmt: skip
-        out[name] = float(np.hypot(scatter * np.sqrt(max(slope @ covariance @ slope, 0.0)), _FLOOR))
+        out[name] = float(np.hypot(scatter * np.sqrt(max(float(slope @ covariance @ slope), 0.0)), _FLOOR))
     return out
 
 
@@ -207,7 +219,7 @@ def _box(centres: np.ndarray, normals: np.ndarray, touches: Touches, pitch: floa
         half = 0.5 * np.array([p[1] - p[0], p[3] - p[2], p[4] - base])
         return _box_distance(x @ frame(p).T - middle, half)
 
-    def describe(p: np.ndarray):
+    def describe(p: np.ndarray) -> Description:
         sizes = {"length": p[1] - p[0], "width": p[3] - p[2], "height": p[4] - base}
         middle = frame(p).T @ np.array([0.5 * (p[0] + p[1]), 0.5 * (p[2] + p[3]), base])
         return sizes, middle, frame(p)[0]
@@ -272,7 +284,7 @@ def _upright(centres: np.ndarray, normals: np.ndarray, touches: Touches) -> _Can
             np.column_stack([side, x[:, 2] - 0.5 * (floor + p[3])]), np.array([p[2], 0.5 * (p[3] - floor)])
         )
 
-    def describe(p: np.ndarray):
+    def describe(p: np.ndarray) -> Description:
         return {"radius": p[2], "height": p[3] - floor}, np.array([p[0], p[1], floor]), np.array([0.0, 0.0, 1.0])
 
     return _Candidate("cylinder", np.array([middle[0], middle[1], reach, top]), distance, describe)
@@ -295,7 +307,7 @@ def _lying(centres: np.ndarray, normals: np.ndarray, touches: Touches, axis: np.
             np.column_stack([side, x @ along - 0.5 * (p[3] + p[4])]), np.array([p[2], 0.5 * (p[4] - p[3])])
         )
 
-    def describe(p: np.ndarray):
+    def describe(p: np.ndarray) -> Description:
         along, aside = frame(p)
         centre = 0.5 * (p[3] + p[4]) * along + p[0] * aside + np.array([0.0, 0.0, p[1]])
         return {"radius": p[2], "length": p[4] - p[3]}, centre, along

@@ -20,8 +20,8 @@ class Grid:
     @classmethod
     def around(cls, lower: np.ndarray, upper: np.ndarray, step: float) -> Grid:
         """The smallest grid whose nodes reach from `lower` to `upper` (3,) m."""
-        counts = np.ceil((np.asarray(upper) - lower) / step).astype(int) + 1
-        return cls(np.array(lower, dtype=np.float64), step, tuple(int(c) for c in counts))
+        nx, ny, nz = (np.ceil((np.asarray(upper) - lower) / step).astype(int) + 1).tolist()
+        return cls(np.array(lower, dtype=np.float64), step, (nx, ny, nz))
 
     def nodes(self) -> np.ndarray:
         """All nodes, (nx, ny, nz, 3) m."""

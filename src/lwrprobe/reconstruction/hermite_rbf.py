@@ -87,7 +87,7 @@ def _surface(data: HermiteData, touches: Touches, pitch: float, step: float) -> 
         heights = grid.origin[2] + step * np.arange(grid.shape[2])
         np.maximum(values, touches.table - heights, out=values)
     for axis in range(3):
-        edge = [slice(None)] * 3
+        edge: list[slice | int] = [slice(None)] * 3
         for end in (0, -1):
             edge[axis] = end
             values[tuple(edge)] = step

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lwrprobe.contracts import FormatError, InputError, TriangleMesh, UnknownNameError
 
 Encoding = Literal["binary", "ascii"]
 
-WRITERS: dict[str, dict[str, str]] = {
+WRITERS: dict[str, dict[Encoding, str]] = {
     ".stl": {"binary": "stl", "ascii": "stl_ascii"},
     ".ply": {"binary": "ply"},
     ".obj": {"ascii": "obj"},
@@ -34,11 +35,10 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
     """
     path = Path(path)
     encodings = WRITERS[_ending(path)]
-    if encoding is None:
-        encoding = next(iter(encodings))
-    if encoding not in encodings:
+    if encoding is not None and encoding not in encodings:
         raise InputError("encoding", encoding, f"{' or '.join(encodings)} for {path.suffix}")
-    kind = encodings[encoding]
+    default = next(iter(encodings))
+    kind = encodings[default if encoding is None else encoding]
     if len(mesh.faces) == 0 and kind == "obj":
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
     content = _binary_stl(mesh) if kind == "stl" else _as_trimesh(mesh).export(file_type=kind)
@@ -85,7 +85,9 @@ def _binary_stl(mesh: TriangleMesh) -> bytes:
 def _as_trimesh(mesh: TriangleMesh) -> Any:
     import trimesh
 
-    attributes = {} if mesh.vertex_error is None else {"vertex_error": mesh.vertex_error.astype(np.float32)}
+    attributes: dict[str, ArrayLike] = {}
+    if mesh.vertex_error is not None:
+        attributes["vertex_error"] = mesh.vertex_error.astype(np.float32)
     return trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_attributes=attributes, process=False)
 
 
@@ -98,7 +100,7 @@ def _load(path: Path, content: bytes, ending: str) -> TriangleMesh:
     try:
         # trimesh's loaders answer a broken file with whatever their parsing ran into, so all of it is caught here.
         with np.errstate(invalid="ignore"):
-            loaded = trimesh.load(io.BytesIO(content), file_type=ending[1:], process=False)
+            loaded: Any = trimesh.load(io.BytesIO(content), file_type=ending[1:], process=False)
             if isinstance(loaded, trimesh.Scene):
                 loaded = loaded.to_mesh()
             if ending == ".stl":

@@ -60,12 +60,10 @@ def register(moving: TouchRecord, fixed: TouchRecord, on_table: bool) -> Registr
     Shifts up to about 10 mm and turns of a few degrees are found. Raises InputError naming a record without normals or
     touches.
     """
-    for name, record in (("moving", moving), ("fixed", fixed)):
-        if record.normals is None or len(record.points) == 0:
-            raise InputError(name, f"{len(record.points)} touches", "touches with normals")
     free = np.array([0, 1, 5] if on_table else range(6))
-    other = _Side(*thinned(fixed.points, fixed.normals))
-    fit = Alignment(other, *thinned(moving.points, moving.normals), _tukey, OPEN, free)
+    points, normals = _thinned_record("moving", moving)
+    other = _Side(*_thinned_record("fixed", fixed))
+    fit = Alignment(other, points, normals, _tukey, OPEN, free)
     starts = [RigidMotion(np.eye(3), np.array([*start, 0.0])) for start in STARTS]
     ends = [fit.descend(start, ROUNDS_A_START) for start in starts]
     best = min(ends, key=lambda end: _score(fit, end))
@@ -95,11 +93,17 @@ def intruding(points: np.ndarray, record: TouchRecord, tolerance: float = 1e-3) 
     centres = [_dense(record.free_path, record.free_gap)]
     if record.normals is not None:
         centres.append(record.points + radius * record.normals)
-    centres = np.concatenate(centres)
-    if len(centres) == 0:
+    visited = np.concatenate(centres)
+    if len(visited) == 0:
         return np.zeros(len(points), dtype=bool)
-    distance, _ = KDTree(centres).query(points, distance_upper_bound=radius)
+    distance, _ = KDTree(visited).query(points, distance_upper_bound=radius)
     return distance < radius - tolerance
+
+
+def _thinned_record(name: str, record: TouchRecord) -> tuple[np.ndarray, np.ndarray]:
+    if record.normals is None or len(record.points) == 0:
+        raise InputError(name, f"{len(record.points)} touches", "touches with normals")
+    return thinned(record.points, record.normals)
 
 
 def thinned(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

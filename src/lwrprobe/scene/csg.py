@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from lwrprobe.contracts import SceneError
 from lwrprobe.scene import program
-from lwrprobe.scene.shape import Blend, Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
+from lwrprobe.scene.shape import (
+    Blend,
+    Box,
+    Capsule,
+    Cylinder,
+    Difference,
+    HalfSpace,
+    Intersection,
+    Shape,
+    Sphere,
+    Union,
+)
+
+Primitive = tuple[list["Surface"], np.ndarray, np.ndarray]
+"""Surfaces whose intersection it is, lower and upper corner (3,) m of its box."""
 
 _DEEPEST = 32  # of the tree's stack in the kernels
 
@@ -70,10 +85,10 @@ class Flattener:
     def node(self, shape: Shape, part: int, frame: np.ndarray) -> Node:
         """The tree below one shape, whose parent's frame is `frame` (4, 4); `part` is the object's index."""
         frame = frame @ shape.at.matrix()
-        if shape.shape in _OPERATIONS:
+        if isinstance(shape, Union | Intersection | Difference):
             nodes = [self.node(child, part, frame) for child in shape.children]
             return Composite(_OPERATIONS[shape.shape], nodes)
-        surfaces, lower, upper = _PRIMITIVES[shape.shape](shape, part, frame)
+        surfaces, lower, upper = _primitive(shape, part, frame)
         group = Group(len(self.surfaces), len(self.surfaces) + len(surfaces), lower, upper)
         self.surfaces += surfaces
         self.groups.append(group)
@@ -103,7 +118,7 @@ def step_rows(node: Node) -> np.ndarray:
     return np.array(turned, dtype=np.int64).reshape(-1, program.STEP_INDICES)
 
 
-def _polish(node: Node):
+def _polish(node: Node) -> Iterator[tuple[int, int, int]]:
     if isinstance(node, Group):
         yield program.GROUP, node.first, node.last
         return
@@ -133,7 +148,24 @@ def _steps(node: Node, rows: list, inside: int, outside: int) -> int:
     return entry
 
 
-def _box(shape: Box, part: int, frame: np.ndarray):
+def _primitive(shape: Shape, part: int, frame: np.ndarray) -> Primitive:
+    match shape:
+        case Box():
+            return _box(shape, part, frame)
+        case Cylinder():
+            return _cylinder(shape, part, frame)
+        case Sphere():
+            return _sphere(shape, part, frame)
+        case Capsule():
+            return _capsule(shape, part, frame)
+        case HalfSpace():
+            return _half_space(shape, part, frame)
+        case Blend():
+            return _blend(shape, part, frame)
+    raise SceneError("object", shape.shape, "a shape with exact surfaces; meshes are bodies of their own")
+
+
+def _box(shape: Box, part: int, frame: np.ndarray) -> Primitive:
     half = 0.5 * np.array(shape.size)
     rotation, centre = frame[:3, :3], frame[:3, 3]
     surfaces = [
@@ -145,7 +177,7 @@ def _box(shape: Box, part: int, frame: np.ndarray):
     return surfaces, centre - reach, centre + reach
 
 
-def _cylinder(shape: Cylinder, part: int, frame: np.ndarray):
+def _cylinder(shape: Cylinder, part: int, frame: np.ndarray) -> Primitive:
     axis, centre, half = frame[:3, 2], frame[:3, 3], 0.5 * shape.length
     surfaces = [
         Surface(program.CYLINDER, part, centre.copy(), axis.copy(), shape.radius),
@@ -156,19 +188,19 @@ def _cylinder(shape: Cylinder, part: int, frame: np.ndarray):
     return surfaces, centre - reach, centre + reach
 
 
-def _sphere(shape: Sphere, part: int, frame: np.ndarray):
+def _sphere(shape: Sphere, part: int, frame: np.ndarray) -> Primitive:
     centre = frame[:3, 3]
     return [Surface(program.SPHERE, part, centre, r=shape.radius)], centre - shape.radius, centre + shape.radius
 
 
-def _capsule(shape: Capsule, part: int, frame: np.ndarray):
+def _capsule(shape: Capsule, part: int, frame: np.ndarray) -> Primitive:
     axis, half = frame[:3, 2], 0.5 * shape.length
     ends = frame[:3, 3] - half * axis, frame[:3, 3] + half * axis
     surface = Surface(program.CAPSULE, part, ends[0], axis.copy(), shape.radius, shape.length)
     return [surface], np.minimum(*ends) - shape.radius, np.maximum(*ends) + shape.radius
 
 
-def _half_space(shape: HalfSpace, part: int, frame: np.ndarray):
+def _half_space(shape: HalfSpace, part: int, frame: np.ndarray) -> Primitive:
     normal, point = frame[:3, 2], frame[:3, 3]
     lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
     for axis in range(3):
@@ -179,7 +211,7 @@ def _half_space(shape: HalfSpace, part: int, frame: np.ndarray):
     return [Surface(program.PLANE, part, point.copy(), normal.copy())], lower, upper
 
 
-def _blend(shape: Blend, part: int, frame: np.ndarray):
+def _blend(shape: Blend, part: int, frame: np.ndarray) -> Primitive:
     rows = [(*_moved(b.centre, frame), b.radius, 1.0) for b in shape.balls]
     rows += [(*_moved(b.centre, frame), b.radius, -1.0) for b in shape.dents]
     balls = np.array(rows)
@@ -192,13 +224,3 @@ def _blend(shape: Blend, part: int, frame: np.ndarray):
 
 def _moved(point: tuple[float, float, float], frame: np.ndarray) -> np.ndarray:
     return frame[:3, :3] @ np.array(point) + frame[:3, 3]
-
-
-_PRIMITIVES = {
-    "box": _box,
-    "cylinder": _cylinder,
-    "sphere": _sphere,
-    "capsule": _capsule,
-    "half_space": _half_space,
-    "blend": _blend,
-}

@@ -137,15 +137,15 @@ class Tracer:
 
     def _seeds(self, i: int, j: int, box: np.ndarray) -> np.ndarray:
         net = _net(self.surfaces[i], box)
-        values = np.empty(len(net.reshape(-1, 3)))
-        surface_values(self.packed[0], j, net.reshape(-1, 3), values)
-        values = values.reshape(net.shape[:2])
+        flat = np.empty(len(net.reshape(-1, 3)))
+        surface_values(self.packed[0], j, net.reshape(-1, 3), flat)
+        values = flat.reshape(net.shape[:2])
         seeds = []
         for axis in (0, 1):
             a, b = np.roll(values, -1, axis), values
             p, q = np.roll(net, -1, axis), net
             cross = (a <= 0.0) != (b <= 0.0)
-            last = [slice(None), slice(None)]
+            last: list[slice | int] = [slice(None), slice(None)]
             last[axis] = -1
             cross[tuple(last)] = False
             share = (b[cross] / (b[cross] - a[cross]))[:, None]
@@ -219,11 +219,11 @@ class Tracer:
                 inside = values <= 0.0
                 for n in np.flatnonzero(inside[:-1] != inside[1:]):
                     cuts.append(self._crossing(curve, k, *samples[n : n + 2], *values[n : n + 2]))
-        cuts = np.sort(cuts)
+        sorted_cuts = np.sort(cuts)
         spacing = np.linalg.norm(np.diff(points[:2], axis=0)) / (samples[1] - samples[0])
-        keep = np.concatenate([[True], np.diff(cuts) * spacing > _SHORTEST])
+        keep = np.concatenate([[True], np.diff(sorted_cuts) * spacing > _SHORTEST])
         keep[-1] = True
-        return cuts[keep]
+        return sorted_cuts[keep]
 
     def _crossing(self, curve: Curve, k: int, low: float, high: float, at_low: float, at_high: float) -> float:
         """Where surface k's value passes zero, by the false position with halved weights (Illinois)."""
@@ -240,7 +240,8 @@ class Tracer:
         return 0.5 * (low + high)
 
     def _judge(self, point: np.ndarray, i: int, j: int) -> list[tuple]:
-        if not all(on_patch(self.packed[0], k, *point, _SAME) for k in (i, j)):
+        x, y, z = point
+        if not all(on_patch(self.packed[0], k, x, y, z, _SAME) for k in (i, j)):
             return []
         out = np.empty((4, 3))
         count = edge_sectors(*self.packed, i, j, point, _REACH, _SKIN, out)
@@ -271,7 +272,7 @@ def corners(chains: list[Chain]) -> np.ndarray:
     return np.array(unique).reshape(-1, 3)
 
 
-def _pairs(first: Group, second: Group):
+def _pairs(first: Group, second: Group) -> list[tuple[int, int]]:
     if first is second:
         return [(i, j) for i in range(first.first, first.last) for j in range(i + 1, first.last)]
     return [(i, j) for i in range(first.first, first.last) for j in range(second.first, second.last)]
@@ -379,7 +380,7 @@ def _small_circle(centre: np.ndarray, axis: np.ndarray, height: float, radius: f
 
 def _sphere_sphere(a: Surface, b: Surface) -> list[Curve]:
     apart = b.a - a.a
-    distance = np.linalg.norm(apart)
+    distance = float(np.linalg.norm(apart))
     if distance < 1e-9:
         return []
     height = (distance**2 + a.r**2 - b.r**2) / (2.0 * distance)
@@ -405,7 +406,8 @@ def _net(surface: Surface, box: np.ndarray) -> np.ndarray:
     else:  # sphere and capsule: from pole to pole, across the axis's length in between
         tilt = np.linspace(0.0, np.pi, len(turns) // 2)
         along = _spread(0.0, surface.l) if surface.l else np.zeros(1)
-        rim = np.concatenate([np.zeros(np.sum(tilt >= np.pi / 2)), along, np.full(np.sum(tilt < np.pi / 2), surface.l)])
+        lower = int(np.count_nonzero(tilt >= np.pi / 2))
+        rim = np.concatenate([np.zeros(lower), along, np.full(len(tilt) - lower, surface.l)])
         lean = np.concatenate(
             [tilt[tilt >= np.pi / 2][::-1], np.full(len(along), np.pi / 2), tilt[tilt < np.pi / 2][::-1]]
         )

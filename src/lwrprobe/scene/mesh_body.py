@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def load_body(shape: Mesh, part: int, frame: np.ndarray) -> MeshBody:
     if not Path(shape.file).is_file():
         raise SceneError(name, shape.file, "an existing mesh file")
     try:
-        mesh = trimesh.load(shape.file, force="mesh")
+        mesh: Any = trimesh.load(shape.file, force="mesh")
         vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     except Exception as error:
         raise SceneError(name, shape.file, f"a readable triangle mesh ({type(error).__name__}: {error})") from error

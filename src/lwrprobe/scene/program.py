@@ -8,6 +8,7 @@ keep a call from Python cheap.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Kinds of surfaces. Row of numbers: a (3), u (3), r, l, kind, object, where a blend's balls begin and end, and the
 # first and last surface of the primitive that it belongs to. The surfaces come first in `numbers`, so that surface k
@@ -74,7 +75,11 @@ ARC = 1  # centre (3), direction of the start (3), direction a quarter turn on (
 CURVE = 2  # start (3), end (3), unit tangents at both (3, 3); one short piece of an intersection curve
 
 
-def pack(sections: dict[int, tuple[int, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+Sections = dict[int, tuple[int, ArrayLike, ArrayLike]]
+"""Rows, numbers and indices by section."""
+
+
+def pack(sections: Sections) -> tuple[np.ndarray, np.ndarray]:
     """`numbers` and `indices` from sections given as (rows, numbers, indices)."""
     header = np.zeros(HEADER, dtype=np.int64)
     numbers, indices = [np.empty(0)], [header]

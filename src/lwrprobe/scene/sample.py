@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lwrprobe.scene import program
@@ -13,9 +15,12 @@ from lwrprobe.scene.surface_kernels import surface_nearest_batch, surface_values
 _SHELL = 5e-4  # m, half thickness of the shell in which a blend's points are drawn
 _STEPS = np.array([0.7548776662466927, 0.5698402909980532])  # of the plane's most even additive sequence (Roberts 2018)
 
+Scattered = tuple[np.ndarray, np.ndarray]
+"""Points (n, 3) m and their outward normals (n, 3)."""
+
 
 def scatter(
-    surfaces: list[Surface], groups: list[Group], bodies: list[MeshBody],
+    surfaces: list[Surface], groups: list[Group], bodies: Sequence[MeshBody],
     numbers: np.ndarray, indices: np.ndarray, density: float, rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Points (n, 3) and outward normals (n, 3), `density` to the square metre, on what bounds the union."""
@@ -65,14 +70,16 @@ def _on_surface(
     return _on_blend(k, box, numbers, density, rng)
 
 
-def _on_barrel(surface: Surface, low: float, high: float, frame: tuple, density: float, rng: np.random.Generator):
+def _on_barrel(
+    surface: Surface, low: float, high: float, frame: tuple, density: float, rng: np.random.Generator
+) -> Scattered:
     u, v = _even(2.0 * np.pi * surface.r * (high - low), density, rng)
     turn = 2.0 * np.pi * u
     normals = np.cos(turn)[:, None] * frame[0] + np.sin(turn)[:, None] * frame[1]
     return surface.a + surface.r * normals + (low + v * (high - low))[:, None] * frame[2], normals
 
 
-def _on_ball(centre: np.ndarray, radius: float, density: float, rng: np.random.Generator):
+def _on_ball(centre: np.ndarray, radius: float, density: float, rng: np.random.Generator) -> Scattered:
     u, v = _even(4.0 * np.pi * radius**2, density, rng)
     turn, z = 2.0 * np.pi * u, 2.0 * v - 1.0
     ring = np.sqrt(1.0 - z**2)
@@ -80,7 +87,7 @@ def _on_ball(centre: np.ndarray, radius: float, density: float, rng: np.random.G
     return centre + radius * normals, normals
 
 
-def _on_blend(k: int, box: np.ndarray, numbers: np.ndarray, density: float, rng: np.random.Generator):
+def _on_blend(k: int, box: np.ndarray, numbers: np.ndarray, density: float, rng: np.random.Generator) -> Scattered:
     """Feet of points drawn evenly in a thin shell around the surface: even on it to second order in its thickness."""
     count = rng.poisson(density * np.prod(box[1] - box[0] + 2.0 * _SHELL) / (2.0 * _SHELL))
     points = rng.uniform(box[0] - _SHELL, box[1] + _SHELL, (count, 3))
@@ -93,7 +100,7 @@ def _on_blend(k: int, box: np.ndarray, numbers: np.ndarray, density: float, rng:
     return feet[near], normals[near]
 
 
-def _on_triangles(body: MeshBody, density: float, rng: np.random.Generator):
+def _on_triangles(body: MeshBody, density: float, rng: np.random.Generator) -> Scattered:
     a, b, c = (body.vertices[body.faces[:, i]] for i in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = rng.poisson(density * area)

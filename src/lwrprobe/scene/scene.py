@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_serializer, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
 from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+
+if TYPE_CHECKING:
+    from lwrprobe.scene.solid import Solid
 
 
 class ArmTable(Table):
@@ -67,7 +70,7 @@ class ProbeTable(Table):
     """N m, one count."""
 
     @model_validator(mode="after")
-    def _stick_fits(self):
+    def _stick_fits(self) -> Self:
         if self.stick_radius >= self.radius:
             raise Refusal("stick_radius", self.stick_radius, f"less than the sphere's radius, {self.radius:g}")
         return self
@@ -139,7 +142,7 @@ class GroundTable(Table):
     """N s/m"""
 
     @model_validator(mode="after")
-    def _axis_is_level(self):
+    def _axis_is_level(self) -> Self:
         if self.tilt_axis[2] != 0.0 or not any(self.tilt_axis):
             raise Refusal("tilt_axis", self.tilt_axis, "a horizontal direction, not zero")
         return self
@@ -163,7 +166,7 @@ class AreaTable(Table):
     upper: Vector3 = (0.085, 0.06, 0.09)
 
     @model_validator(mode="after")
-    def _ordered(self):
+    def _ordered(self) -> Self:
         for axis, low, high in zip("xyz", self.lower, self.upper):
             if low >= high:
                 raise Refusal(f"lower {axis}", low, f"less than upper {axis}, {high:g}")
@@ -197,7 +200,7 @@ class MotionTable(Table):
     """rad/s^3"""
 
     @model_validator(mode="after")
-    def _free_is_fastest(self):
+    def _free_is_fastest(self) -> Self:
         for name in ("approach_speed", "contour_speed"):
             if getattr(self, name) > self.free_speed:
                 raise Refusal(name, getattr(self, name), f"no more than free_speed, {self.free_speed:g}")
@@ -223,7 +226,7 @@ class ContactTable(Table):
     """N/m, of object and arm as far as known beforehand, else an upper bound; the stick's is the probe's own."""
 
     @model_validator(mode="after")
-    def _ordered(self):
+    def _ordered(self) -> Self:
         if not self.threshold < self.target < self.limit:
             forces = (self.threshold, self.target, self.limit)
             raise Refusal("threshold, target, limit", forces, "threshold < target < limit")
@@ -268,7 +271,7 @@ class ChoiceTable(Table):
         return {**own, "options": {**own.get("options", {}), **rest}} if rest else own
 
     @model_serializer(mode="wrap")
-    def _spread(self, handler) -> dict[str, Any]:
+    def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         plain = handler(self)
         return {**{k: v for k, v in plain.items() if k != "options"}, **plain.get("options", {})}
 
@@ -321,14 +324,14 @@ class Scene(Table):
     run: RunTable = RunTable()
 
     @model_validator(mode="after")
-    def _table_is_out_of_reach(self):
+    def _table_is_out_of_reach(self) -> Self:
         lowest = self.table.height + self.probe.radius
         if self.table.present and not self.table.tilt_deg and self.area.lower[2] < lowest:
             height = self.area.lower[2]
             raise Refusal("area.lower z", height, f"at least table.height + probe.radius, {lowest:g}")
         return self
 
-    def solid(self):
+    def solid(self) -> Solid:
         """All objects, without the table, as one `Solid` with exact geometry; raises SceneError naming the object."""
         from lwrprobe.scene.solid import Solid
 

@@ -115,8 +115,9 @@ def _override(content: dict[str, Any], key: str, text: str) -> None:
         if not isinstance(place, dict | list):
             raise SceneError(f"override {key}", text, f"a key inside a table; {step!r} is a single value")
     if isinstance(place, list):
-        last = _index(place, last, key)
-    place[last] = _toml_value(text)
+        place[_index(place, last, key)] = _toml_value(text)
+    else:
+        place[last] = _toml_value(text)
 
 
 def _index(items: list, step: str, key: str) -> int:

@@ -6,7 +6,7 @@ frame of its parent by `at`. Lengths in metres.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -129,10 +129,12 @@ Shape = Annotated[
     Field(discriminator="shape"),
 ]
 
+Composite = TypeVar("Composite", Union, Intersection, Difference)
+
 SHAPES = ("blend", "box", "capsule", "cylinder", "difference", "half_space", "intersection", "mesh", "sphere", "union")
 
 
-def refuse_material(composite: Union | Intersection | Difference):
+def refuse_material(composite: Composite) -> Composite:
     """A material on a child would silently count for nothing."""
     for n, child in enumerate(composite.children):
         for key in sorted(child.model_fields_set.intersection(MATERIAL)):

@@ -66,12 +66,14 @@ class Solid:
     @classmethod
     def from_shapes(cls, shapes: Sequence[Shape]) -> Solid:
         """Build from the objects of a scene; raises SceneError for one that has no end or a mesh that is not closed."""
-        flat, nodes, bodies = Flattener(), [], []
+        flat = Flattener()
+        nodes: list[Node] = []
+        bodies: list[MeshBody] = []
         for part, shape in enumerate(shapes):
-            solid, meshes = _split(shape, part, np.eye(4))
+            rest, meshes = _split(shape, part, np.eye(4))
             bodies += meshes
-            if solid is not None:
-                node = flat.node(solid, part, np.eye(4))
+            if rest is not None:
+                node = flat.node(rest, part, np.eye(4))
                 _refuse_endless(node, f"object[{part}]")
                 nodes.append(node)
         solid = cls(*_compile(flat, nodes, bodies), len(shapes), flat, bodies)
@@ -204,7 +206,7 @@ def _compile(flat: Flattener, nodes: list[Node], bodies: list[MeshBody]) -> tupl
     boxes = [(n.lower, n.upper) for n in nodes] + [body.bounds() for body in bodies]
     lower = np.min([b[0] for b in boxes], axis=0) if boxes else np.full(3, np.inf)
     upper = np.max([b[1] for b in boxes], axis=0) if boxes else np.full(3, -np.inf)
-    sections = {program.BOUNDS: (1, np.array([lower, upper]), [])}
+    sections: program.Sections = {program.BOUNDS: (1, np.array([lower, upper]), [])}
     chains: list[Chain] = []
     if nodes:
         root = Composite(program.UNION, nodes) if len(nodes) > 1 else nodes[0]
@@ -217,7 +219,7 @@ def _compile(flat: Flattener, nodes: list[Node], bodies: list[MeshBody]) -> tupl
     return pack_bodies(*program.pack(sections), bodies)
 
 
-def _surface_sections(flat: Flattener, root: Node) -> dict:
+def _surface_sections(flat: Flattener, root: Node) -> program.Sections:
     balls = np.concatenate([s.balls for s in flat.surfaces])
     tree, steps = tree_rows(root), step_rows(root)
     count = len(flat.surfaces)
@@ -234,7 +236,7 @@ def _surface_sections(flat: Flattener, root: Node) -> dict:
     }
 
 
-def _edge_sections(chains: list[Chain]) -> dict:
+def _edge_sections(chains: list[Chain]) -> program.Sections:
     chains = [piece for chain in chains for piece in chain.pieces()]
     ends = np.cumsum([0] + [len(chain.rows) for chain in chains])
     rows = np.concatenate([chain.rows for chain in chains]) if chains else np.empty((0, program.EDGE_NUMBERS))
@@ -248,7 +250,7 @@ def _edge_sections(chains: list[Chain]) -> dict:
     }
 
 
-def _corner_sections(points: np.ndarray, numbers: np.ndarray, indices: np.ndarray) -> dict:
+def _corner_sections(points: np.ndarray, numbers: np.ndarray, indices: np.ndarray) -> program.Sections:
     surfaces = indices[program.SURFACES]
     values = np.empty((surfaces, len(points)))
     for k in range(surfaces):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
+
+if TYPE_CHECKING:
+    from spatialmath import SE3
 
 Length = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -48,14 +52,14 @@ class Pose(Table):
         pose[:3, 3] = self.xyz
         return pose
 
-    def se3(self):
+    def se3(self) -> SE3:
         """The same as `spatialmath.SE3`."""
         from spatialmath import SE3
 
         return SE3(self.matrix(), check=False)
 
 
-def exact_sin(degrees) -> np.ndarray:
+def exact_sin(degrees: ArrayLike) -> np.ndarray:
     """Sine of angles in degrees, exact at multiples of 90."""
     turns = np.mod(np.asarray(degrees, dtype=np.float64), 360.0)
     sine = np.sin(np.radians(turns))

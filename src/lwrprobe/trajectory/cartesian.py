@@ -71,6 +71,9 @@ class CartesianTrajectory:
         motion = self._state[k.STATE_MOTION : k.STATE_SCRATCH].reshape(4, 3)
         self.velocity, self.acceleration, self.angular_velocity, self.angular_acceleration = motion
         self.failures = 0
+        self.status: int = Status.RESTING
+        self._event = 0.0
+        self._asked_for: tuple[object, ...] | None = None
         self._use_kernels()
         self.reset(np.eye(4))
 

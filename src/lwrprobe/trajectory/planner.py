@@ -53,7 +53,7 @@ class Planner:
         self._to_velocity = list(to_velocity) if any(to_velocity) else None
         self._moves: list[float] = []
         self.pieces = np.zeros(axes * 2 * PIECES)
-        self._memory = memoryview(self.pieces).cast("B")
+        self._memory = self.pieces.data.cast("B")
 
     def solve(self, request: np.ndarray, brakes: bool) -> bool:
         """Plan a request: rows TARGET .. MOVES of `profile_kernels`, finite, limits positive, current position 0.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lwrprobe.bench.simulation import build_world
@@ -56,13 +58,13 @@ def _heavy_tip(quick: bool) -> list[Finding]:
     return found
 
 
-def _arm_in_free_space(mass: float):
+def _arm_in_free_space(mass: float) -> Any:
     driver = load("driver", "sim")
     scene = load_scene("empty", [f"probe.mass={mass}", "probe.centre_of_mass=[0.001, -0.002, 0.035]"])
     return driver.World(scene, driver.Config(**CLEAN_STREAM), 1)
 
 
-def _rest(world, wrist: float, roll: float, count: int) -> tuple[list[WrenchSample], np.ndarray]:
+def _rest(world: Any, wrist: float, roll: float, count: int) -> tuple[list[WrenchSample], np.ndarray]:
     """Readings with the wrist turned out of the ready posture, and how the sensor is held then."""
     q = np.array([0.0, 0.5, 0.0, -1.4, 0.0, 1.2415926535897932, 0.0])
     q[4:] += (roll, -wrist, 0.2)
@@ -100,7 +102,9 @@ def _wrong_probe(quick: bool) -> list[Finding]:
     return found
 
 
-def _touches_on_the_ball(world, radius: float, bend: np.ndarray, count: int):
+def _touches_on_the_ball(
+    world: Any, radius: float, bend: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nominal centres, forces and torques (sensor frame) of presses of about 1 N all over the upper half.
 
     The bent stick is a shift of the sphere in the tip frame that nobody knows of: the sphere touches where it is, and

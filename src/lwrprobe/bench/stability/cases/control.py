@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lwrprobe.bench.simulation import build_world
@@ -67,9 +69,10 @@ def _start_in_contact(quick: bool) -> list[Finding]:
         def retreat(height: list[float] = height) -> None:
             height[0] += 0.002
 
-        taken = agreed_bias(
-            conditioner, lambda world=world, height=height: _readings(world, height[0], 100), retreat, UPRIGHT
-        )
+        def readings(world: Any = world, height: list[float] = height) -> list[WrenchSample]:
+            return _readings(world, height[0], 100)
+
+        taken = agreed_bias(conditioner, readings, retreat, UPRIGHT)
         off = 1e3 * float(np.abs(conditioner.bias[:3] - OFFSET[:3]).max())
         right = taken.outcome.taken and taken.touched == (depth > 0.0)
         told = (
@@ -89,7 +92,7 @@ def _run_from_contact() -> Finding:
     return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 500)
 
 
-def _readings(world, height: float, count: int) -> list[WrenchSample]:
+def _readings(world: Any, height: float, count: int) -> list[WrenchSample]:
     """Samples while the tip rests at a height, after a short while to settle."""
     place = np.array([0.0, 0.0, height])
     samples: list[WrenchSample] = []
@@ -111,6 +114,9 @@ def _soft_object(quick: bool) -> list[Finding]:
     for stiffness in (1e2, 1e3) if quick else (1e2, 2e2, 5e2, 1e3):
         law = choose_force_law(stiffness, 0.01, TARGET, LIMIT, force_threshold=THRESHOLD, most_speed=0.002)
         settings = [f"object.0.stiffness={stiffness}", "object.0.damping=0.0"]
+        if isinstance(law, Refusal):
+            found.append(Finding(f"one touch, K {stiffness:.0e} N/m", f"refused: {law}", False))
+            continue
         course = press(law, 0.01, THRESHOLD, BRAKING, settings)
         ways, forces = np.array(course.ways)[::SAMPLING], np.array(course.forces)[::SAMPLING]
         fit = zero_force_point(ways, forces + random.normal(0.0, 0.003, len(forces)))

@@ -10,7 +10,7 @@ import numpy as np
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.runs import Run, strip
 from lwrprobe.contact import TRUSTED, Wrench, make_estimator, time_skew
-from lwrprobe.contracts import InputError
+from lwrprobe.contracts import InputError, Probe
 
 _SCENE = "cylinder_vertical"
 _HALF = 0.012
@@ -119,7 +119,7 @@ def _nothing_felt(quick: bool) -> list[Finding]:
     return findings
 
 
-def _probe():
+def _probe() -> Probe:
     from lwrprobe.scene import load_scene
 
     return load_scene(_SCENE).probe.as_probe()

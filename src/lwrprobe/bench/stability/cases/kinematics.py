@@ -9,7 +9,7 @@ from lwrprobe.collision import ClearanceQuery
 from lwrprobe.contracts import Probe, SceneError
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.clearance import PLAY
-from lwrprobe.kinematics import IKSolver, IKStatus, Preference, follow, lwr4, straight_line
+from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, follow, lwr4, straight_line
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
@@ -35,7 +35,7 @@ def _singularities(quick: bool) -> list[Finding]:
     ]
 
 
-def _governed(setting: str, robot, q: np.ndarray, goal: np.ndarray, reached: bool) -> Finding:
+def _governed(setting: str, robot: Robot, q: np.ndarray, goal: np.ndarray, reached: bool) -> Finding:
     solver, trajectory = IKSolver(robot), CartesianTrajectory(CYCLE, LIMITS)
     governor = SpeedGovernor(trajectory, solver.track_all, robot.speed)
     trajectory.reset(robot.fk(q).A)

@@ -123,7 +123,7 @@ def _one_sided(quick: bool) -> list[Finding]:
     record = sample_lines(solid, 0.010)
     hull = 1e3 * mesh_error(ConvexHull().reconstruct(record).mesh, solid, LOWEST, samples=4000).mean
     rng = np.random.default_rng(38)
-    turned = record.normals.copy()
+    turned = np.array(record.normals)
     turned[rng.random(len(turned)) < 0.05] *= -1.0
     cases: dict[str, tuple[Callable[[], Reconstruction], bool]] = {
         "contact_surface, contact normals": (lambda: ContactSurface().reconstruct(record), True),
@@ -148,9 +148,9 @@ def _one_sided(quick: bool) -> list[Finding]:
         except LwrprobeError as error:
             findings.append(Finding(label, f"refused: {error}", not offered))
             continue
-        error = 1e3 * mesh_error(found.mesh, solid, LOWEST, samples=4000).mean
+        mean = 1e3 * mesh_error(found.mesh, solid, LOWEST, samples=4000).mean
         also = not offered or is_watertight(found.mesh)
-        findings.append(within(label, "mean error, against that of the convex hull", error, hull, "mm", also=also))
+        findings.append(within(label, "mean error, against that of the convex hull", mean, hull, "mm", also=also))
     return findings
 
 
