@@ -11,7 +11,7 @@ HOUSE = ROOT / "src" / "lwrprobe"
 LEVELS = [
     {"errors"},
     {"contracts"},
-    {"compiled", "options", "control"},
+    {"compiled", "control", "help_page", "options"},
     {"kinematics", "trajectory"},
     {"contact", "mapping"},
     {"collision", "reconstruction"},
@@ -27,7 +27,7 @@ PLUGINS = {
     "drivers/lwrprobe_sim": {"contracts", "compiled", "kinematics", "scene"},
     "drivers/lwrprobe_fri": {"contracts", "compiled"},
     "drivers/lwrprobe_ati": {"contracts", "compiled"},
-    "drivers/lwrprobe_rig": {"contracts", "options", "scene"},
+    "drivers/lwrprobe_rig": {"contracts", "help_page", "options", "scene"},
     "strategies/lwrprobe_strategies": {"contracts", "control"},
 }
 """Which rooms of the library each plug-in may know."""

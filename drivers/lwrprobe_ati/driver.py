@@ -11,7 +11,7 @@ from lwrprobe_ati.sensor import AtiSensor
 
 
 class AtiDriver:
-    """Entry `ati` of the drivers: one sensor, no arm."""
+    """ATI Wireless F/T force/torque sensor: role sensor."""
 
     Config: ClassVar[type] = AtiConfig
     contract: ClassVar[int] = DRIVER_CONTRACT

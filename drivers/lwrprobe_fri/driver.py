@@ -270,7 +270,7 @@ class FriArm:
 
 
 class FriDriver:
-    """Entry `fri` of the drivers: one arm, no sensor."""
+    """KUKA LWR 4+ over FRI 1.0 (controller KRC2 lr): role arm."""
 
     Config: ClassVar[type] = FriConfig
     contract: ClassVar[int] = DRIVER_CONTRACT

@@ -1,4 +1,4 @@
-"""`lwrprobe emulate rig SCENE`: emulated controller and sensor in one simulated world, over real sockets."""
+"""Emulated arm controller (FRI) and sensor (ATI) in one simulated scene: explore it as if it were hardware."""
 
 from __future__ import annotations
 
@@ -22,27 +22,49 @@ def run(argv: list[str]) -> int:
 
 @app.command()
 def rig(
-    scene: Annotated[str, typer.Argument(help="A built-in scene or a scene file: what there is to be touched.")],
-    bind: Annotated[str, typer.Option(help="HOST:PORT of the emulated controller.")] = "127.0.0.1:49939",
-    remote: Annotated[str, typer.Option(help="HOST:PORT of the FRI driver.")] = "127.0.0.1:49938",
-    telnet: Annotated[str, typer.Option(help="HOST:PORT of the emulated sensor's console.")] = "127.0.0.1:10023",
-    udp: Annotated[str, typer.Option(help="HOST:PORT of its commands and data.")] = "127.0.0.1:49152",
-    transducer: Annotated[int, typer.Option(help="Input that the probe's sensor is plugged into.")] = 1,
-    cycle_ms: Annotated[float, typer.Option(help="Cycle of the interface in ms, 1 to 100.")] = 10.0,
-    krl: Annotated[str, typer.Option(help="Program on the controller: A, B or none.")] = "A",
-    bridged: Annotated[int, typer.Option(help="Missing answers in a row that the controller bridges.", min=0)] = 3,
-    joints: Annotated[str, typer.Option(help="Where the arm stands, seven angles in degrees.")] = "",
-    fri_faults: Annotated[str, typer.Option(help="Of the controller's line, from the start.")] = "",
-    ati_faults: Annotated[str, typer.Option(help="Of the sensor's line, from the start.")] = "",
-    control: Annotated[str, typer.Option(help="HOST:PORT of a UDP port for control lines.")] = "",
-    seconds: Annotated[float, typer.Option(help="End after that long.")] = float("inf"),
-    seed: Annotated[int | None, typer.Option(help="Of noise and faults; the scene's when left out.")] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the scene; repeatable.")] = None,
+    scene: Annotated[
+        str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file: the object to touch.")
+    ],
+    bind: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated controller.")
+    ] = "127.0.0.1:49939",
+    remote: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the FRI driver.")] = "127.0.0.1:49938",
+    telnet: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated sensor's console.")
+    ] = "127.0.0.1:10023",
+    udp: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of the sensor's commands and data.")
+    ] = "127.0.0.1:49152",
+    transducer: Annotated[
+        int, typer.Option(metavar="N", help="Number of the input that the sensor is connected to, 1 to 6.")
+    ] = 1,
+    cycle_ms: Annotated[float, typer.Option(metavar="MS", help="Cycle time of the interface in ms, 1 to 100.")] = 10.0,
+    krl: Annotated[str, typer.Option(metavar="A|B|none", help="KRL program that runs on the controller.")] = "A",
+    bridged: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Missing answers in a row that the controller tolerates.")
+    ] = 3,
+    joints: Annotated[
+        str, typer.Option(metavar="DEG,DEG,...", help="Start position: seven joint angles in degrees.")
+    ] = "",
+    fri_faults: Annotated[
+        str, typer.Option(metavar="FAULTS", help="Faults of the controller's connection: loss=0.05,delay=0.002,...")
+    ] = "",
+    ati_faults: Annotated[
+        str, typer.Option(metavar="FAULTS", help="Faults of the sensor's connection: loss=0.05,delay=0.002,...")
+    ] = "",
+    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
+    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed of noise and faults; the scene's if left out.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
+    ] = None,
 ) -> None:
-    """Let `lwrprobe explore SCENE --arm fri --sensor ati` touch a simulated object over real sockets, in real time.
+    """Emulate arm and sensor for `lwrprobe explore SCENE --arm fri --sensor ati`, over real sockets, in real time.
 
-    A control line begins with `fri`, `ati` or `world`: `ati fault down=1`, `fri drives off`, `world status`. At the end
-    one line of JSON tells the truth: peak force and collisions.
+    Control lines on standard input begin with `fri`, `ati` or `world`: `ati fault down=1`, `world status`; `quit` ends.
+    The last line of output is JSON: the true peak force and the collisions.
     """
     from lwrprobe.scene import load_scene
 

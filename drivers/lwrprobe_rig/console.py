@@ -14,6 +14,7 @@ import numpy as np
 
 from lwrprobe.contracts import ConnectionLost, InputError, LwrprobeError, UnknownNameError
 from lwrprobe.contracts.address import as_address
+from lwrprobe.help_page import Command
 from lwrprobe_rig.reactor import Device, Reactor
 
 
@@ -111,6 +112,8 @@ def bound_socket(address: tuple[str, int], field: str) -> socket.socket:
 
 def run_command(app: Any, name: str, argv: list[str]) -> int:
     """Run a typer app as `lwrprobe emulate NAME ARGV...`; the exit code, 2 for bad options."""
+    for command in app.registered_commands:
+        command.cls = Command
     try:
         app(args=argv, prog_name=f"lwrprobe emulate {name}")
     except SystemExit as end:

@@ -27,7 +27,7 @@ from lwrprobe_sim.world import World
 
 
 class SimDriver:
-    """One simulated world with an arm's face and a sensor's face; the arm's `read` moves time on.
+    """Simulated arm and sensor in one scene: roles arm and sensor; the arm's `read` advances the time.
 
     Raises SceneError, InputError and DeviceRefused for a world that cannot be.
     """

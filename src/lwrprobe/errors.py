@@ -40,10 +40,10 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind = kind
         self.known = sorted(known)
-        near = get_close_matches(str(name), self.known, n=1)
+        near = nearest(name, self.known)
         allowed = ", ".join(self.known) if self.known else f"(no {kind} is known)"
         if near:
-            allowed += f" (did you mean {near[0]!r}?)"
+            allowed += f" (did you mean {near!r}?)"
         super().__init__(kind, name, allowed)
 
     def __reduce__(self) -> tuple[type, tuple]:
@@ -90,6 +90,16 @@ class DeviceRefused(DriverError):
 
 class SafetyStop(LwrprobeError):
     """A guard stopped the arm; the message says which limit and by how much."""
+
+
+def nearest(name: object, known: Iterable[str]) -> str | None:
+    """The known name that was probably meant: spelt alike, or the only one that holds what was typed."""
+    typed, known = str(name).lower(), list(known)
+    alike = get_close_matches(typed, known, n=1)
+    if alike:
+        return alike[0]
+    holding = [one for one in known if len(typed) > 1 and typed in one.lower()]
+    return holding[0] if len(holding) == 1 else None
 
 
 def _brief(value: object) -> str:

@@ -1,15 +1,18 @@
 """The command line: what it answers, how it fails, and what it does not load."""
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
 
 
-def lwrprobe(*arguments, folder=None, timeout=300):
-    command = [sys.executable, "-c", "from lwrprobe.cli.app import main; main()", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout)
+def lwrprobe(*arguments, folder=None, timeout=300, **variables):
+    start = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
+    command = [sys.executable, "-c", start, *arguments]
+    environment = {**os.environ, **variables}
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, env=environment)
 
 
 def test_version():
@@ -33,12 +36,125 @@ def test_nothing_heavy_is_loaded_before_it_is_needed(code):
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("kind", ["scenes", "strategies", "drivers", "robots", "reconstructors", "benches"])
-def test_list_names_something(kind):
+KINDS = ["scenes", "profiles", "strategies", "drivers", "robots", "reconstructors", "emulators", "benches"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_list_describes_each_name(kind):
     done = lwrprobe("list", kind)
     assert done.returncode == 0
     assert done.stdout.strip()
     assert "BROKEN" not in done.stdout
+    assert all(len(line.split()) > 3 for line in done.stdout.splitlines()), done.stdout
+
+
+COMMANDS = [
+    [], ["explore"], ["resume"], ["reconstruct"], ["fit"], ["evaluate"], ["report"], ["merge"], ["list"], ["doctor"],
+    ["weigh"], ["repeat"], ["bench"], ["map"], ["map", "info"], ["map", "cloud"],
+    ["emulate"], ["emulate", "fri"], ["emulate", "ati"], ["emulate", "rig"],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_says_what_each_option_takes(command):
+    done = lwrprobe(*command, "--help", COLUMNS="80")
+    assert done.returncode == 0, done.stderr
+    assert f"Usage: {' '.join(['lwrprobe', *command])} " in done.stdout or not command
+    assert "--help" in done.stdout
+    assert "bool" not in done.stdout
+    for line in done.stdout.splitlines():
+        assert len(line) <= 80
+        words = line.strip("│ ").split()
+        if words and words[0].startswith("--"):
+            assert len(words) > 1, f"no word about {words[0]}"
+
+
+def test_help_of_emulate_names_the_emulators():
+    for arguments in (["emulate", "--help"], ["emulate"]):
+        told = lwrprobe(*arguments)
+        assert "FRI 1.0" in told.stdout + told.stderr
+        assert "ATI Wireless F/T" in told.stdout + told.stderr
+
+
+WITHOUT_KERNELS = """
+import atexit, resource, sys
+
+def account():
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    loaded = [name for name in ("numba", "scipy", "spatialmath", "trimesh") if name in sys.modules]
+    print(loaded, used.ru_utime + used.ru_stime, file=sys.stderr)
+
+atexit.register(account)
+from lwrprobe.cli.app import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("explore blok", ["'blok'", "did you mean 'block'", "lwrprobe list scenes"]),
+        ("explore nowhere.toml", ["nowhere.toml", "existing"]),
+        ("explore block --arm ur", ["driver", "'ur'", "fri, sim", "lwrprobe list drivers"]),
+        ("explore block --sensor simm", ["driver", "did you mean 'sim'"]),
+        ("explore block --strategy x", ["strategy", "'x'", "grid_version", "lwrprobe list strategies"]),
+        ("explore block --strategy grid", ["strategy", "did you mean 'grid_version'"]),
+        ("explore block --profile these", ["profile", "did you mean 'thesis'", "lwrprobe list profiles"]),
+        ("explore block --set arm.robot=lwr", ["robot", "did you mean 'lwr4'", "lwrprobe list robots"]),
+        ("explore block --set reconstruction.method=poison", ["reconstructor", "did you mean 'poisson'"]),
+        ("explore block --set contact.estimator=fuse", ["contact.estimator", "'fuse'", "'fused'"]),
+        ("explore block --out file/run", ["--out", "file is a file"]),
+        ("explore block --dry-run --arm ur", ["driver", "'ur'"]),
+        ("resume nowhere", ["run", "nowhere", "existing"]),
+        ("resume folder", ["run", "folder", "lwrprobe explore"]),
+        ("report folder", ["folder", "lwrprobe explore"]),
+        ("merge folder folder --out x", ["folder", "lwrprobe explore"]),
+        ("merge folder --out x", ["two run folders"]),
+        ("reconstruct nowhere.ply", ["source", "nowhere.ply"]),
+        ("reconstruct folder --method hull", ["reconstructor", "hull", "lwrprobe list reconstructors"]),
+        ("reconstruct folder --out mesh.xyz", ["--out", "mesh.xyz", ".stl"]),
+        ("fit nowhere.ply", ["source", "nowhere.ply"]),
+        ("evaluate nowhere.stl --truth block", ["subject", "nowhere.stl"]),
+        ("evaluate file", ["--truth", "scene"]),
+        ("weigh bloc", ["did you mean 'block'"]),
+        ("weigh block --set arm.driver=ur", ["driver", "'ur'"]),
+        ("repeat bloc", ["did you mean 'block'"]),
+        ("repeat block --arm ur", ["driver", "'ur'"]),
+        ("doctor --arm ur", ["driver", "'ur'", "lwrprobe list drivers"]),
+        ("list scene", ["kind", "did you mean 'scenes'"]),
+        ("list drivers --pictures x", ["--pictures", "scenes"]),
+        ("list scenes --pictures file/x", ["--pictures", "file is a file"]),
+        ("bench kin", ["bench", "did you mean 'kinematics'", "lwrprobe list benches"]),
+        ("bench kinematics --out file", ["--out", "file is a file"]),
+        ("bench kinematics --json folder", ["--json", "this is a folder"]),
+        ("emulate fro", ["emulator", "did you mean 'fri'", "lwrprobe list emulators"]),
+        ("map info nowhere.bt", ["nowhere.bt", "existing"]),
+        ("map cloud nowhere.bt --out x.ply", ["nowhere.bt", "existing"]),
+    ],
+)
+def test_a_wrong_name_is_told_at_once_and_with_what_to_do(arguments, words, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    command = [sys.executable, "-c", WITHOUT_KERNELS, *arguments.split()]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    *_, sentence, account = done.stderr.strip().splitlines()
+    for word in words:
+        assert word in sentence
+    loaded, seconds = account.rsplit(" ", 1)
+    assert loaded == "[]"
+    assert float(seconds) < 1.5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_the_scene_names_the_estimators_that_there_are():
+    from typing import get_args
+
+    from lwrprobe.contact import ESTIMATORS
+    from lwrprobe.scene.scene import ContactTable
+
+    assert get_args(ContactTable.model_fields["estimator"].annotation) == tuple(ESTIMATORS)
 
 
 def test_doctor_finds_everything_needed():

@@ -49,5 +49,5 @@ def test_what_is_no_scene_has_no_picture(tmp_path):
     done = CliRunner().invoke(app, ["list", "robots", "--pictures", str(tmp_path)])
     assert isinstance(done.exception, InputError)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(InputError, match="scenes, which can be drawn"):
+    with pytest.raises(InputError, match="nothing else can be drawn"):
         raise done.exception

@@ -1,4 +1,4 @@
-"""`lwrprobe emulate ati`: the emulated sensor as a program of its own."""
+"""Emulated ATI Wireless F/T force/torque sensor."""
 
 from __future__ import annotations
 
@@ -42,18 +42,33 @@ def build(
 
 @app.command()
 def ati(
-    telnet: Annotated[str, typer.Option(help="HOST:PORT of the console.")] = "127.0.0.1:10023",
-    udp: Annotated[str, typer.Option(help="HOST:PORT of commands and data.")] = "127.0.0.1:49152",
-    active: Annotated[str, typer.Option(help="Transducers that are powered: 25 = inputs 2 and 5.")] = "1",
-    load: Annotated[str, typer.Option(help="T=Fx,Fy,Fz,Tx,Ty,Tz in N and N-mm; several with ;.")] = "",
-    faults: Annotated[str, typer.Option(help="loss=0.05,delay=0.002,pieces=0.002,... from the start.")] = "",
-    noise: Annotated[float, typer.Option(help="Of the gages, in steps of about 0.6 mN.")] = 1.0,
-    sticky: Annotated[bool, typer.Option(help="Keep the first destination, as some devices do.")] = False,
-    control: Annotated[str, typer.Option(help="HOST:PORT of a UDP port for control lines.")] = "",
-    seconds: Annotated[float, typer.Option(help="End after that long.")] = float("inf"),
-    seed: Annotated[int, typer.Option(help="Of noise and faults.")] = 0,
+    telnet: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of the console (telnet).")
+    ] = "127.0.0.1:10023",
+    udp: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of commands and data (UDP).")
+    ] = "127.0.0.1:49152",
+    active: Annotated[
+        str, typer.Option(metavar="DIGITS", help="Inputs with a powered transducer: 25 means 2 and 5.")
+    ] = "1",
+    load: Annotated[
+        str,
+        typer.Option(metavar="T=Fx,...,Tz", help="Load on input T: T=Fx,Fy,Fz,Tx,Ty,Tz in N and N-mm; several with ;"),
+    ] = "",
+    faults: Annotated[
+        str, typer.Option(metavar="FAULTS", help="Faults of the connection: loss=0.05,delay=0.002,...")
+    ] = "",
+    noise: Annotated[
+        float, typer.Option(metavar="X", help="Noise of the strain gages, in steps of about 0.6 mN.")
+    ] = 1.0,
+    sticky: Annotated[
+        bool, typer.Option("--sticky", help="Keep the first destination of the data, as some devices do.")
+    ] = False,
+    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
+    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of noise and faults.")] = 0,
 ) -> None:
-    """Emulate the ATI Wireless F/T: control lines on standard input, `help` lists them."""
+    """Emulate the ATI Wireless F/T. Type control lines on standard input; `help` lists them, `quit` ends."""
     device = build(telnet, udp, active, {}, noise, sticky, faults, seed)
     device.set_loads(load)
     greeting = f"ATI Wireless F/T: console at {telnet}, data at {udp}, transducers {', '.join(active)}"

@@ -1,4 +1,4 @@
-"""`lwrprobe emulate fri`: the emulated controller as a program of its own."""
+"""Emulated KUKA KRC2 lr controller of an LWR 4+, with FRI 1.0."""
 
 from __future__ import annotations
 
@@ -41,19 +41,29 @@ def build(
 
 @app.command()
 def fri(
-    bind: Annotated[str, typer.Option(help="HOST:PORT of the emulated controller.")] = "127.0.0.1:49939",
-    remote: Annotated[str, typer.Option(help="HOST:PORT of the driver.")] = "127.0.0.1:49938",
-    cycle_ms: Annotated[float, typer.Option(help="Cycle of the interface in ms, 1 to 100.")] = 10.0,
-    krl: Annotated[str, typer.Option(help="Program on the controller: A, B or none.")] = "A",
-    joints: Annotated[str, typer.Option(help="Where the arm stands, seven angles in degrees.")] = _START,
-    bridged: Annotated[int, typer.Option(help="Missing answers in a row that are bridged.", min=0)] = 3,
-    faults: Annotated[str, typer.Option(help="loss=0.05,delay=0.002,quality=bad,... from the start.")] = "",
-    acknowledge: Annotated[str, typer.Option(help="auto: the next start clears an error; manual.")] = "auto",
-    control: Annotated[str, typer.Option(help="HOST:PORT of a UDP port for control lines.")] = "",
-    seconds: Annotated[float, typer.Option(help="End after that long.")] = float("inf"),
-    seed: Annotated[int, typer.Option(help="Of the faults.")] = 0,
+    bind: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated controller.")
+    ] = "127.0.0.1:49939",
+    remote: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the FRI driver.")] = "127.0.0.1:49938",
+    cycle_ms: Annotated[float, typer.Option(metavar="MS", help="Cycle time of the interface in ms, 1 to 100.")] = 10.0,
+    krl: Annotated[str, typer.Option(metavar="A|B|none", help="KRL program that runs on the controller.")] = "A",
+    joints: Annotated[
+        str, typer.Option(metavar="DEG,DEG,...", help="Start position: seven joint angles in degrees.")
+    ] = _START,
+    bridged: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Missing answers in a row that the controller tolerates.")
+    ] = 3,
+    faults: Annotated[
+        str, typer.Option(metavar="FAULTS", help="Faults of the connection: loss=0.05,delay=0.002,...")
+    ] = "",
+    acknowledge: Annotated[
+        str, typer.Option(metavar="auto|manual", help="auto: the next start clears an error.")
+    ] = "auto",
+    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
+    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the faults.")] = 0,
 ) -> None:
-    """Emulate the KRC2 lr with FRI 1.0: control lines on standard input, `help` lists them."""
+    """Emulate the KRC2 lr with FRI 1.0. Type control lines on standard input; `help` lists them, `quit` ends."""
     arm = LaggingArm(joint_angles(joints))
     device = build(arm, bind, remote, cycle_ms / 1000.0, krl, acknowledge, bridged, faults, seed)
     greeting = f"FRI controller at {bind}, answers expected from {remote}, {cycle_ms:g} ms, program {krl}"

@@ -26,34 +26,44 @@ from lwrprobe.cli import (
     resume,
     weigh,
 )
-from lwrprobe.errors import LwrprobeError
+from lwrprobe.errors import DriverError, LwrprobeError, PluginError, UnknownNameError
+from lwrprobe.help_page import Command, Group
 
 app = typer.Typer(
     name="lwrprobe",
+    cls=Group,
     help="Blind shape detection by touch: explore an unseen object, map it, mesh it.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
-app.command("explore")(explore.explore)
-app.command("resume")(resume.resume)
-app.command("reconstruct")(reconstruct.reconstruct)
-app.command("fit")(reconstruct.fit)
-app.command("evaluate")(evaluate.evaluate)
-app.command("report")(report.report)
-app.command("merge")(merge.merge)
-app.command("list")(listing.list_names)
-app.command("doctor")(doctor.doctor)
-app.command("weigh")(weigh.weigh)
-app.command("repeat")(repeat.repeat)
-app.command("bench")(bench.bench)
-app.command(
-    "emulate",
-    add_help_option=False,
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-)(emulate.emulate)
+app.command("explore", cls=Command)(explore.explore)
+app.command("resume", cls=Command)(resume.resume)
+app.command("reconstruct", cls=Command)(reconstruct.reconstruct)
+app.command("fit", cls=Command)(reconstruct.fit)
+app.command("evaluate", cls=Command)(evaluate.evaluate)
+app.command("report", cls=Command)(report.report)
+app.command("merge", cls=Command)(merge.merge)
+app.command("list", cls=Command)(listing.list_names)
+app.command("doctor", cls=Command)(doctor.doctor)
+app.command("weigh", cls=Command)(weigh.weigh)
+app.command("repeat", cls=Command)(repeat.repeat)
+app.command("bench", cls=Command)(bench.bench)
+app.add_typer(emulate.app, name="emulate")
 app.add_typer(map_file.app, name="map")
+
+LISTED = {
+    "scene": "scenes",
+    "profile": "profiles",
+    "strategy": "strategies",
+    "driver": "drivers",
+    "robot": "robots",
+    "reconstructor": "reconstructors",
+    "emulator": "emulators",
+    "bench": "benches",
+}
+"""By the kind of an unknown name: what `lwrprobe list` calls all of that kind."""
 
 
 def _version(wanted: bool) -> None:
@@ -75,10 +85,21 @@ def main() -> None:
     try:
         app()
     except LwrprobeError as error:
-        typer.echo(f"lwrprobe: {error}", err=True)
+        typer.echo(f"lwrprobe: {error}{_next_step(error)}", err=True)
         sys.exit(2)
     except KeyboardInterrupt:
         typer.echo("lwrprobe: interrupted", err=True)
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(1)
+
+
+def _next_step(error: LwrprobeError) -> str:
+    """What to do about an error, where its own sentence cannot know the command."""
+    if isinstance(error, UnknownNameError) and error.kind in LISTED:
+        return f"; `lwrprobe list {LISTED[error.kind]}` describes each"
+    if isinstance(error, PluginError):
+        return "; `lwrprobe doctor` shows the state of every plug-in"
+    if isinstance(error, DriverError):
+        return "; `lwrprobe doctor --arm NAME --sensor NAME` checks the devices without moving anything"
+    return ""

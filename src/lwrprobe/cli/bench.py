@@ -1,4 +1,4 @@
-"""`lwrprobe bench NAME`: error against run time, side by side with the installed peers."""
+"""`lwrprobe bench NAME`: error against run time, beside the installed peer libraries."""
 
 from __future__ import annotations
 
@@ -15,21 +15,32 @@ if TYPE_CHECKING:
 
 
 def bench(
-    name: Annotated[str, typer.Argument(help="Which bench; `lwrprobe list benches` names them.")],
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures to this JSON file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write a Markdown page and PNG figures into this folder.")] = None,
-    quick: Annotated[bool, typer.Option(help="A shorter run, within a minute.")] = False,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the bench, repeatable.")] = None,
-    case: Annotated[int | None, typer.Option(help="Only this case (bench stability).")] = None,
+    name: Annotated[str, typer.Argument(help="Benchmark (see `lwrprobe list benches`).")],
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all figures into this JSON file.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write a Markdown page, the tables and the pictures into this folder."),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A shorter run, at most a minute.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the benchmark; repeatable."),
+    ] = None,
+    case: Annotated[int | None, typer.Option(metavar="N", help="Run this case alone (bench stability).")] = None,
 ) -> None:
-    """Measure one part beside its peers and hold the figures against the promises."""
+    """Measure one part beside peer libraries and compare the figures with the stated limits."""
     from rich.console import Console
 
     from lwrprobe.bench import BENCHES
-    from lwrprobe.contracts import InputError, UnknownNameError
+    from lwrprobe.cli.checks import check_folder, check_output
+    from lwrprobe.errors import InputError, UnknownNameError
 
     if name not in BENCHES:
         raise UnknownNameError("bench", name, BENCHES)
+    check_output("--json", json_file)
+    check_folder("--out", out)
     options = {}
     for setting in settings or []:
         key, equals, value = setting.partition("=")
@@ -45,18 +56,14 @@ def bench(
 
 
 def _show(report: BenchReport, console: Console) -> None:
-    from rich.table import Table
-
     from lwrprobe.bench.report import cell_text
+    from lwrprobe.cli.table import print_table
 
     console.print(f"[bold]{report.title}[/bold]")
     for table in report.tables:
-        grid = Table(*table.columns, title=table.title, title_justify="left")
-        for row in table.rows:
-            grid.add_row(*(cell_text(cell) for cell in row))
-        console.print(grid)
+        print_table(console, table.title, table.columns, [[cell_text(cell) for cell in row] for row in table.rows])
     for verdict in report.verdicts:
-        mark = "[green]held[/green]" if verdict.held else "[red]SHORT[/red]"
+        mark = "[green]held[/green]  " if verdict.held else "[red]missed[/red]"
         console.print(f"{mark}  {verdict.promise}: {verdict.measured}", highlight=False)
     for note in report.notes:
         console.print(f"- {note}", highlight=False, markup=False)

@@ -17,13 +17,27 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    arm: Annotated[str | None, typer.Option(help="Connect to this arm and read for some seconds.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="Connect to this sensor and read for some seconds.")] = None,
-    scene: Annotated[str, typer.Option(help="Scene whose [drivers.*] tables hold the addresses.")] = "empty",
-    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the scene, repeatable.")] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, max=600.0, help="How long to read.")] = 5.0,
+    arm: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Check the arm behind this driver: connect and read.")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Check the sensor behind this driver: connect and read.")
+    ] = None,
+    scene: Annotated[
+        str, typer.Option(metavar="SCENE", help="Scene whose [drivers.*] tables hold the devices' addresses.")
+    ] = "empty",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=0.5, max=600.0, help="How long to read from a device, in s.")
+    ] = 5.0,
 ) -> None:
-    """Check the installation; with --arm or --sensor, check a device: nothing is commanded."""
+    """Check the installation; with --arm or --sensor check a device, which is not moved."""
+    from lwrprobe.cli.checks import check_name
+
+    for driver in (arm, sensor):
+        check_name("driver", driver)
     if arm is None and sensor is None:
         lines = _installation()
     else:
@@ -32,7 +46,7 @@ def doctor(
     for line, good in lines:
         typer.echo(("  " if good else "! ") + line)
         bad += not good
-    typer.echo("everything is as it should be" if not bad else f"{bad} things need attention (marked !)")
+    typer.echo("no problem found" if not bad else f"problems found: {bad}, in the lines marked with !")
     if bad:
         raise typer.Exit(1)
 
@@ -100,4 +114,4 @@ def _extra(need: Requirement) -> str:
 
 def _plugin_line(plugin: Plugin) -> str:
     state = f"broken: {plugin.broken}" if plugin.broken else f"from {plugin.distribution} {plugin.version}"
-    return f"{plugin.kind} {plugin.name:<22} {state}"
+    return f"{f'{plugin.kind} {plugin.name}':<36} {state}"

@@ -1,4 +1,4 @@
-"""`lwrprobe evaluate`: a run, a mesh or a cloud against the truth."""
+"""`lwrprobe evaluate`: a run, a mesh or a cloud against the ground truth."""
 
 from __future__ import annotations
 
@@ -11,23 +11,37 @@ import typer
 
 def evaluate(
     subject: Annotated[
-        Path, typer.Argument(help="A run folder, a mesh (.stl, .ply, .obj, .glb) or a cloud (.pcd, .ply, .csv, .bt).")
+        Path, typer.Argument(help="Run folder, mesh (.stl, .ply, .obj, .glb) or cloud (.pcd, .ply, .csv, .bt).")
     ],
     truth: Annotated[
-        str | None, typer.Option(help="A scene, a scene file or a closed mesh; a run's own scene when left out.")
+        str | None,
+        typer.Option(metavar="NAME", help="Scene, scene file or closed mesh; a run's own scene if left out."),
     ] = None,
-    align: Annotated[bool, typer.Option("--align", help="First lay the subject over the truth.")] = False,
-    above: Annotated[float | None, typer.Option(help="m, compare only what lies higher; the scene's area.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for deviation.ply and deviation.png.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+    align: Annotated[
+        bool, typer.Option("--align", help="First align the subject with the ground truth (rigid registration).")
+    ] = False,
+    above: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Compare only what lies above this height in m; the scene's area if left out."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for deviation.ply and deviation.png.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """How far from the truth: both ways, volume, normals, coverage, face by face."""
-    from lwrprobe.contracts import InputError
+    """Compare with the ground truth: distances both ways, volume, normals, coverage, errors by facing."""
+    from lwrprobe.cli.checks import check_folder, check_input, check_run
+    from lwrprobe.errors import InputError
+
+    if truth is None and subject.is_dir():
+        check_run("subject", subject)
+    check_input("subject", subject)
+    if truth is None and not subject.is_dir():
+        raise InputError("--truth", "nothing", "a scene or a closed mesh; only a run folder contains its own scene")
+    check_folder("--out", out)
     from lwrprobe.evaluation.align import align as lay_over
     from lwrprobe.evaluation.truth import read_truth
 
-    if truth is None and not subject.is_dir():
-        raise InputError("--truth", "nothing", "a scene or a closed mesh, unless a run folder is evaluated")
     solid, lowest = read_truth(truth if truth is not None else str(subject / "scene.toml"))
     above = lowest if above is None else above
     mesh, cloud = _read(subject)

@@ -12,29 +12,51 @@ _MOST_ZONES = 3  # the widest, which are told one by one
 
 
 def explore(
-    scene: Annotated[str, typer.Argument(help="A built-in scene (`lwrprobe list scenes`) or a scene file.")],
-    strategy: Annotated[str | None, typer.Option(help="Strategy plug-in.")] = None,
-    arm: Annotated[str | None, typer.Option(help="Driver plug-in of the arm.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="Driver plug-in of the sensor.")] = None,
-    profile: Annotated[
-        str | None, typer.Option(help="Settings laid over the scene: a built-in profile (thesis) or a file.")
+    scene: Annotated[str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file.")],
+    strategy: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Strategy (see `lwrprobe list strategies`).")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Run folder; runs/SCENE when left out.")] = None,
+    arm: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Settings put over those of the scene: a built-in profile or a TOML file."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed of all random numbers; the scene's if left out.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; runs/SCENE if left out.")
+    ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="key=value of the scene file, e.g. strategy.step=0.005; repeatable."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change one value of the scene: strategy.step=0.005; repeatable."
+        ),
     ] = None,
-    realtime: Annotated[bool, typer.Option(help="A simulator keeps pace with the wall clock.")] = False,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
+    ] = False,
     dry: Annotated[
         bool,
-        typer.Option("--dry-run", help="Drive it in the simulator only: reach, limits, time. No device is opened."),
+        typer.Option(
+            "--dry-run",
+            help="Run in the simulator only and report reach, limits and time; no device is opened.",
+        ),
     ] = False,
-    confirm: Annotated[int, typer.Option(help="Ask for each of the first so many motions; Enter stops each.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as the last line of output.")] = False,
-    quiet: Annotated[bool, typer.Option(help="No progress, no table.")] = False,
+    confirm: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
 ) -> None:
-    """Explore an object nobody can see, and leave a cloud, a map, a mesh and a picture."""
+    """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
+    from lwrprobe.cli.checks import check_folder, check_plugins
     from lwrprobe.cli.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
@@ -48,12 +70,14 @@ def explore(
     with ProgressLine(quiet) as line:
         line.tell(f"loading scene {scene}")
         loaded = load_scene(scene, overrides, profile)
+        check_plugins(loaded)
         if dry:
             return _rehearse(loaded, line, as_json)
+        folder = out if out is not None else Path("runs") / loaded.name
+        check_folder("--out", folder)
         from lwrprobe.exploration.procedures.explore import explore as run
         from lwrprobe.exploration.safety.confirm import Confirm
 
-        folder = out if out is not None else Path("runs") / loaded.name
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
         summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
     finish(summary, folder, as_json, quiet)

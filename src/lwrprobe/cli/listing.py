@@ -2,48 +2,42 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lwrprobe.errors import InputError
+from lwrprobe.cli.checks import check_folder
+from lwrprobe.errors import InputError, UnknownNameError
 
-
-class Kind(StrEnum):
-    """What can be listed."""
-
-    scenes = "scenes"
-    profiles = "profiles"
-    strategies = "strategies"
-    drivers = "drivers"
-    robots = "robots"
-    reconstructors = "reconstructors"
-    benches = "benches"
-
-
-_PLUGIN_KIND = {
-    Kind.strategies: "strategy",
-    Kind.drivers: "driver",
-    Kind.robots: "robot",
-    Kind.reconstructors: "reconstructor",
+_PLUGINS = {
+    "strategies": "strategy",
+    "drivers": "driver",
+    "robots": "robot",
+    "reconstructors": "reconstructor",
+    "emulators": "emulator",
 }
+KINDS = ("scenes", "profiles", *_PLUGINS, "benches")
+"""What can be listed."""
 
 
 def list_names(
-    kind: Annotated[Kind, typer.Argument(help="What to list.")],
+    kind: Annotated[str, typer.Argument(help=f"One of {', '.join(KINDS)}.")],
     pictures: Annotated[
-        Path | None, typer.Option(help="Of scenes: write a page with a picture of each into this folder.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Of scenes: write a page with a picture of each into this folder."),
     ] = None,
 ) -> None:
-    """List scenes, profiles, strategies, drivers, robots, reconstructors or benches."""
+    """List the names that other commands take: scenes, strategies, drivers, ..., each with one line about it."""
+    if kind not in KINDS:
+        raise UnknownNameError("kind", kind, KINDS)
+    if pictures is not None and kind != "scenes":
+        raise InputError("--pictures", kind, "scenes; nothing else can be drawn")
+    check_folder("--pictures", pictures)
     rows = _rows(kind)
     for name, note in rows:
         typer.echo(f"{name:<24} {note}".rstrip())
     if pictures is not None:
-        if kind is not Kind.scenes:
-            raise InputError("--pictures", str(kind), "scenes, which can be drawn")
         typer.echo(f"wrote {_draw(rows, pictures)}", err=True)
 
 
@@ -66,31 +60,46 @@ def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
     cells += [""] * (len(cells) % 2)
     lines += [f"| {left} | {right} |" for left, right in zip(cells[::2], cells[1::2])]
     page = folder / "scenes.md"
-    page.write_text("\n".join(lines) + "\n")
+    page.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return page
 
 
-def _rows(kind: Kind) -> list[tuple[str, str]]:
-    if kind is Kind.scenes:
+def _rows(kind: str) -> list[tuple[str, str]]:
+    if kind == "scenes":
         from lwrprobe.scene import load_scene, scene_names
 
         return [(name, load_scene(name).title) for name in scene_names()]
-    if kind is Kind.profiles:
-        from lwrprobe.scene import profile_names
+    if kind == "profiles":
+        from lwrprobe.scene.library import profile_names, profile_path
 
-        return [(name, "") for name in profile_names()]
-    if kind is Kind.benches:
+        return [(name, _first_comment(profile_path(name))) for name in profile_names()]
+    if kind == "benches":
         from lwrprobe.bench import BENCHES
 
-        return [(name, "") for name in BENCHES]
+        return [(name, _docstring(module)) for name, module in BENCHES.items()]
     from lwrprobe.contracts.plugins import discover
 
     rows = []
-    for plugin in discover(_PLUGIN_KIND[kind]):
+    for plugin in discover(_PLUGINS[kind]):
         note = f"BROKEN: {plugin.broken}" if plugin.broken else _first_line(plugin.loaded.__doc__)
         source = "" if plugin.distribution == "lwrprobe" else f" [{plugin.distribution} {plugin.version}]"
         rows.append((plugin.name, note + source))
     return rows
+
+
+def _first_comment(file: Path) -> str:
+    return file.read_text(encoding="utf-8").partition("\n")[0].removeprefix("#").strip()
+
+
+def _docstring(module: str) -> str:
+    """The first line of a module's description, without importing the module and all that it measures."""
+    import ast
+    from importlib.util import find_spec
+
+    found = find_spec(module)
+    if found is None or found.origin is None:
+        return ""
+    return _first_line(ast.get_docstring(ast.parse(Path(found.origin).read_text(encoding="utf-8"))))
 
 
 def _first_line(text: str | None) -> str:

@@ -10,14 +10,32 @@ import typer
 
 
 def merge(
-    runs: Annotated[list[Path], typer.Argument(help="Run folders; the first one's place is kept.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the merged run.")],
-    method: Annotated[str | None, typer.Option(help="Reconstructor; the first run's when left out.")] = None,
-    as_is: Annotated[bool, typer.Option("--as-is", help="Leave every run where it is, without registration.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as the last line of output.")] = False,
-    quiet: Annotated[bool, typer.Option(help="No words.")] = False,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Run folders, two or more; the others are registered to the first.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Run folder to write.")],
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Reconstructor (see `lwrprobe list reconstructors`); the first run's if left out.",
+        ),
+    ] = None,
+    as_is: Annotated[bool, typer.Option("--as-is", help="Do not register: take every run's frame as it is.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but the result of --json.")] = False,
 ) -> None:
-    """Join the contacts of runs over the same object, moved by a few millimetres in between or not."""
+    """Join the contacts of several runs over one object, which may have moved a few millimetres between them."""
+    from lwrprobe.cli.checks import check_folder, check_name, check_run
+    from lwrprobe.errors import InputError
+
+    if len(runs) < 2:
+        raise InputError("runs", [str(run) for run in runs], "two run folders or more")
+    for folder in runs:
+        check_run("runs", folder)
+    check_name("reconstructor", method)
+    check_folder("--out", out)
     from lwrprobe.exploration.procedures.merge import merge as run
 
     tell = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))
@@ -41,5 +59,5 @@ def _line(fact: dict) -> str:
             f"; moved by {found['shift_mm']:.2f} mm and {found['turn_deg']:.2f} deg: {found['apart_after_mm']:.2f} mm"
         )
     if found["left_open"]:
-        text += f" (the touches do not tell: {', '.join(found['left_open'])})"
+        text += f" (the contacts do not determine: {', '.join(found['left_open'])})"
     return text

@@ -1,4 +1,4 @@
-"""`lwrprobe reconstruct` and `lwrprobe fit`: a mesh, or simple shapes, from touches."""
+"""`lwrprobe reconstruct` and `lwrprobe fit`: a mesh, or simple shapes, from contact points."""
 
 from __future__ import annotations
 
@@ -11,30 +11,47 @@ import typer
 Source = Annotated[
     Path, typer.Argument(help="A run folder, a cloud (.pcd, .ply, .csv) or a map (.bt, .ot).", show_default=False)
 ]
-Radius = Annotated[float | None, typer.Option("--probe-radius", help="m; a run folder knows it.")]
-Table = Annotated[float | None, typer.Option("--table", help="Height of the table, m; a run folder knows it.")]
-Json = Annotated[bool, typer.Option("--json", help="Print everything as JSON.")]
+Radius = Annotated[
+    float | None,
+    typer.Option("--probe-radius", metavar="M", help="Radius of the probe's sphere in m; a run folder contains it."),
+]
+Table = Annotated[
+    float | None, typer.Option("--table", metavar="M", help="Height of the table in m; a run folder contains it.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def reconstruct(
     source: Source,
-    method: Annotated[str, typer.Option(help="See `lwrprobe list reconstructors`.")] = "contact_surface",
+    method: Annotated[
+        str, typer.Option(metavar="NAME", help="Reconstructor (see `lwrprobe list reconstructors`).")
+    ] = "contact_surface",
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="key=value of the method, e.g. step=0.001; repeatable.")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Option of the method: step=0.001; repeatable."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help=".stl, .ply (with the expected error of each vertex), .obj or .glb; SOURCE_METHOD.stl."),
+        typer.Option(
+            metavar="FILE",
+            help="Mesh to write: .stl, .ply (with the expected error of each vertex), .obj or .glb; "
+            "SOURCE_METHOD.stl if left out.",
+        ),
     ] = None,
     probe_radius: Radius = None,
     table: Table = None,
     as_json: Json = False,
-    quiet: Annotated[bool, typer.Option(help="No progress.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
-    """Make a mesh of what was touched."""
+    """Make a mesh from contact points."""
     from lwrprobe.cli.bar import StageBar
+    from lwrprobe.cli.checks import check_input, check_name, check_output
+    from lwrprobe.reconstruction.meshes import WRITERS, write_mesh
+
+    check_input("source", source)
+    check_name("reconstructor", method)
+    check_output("--out", out, WRITERS)
     from lwrprobe.evaluation.touch_source import read_touches
-    from lwrprobe.reconstruction.meshes import write_mesh
     from lwrprobe.reconstruction.reconstruct import reconstruct as run
 
     options = _options(settings or [])
@@ -52,13 +69,16 @@ def reconstruct(
     if report.get("unreachable_share"):
         typer.echo(f"{report['unreachable_share']:.1%} of the vertices lie where no sphere of this size can touch")
     if report["without"]:
-        typer.echo(f"had to do without: {', '.join(report['without'])}")
+        typer.echo(f"not available, so left out: {', '.join(report['without'])}")
 
 
 def fit(source: Source, probe_radius: Radius = None, table: Table = None, as_json: Json = False) -> None:
-    """Hold plane, box, cylinder and sphere against what was touched."""
+    """Fit a plane, a box, a cylinder and a sphere to contact points, and say which one explains them."""
     from dataclasses import asdict
 
+    from lwrprobe.cli.checks import check_input
+
+    check_input("source", source)
     from lwrprobe.evaluation.touch_source import read_touches
     from lwrprobe.reconstruction.fits import fit as run
 

@@ -1,4 +1,4 @@
-"""`lwrprobe repeat SCENE`: touch one place again and again, and say how well that repeats."""
+"""`lwrprobe repeat SCENE`: repeatability, from touching one place again and again."""
 
 from __future__ import annotations
 
@@ -10,34 +10,55 @@ import typer
 
 
 def repeat(
-    scene: Annotated[str, typer.Argument(help="A built-in scene or a scene file.")],
+    scene: Annotated[str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file.")],
     above: Annotated[
         str | None,
-        typer.Option(help="x,y,z in m from where the place is sought; left out, the middle of the area's top."),
+        typer.Option(metavar="X,Y,Z", help="Start of each approach in m; the middle of the area's top if left out."),
     ] = None,
-    direction: Annotated[str, typer.Option(help="x,y,z of the touch.")] = "0,0,-1",
-    reach: Annotated[float | None, typer.Option(help="m to seek through; to the area's bottom when left out.")] = None,
+    direction: Annotated[str, typer.Option(metavar="X,Y,Z", help="Direction of the approach.")] = "0,0,-1",
+    reach: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Longest approach in m; down to the area's bottom if left out."),
+    ] = None,
     speeds: Annotated[
-        str, typer.Option(help="m/s, separated by commas; a quarter, half and all of the safe one.")
+        str,
+        typer.Option(
+            metavar="V,V,...", help="Approach speeds in m/s; a quarter, a half and all of the safe one if left out."
+        ),
     ] = "",
-    count: Annotated[int, typer.Option(help="Touches at each speed.")] = 10,
-    arm: Annotated[str | None, typer.Option(help="Driver plug-in of the arm.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="Driver plug-in of the sensor.")] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the scene, repeatable.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Run folder; nothing is kept when left out.")] = None,
-    realtime: Annotated[bool, typer.Option(help="A simulator keeps pace with the wall clock.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as the last line of output.")] = False,
+    count: Annotated[int, typer.Option(metavar="N", help="Touches at each speed.")] = 10,
+    arm: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; nothing is written if left out.")
+    ] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, as the last line.")] = False,
 ) -> None:
-    """Touch one place COUNT times at each speed: mean, sigma and range along the touch, and the bias of each speed."""
+    """Touch one place N times at each speed: mean, sigma and range along the approach, and the bias of each speed."""
     import numpy as np
 
+    from lwrprobe.cli.checks import check_folder, check_plugins
     from lwrprobe.cli.progress import ProgressLine
-    from lwrprobe.exploration.procedures.repeat import Plan
-    from lwrprobe.exploration.procedures.repeat import repeat as touch
     from lwrprobe.scene import load_scene
 
     given = (("arm.driver", arm), ("sensor.driver", sensor))
     overrides = [*(settings or []), *(f"{key}={json.dumps(value)}" for key, value in given if value is not None)]
+    loaded = load_scene(scene, overrides)
+    check_plugins(loaded)
+    check_folder("--out", out)
+    from lwrprobe.exploration.procedures.repeat import Plan
+    from lwrprobe.exploration.procedures.repeat import repeat as touch
+
     plan = Plan(
         above=None if above is None else np.array(_numbers("above", above, 3)),
         direction=np.array(_numbers("direction", direction, 3)),
@@ -46,7 +67,7 @@ def repeat(
         count=count,
     )
     with ProgressLine(False) as line:
-        found = touch(load_scene(scene, overrides), plan, out, realtime=realtime, watch=line.watch, tell=line.tell)
+        found = touch(loaded, plan, out, realtime=realtime, watch=line.watch, tell=line.tell)
     _show(found["speeds"])
     if as_json:
         typer.echo(json.dumps(found))
@@ -66,11 +87,10 @@ def _numbers(name: str, text: str, count: int | None = None) -> list[float]:
 
 def _show(rows: list[dict[str, float]]) -> None:
     from rich.console import Console
-    from rich.table import Table
+
+    from lwrprobe.cli.table import print_table
 
     heads = ("speed mm/s", "touches", "bias mm", "sigma mm", "range mm", "sigma across mm", "force N")
-    grid = Table(*heads, title="Contact point along the touch, against the slowest speed's mean", title_justify="left")
     keys = ("speed_mm_s", "touches", "bias_mm", "sigma_mm", "range_mm", "sigma_across_mm", "force_n")
-    for row in rows:
-        grid.add_row(*(f"{row[key]:.4g}" for key in keys))
-    Console().print(grid)
+    title = "Contact point along the approach, relative to the mean at the slowest speed"
+    print_table(Console(), title, heads, [[f"{row[key]:.4g}" for key in keys] for row in rows])

@@ -1,4 +1,4 @@
-"""`lwrprobe resume RUN`: take up a run that was cut off."""
+"""`lwrprobe resume RUN`: continue a run that was cut off."""
 
 from __future__ import annotations
 
@@ -12,15 +12,25 @@ from lwrprobe.cli.explore import finish
 
 def resume(
     run: Annotated[
-        Path, typer.Argument(help="Folder of a run that was killed, or lost its power.", show_default=False)
+        Path, typer.Argument(help="Run folder of a run that was killed or lost its power.", show_default=False)
     ],
-    realtime: Annotated[bool, typer.Option(help="A simulator keeps pace with the wall clock.")] = False,
-    confirm: Annotated[int, typer.Option(help="Ask for each of the first so many motions; Enter stops each.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as the last line of output.")] = False,
-    quiet: Annotated[bool, typer.Option(help="No progress, no table.")] = False,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
+    ] = False,
+    confirm: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
+    ] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
 ) -> None:
-    """Go on where the probe was last free, with map, contacts and strategy as they were."""
+    """Continue an interrupted run from where the probe was last free; map, contacts and strategy are restored."""
+    from lwrprobe.cli.checks import check_plugins, check_run
     from lwrprobe.cli.progress import ProgressLine
+    from lwrprobe.scene import load_scene
+
+    check_run("run", run)
+    check_plugins(load_scene(run / "scene.toml"))
     from lwrprobe.exploration.procedures.explore import resume as take_up
     from lwrprobe.exploration.safety.confirm import Confirm
 

@@ -1,4 +1,4 @@
-"""`lwrprobe weigh SCENE`: what hangs on the sensor, by leaning it to four sides."""
+"""`lwrprobe weigh SCENE`: mass and centre of mass of the probe, from four inclined poses of the sensor."""
 
 from __future__ import annotations
 
@@ -8,23 +8,34 @@ import typer
 
 
 def weigh(
-    scene: Annotated[str, typer.Argument(help="Built-in scene or scene file; nothing may stand above its start.")],
-    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the scene, repeatable.")] = None,
-    confirm: Annotated[int, typer.Option(help="Ask for each of the first so many motions; Enter stops each.")] = 0,
+    scene: Annotated[
+        str, typer.Argument(help="Built-in scene or scene file; the space above its start pose must be free.")
+    ],
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
+    ] = None,
+    confirm: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
+    ] = 0,
 ) -> None:
-    """Find mass and centre of mass of what hangs on the sensor; the arm moves above the scene's start.
+    """Identify mass and centre of mass of what is mounted on the sensor; the arm moves above the scene's start pose.
 
-    Prints the two settings that belong into the scene.
+    Prints the two settings to put into the scene.
     """
-    from lwrprobe.exploration.procedures.weigh import weigh as run
-    from lwrprobe.exploration.safety.confirm import Confirm
+    from lwrprobe.cli.checks import check_plugins
     from lwrprobe.scene import load_scene
 
+    loaded = load_scene(scene, settings or [])
+    check_plugins(loaded)
+    from lwrprobe.exploration.procedures.weigh import weigh as run
+    from lwrprobe.exploration.safety.confirm import Confirm
+
     asking = Confirm(confirm, typer.echo) if confirm > 0 else None
-    result = run(load_scene(scene, settings or []), asking)
+    result = run(loaded, asking)
     found, stated = result.found, result.stated
     typer.echo(f"mass            {1e3 * found.mass:.2f} g (the scene says {1e3 * stated.mass:.2f} g)")
     typer.echo("centre of mass  " + ", ".join(f"{1e3 * v:.2f}" for v in found.com) + " mm in the sensor frame")
-    typer.echo("left            " + ", ".join(f"{1e3 * v:.2f}" for v in found.residual[:3]) + " mN")
+    typer.echo("residual force  " + ", ".join(f"{1e3 * v:.2f}" for v in found.residual[:3]) + " mN")
     for setting in result.settings():
         typer.echo(f"--set '{setting}'")

@@ -210,7 +210,7 @@ class MotionTable(Table):
 class ContactTable(Table):
     """How touch is told from noise, and which forces are wanted."""
 
-    estimator: str = "fused"
+    estimator: Literal["force_direction", "wrench_axis", "fused"] = "fused"
     """Contact estimator."""
     deflection: bool = True
     """The sphere is where the bent stick holds it, not where the joints alone say."""

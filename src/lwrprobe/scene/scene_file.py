@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from lwrprobe.contracts import SceneError, UnknownNameError
+from lwrprobe.errors import nearest
 from lwrprobe.scene import library
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
@@ -66,7 +66,9 @@ def _locate(name_or_path: str | Path) -> Path:
     if path.is_file():
         return path
     if path.suffix or len(path.parts) > 1:
-        raise SceneError("scene", given, "an existing scene file (.toml) or a built-in name")
+        raise SceneError(
+            "scene", given, "an existing scene file (.toml), or a built-in name from `lwrprobe list scenes`"
+        )
     raise UnknownNameError("scene", given, library.scene_names())
 
 
@@ -248,5 +250,5 @@ def _field_model(model: Any, step: str) -> Any:
 
 
 def _near(given: Any, known: Iterable[str]) -> str:
-    near = get_close_matches(str(given), list(known), n=1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    near = nearest(given, known)
+    return f" (did you mean {near!r}?)" if near else ""
