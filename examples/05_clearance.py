@@ -20,9 +20,7 @@ tip[2, 3] = 0.03
 for x in (0.0, 0.01, 0.02, 0.024):
     tip[0, 3] = x
     found = query.nearest(tip)
-    print(
-        f"sphere centre {1e3 * (0.03 - x):4.0f} mm from the wall: {found.link} is {1e3 * found.distance:5.2f} mm away from it"
-    )
+    print(f"sphere centre {1e3 * (0.03 - x):2.0f} mm from the wall: {found.link} {1e3 * found.distance:5.2f} mm")
 
 tips = np.repeat(tip[None], 1000, axis=0)
 tips[:, 0, 3] = np.linspace(-0.05, 0.024, 1000)

@@ -32,11 +32,8 @@ from lwrprobe.contracts.plugins import load, names
 from lwrprobe.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [
-    page
-    for pattern in ("*.md", "docs/*.md", "docs/how-to/*.md", "docs/explanation/*.md", "docs/reference/*.md", "examples/*/*.md")
-    for page in sorted(ROOT.glob(pattern))
-]  # fmt: skip
+_FOLDERS = ".", "docs", "docs/how-to", "docs/explanation", "docs/reference", "examples/lwrprobe-spiral"
+PAGES = [page for folder in _FOLDERS for page in sorted((ROOT / folder).glob("*.md"))]
 _FENCE = re.compile(r"^```(\w*) ?([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _WORDS = {"python": r"|file=\S+", "toml": r"|file=\S+", "bash": r"|parse-only", "text": r"|output"}
 _SCRIPTS = "scripts/run.py", "scripts/test.py", "scripts/docs.py"
@@ -144,13 +141,9 @@ def check_line(words: list[str]) -> None:
     given = command.make_context(command.name, list(arguments)).params
     if "scene" in given and not str(given["scene"]).startswith("my_"):
         load_scene(given["scene"], given.get("settings") or [], given.get("profile"))
-    for option, kind in (
-        ("strategy", "strategy"),
-        ("arm", "driver"),
-        ("sensor", "driver"),
-        ("method", "reconstructor"),
-    ):
-        assert given.get(option) is None or given[option] in [*names(kind), "spiral"], f"{given[option]!r} is no {kind}"
+    kinds = {"strategy": "strategy", "arm": "driver", "sensor": "driver", "method": "reconstructor"}
+    for option, kind in kinds.items():
+        assert given.get(option) is None or given[option] in names(kind), f"{given[option]!r} is no {kind}"
 
 
 def check_emulator(name: str, *arguments: str) -> None:
@@ -176,9 +169,8 @@ def install(folder: str) -> None:
     info = Path(f"{project['name'].replace('-', '_')}-{project['version']}.dist-info").resolve()
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    groups = project.get("entry-points", {})
-    text = "".join(
-        f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in items.items()) for group, items in groups.items()
-    )
-    (info / "entry_points.txt").write_text(text)
+    listed = []
+    for group, items in project.get("entry-points", {}).items():
+        listed += [f"[{group}]", *(f"{name} = {target}" for name, target in items.items())]
+    (info / "entry_points.txt").write_text("\n".join(listed))
     sys.path[:0] = [str(info.parent), str(root / "src")]

@@ -4,7 +4,6 @@ import re
 import sys
 
 import pytest
-
 from page_runner import PAGES, ROOT, PageRunner, blocks, check_line, lines
 
 
@@ -44,6 +43,6 @@ def test_links_to_files_lead_somewhere(page):
     ],
 )
 def test_a_wrong_line_is_found(line):
-    with pytest.raises(BaseException, match=".") as caught:
+    with pytest.raises(BaseException, match=r".") as caught:
         check_line(lines(line)[0])
     assert not isinstance(caught.value, KeyboardInterrupt)
