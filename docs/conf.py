@@ -42,7 +42,7 @@ _SAYS = {"parse-only": "options checked, not run by the tests", "output": "outpu
 
 
 def _label_fences(app: object, name: str, source: list[str]) -> None:
-    """Show the reader what the word behind a fence's language tells the tests (tests/docs/pages.py)."""
+    """Show the reader what the word behind a fence's language tells the tests (tests/docs/page_runner.py)."""
     source[0] = _FENCE.sub(_labelled, source[0])
 
 

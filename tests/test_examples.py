@@ -1,12 +1,23 @@
-"""Every example runs as it stands."""
+"""Every example and notebook runs as it stands, in an empty folder."""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
 
-EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("[0-9][0-9]_*.py"))
+FOLDER = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+
+
+def test_the_examples_are_numbered_without_gaps_and_short():
+    assert [path.name[:2] for path in EXAMPLES] == [f"{n:02}" for n in range(1, 11)]
+    assert len(NOTEBOOKS) == 3
+    for path in EXAMPLES:
+        assert len(path.read_text().splitlines()) <= 60, path.name
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -14,3 +25,14 @@ def test_example_runs(example, tmp_path):
     done = subprocess.run([sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(notebook, tmp_path):
+    content = nbformat.read(notebook, as_version=4)
+    nbformat.validate(content)
+    cells = [cell for cell in content.cells if cell.cell_type == "code"]
+    assert not any(cell.outputs or cell.execution_count for cell in cells), "commit notebooks without outputs"
+    client = NotebookClient(content, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
+    client.execute()
+    assert any(cell.outputs for cell in cells)
