@@ -33,6 +33,7 @@ def test_notebook_runs(notebook, tmp_path):
     nbformat.validate(content)
     cells = [cell for cell in content.cells if cell.cell_type == "code"]
     assert not any(cell.outputs or cell.execution_count for cell in cells), "commit notebooks without outputs"
-    client = NotebookClient(content, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
+    resources = {"metadata": {"path": str(tmp_path)}}
+    client = NotebookClient(content, timeout=300, kernel_name="python3", resources=resources)
     client.execute()
     assert any(cell.outputs for cell in cells)

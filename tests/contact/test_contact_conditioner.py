@@ -219,20 +219,6 @@ def test_bias_is_taken_at_rest_in_free_space():
     assert np.all(outcome.noise < 2.5 * STEP)
 
 
-def test_streamed_bias_is_the_same_as_a_given_list():
-    rng = np.random.default_rng(3)
-    samples = noisy(rng, np.array([0.1, 0.1, 0.1, 0, 0, 0.001]), 40)
-    one, other = WrenchConditioner(Probe(), RATE), WrenchConditioner(Probe(), RATE)
-    one.take_bias(samples, np.eye(3))
-    other.start_bias(40, np.eye(3))
-    for s in samples:
-        assert other.biasing
-        other.condition(s, np.eye(3))
-    assert not other.biasing
-    assert other.bias_outcome.taken
-    np.testing.assert_array_equal(one.bias, other.bias)
-
-
 def test_bias_is_refused_when_touching_moving_or_saturated():
     rng = np.random.default_rng(4)
     probe = Probe()
@@ -400,7 +386,5 @@ def test_bad_settings_are_refused_by_name():
     for name, value in (("rate", 0.0), ("rate", np.nan), ("jump", -1.0), ("cutoff", 0.0)):
         with pytest.raises(InputError, match=f"conditioner.{name}"):
             WrenchConditioner(Probe(), **{"rate": RATE, name: value})
-    with pytest.raises(InputError, match=r"bias.count"):
-        WrenchConditioner(Probe(), RATE).start_bias(1, np.eye(3))
     with pytest.raises(InputError, match=r"bias.change"):
         WrenchConditioner(Probe(), RATE).shift_bias(np.zeros(3))

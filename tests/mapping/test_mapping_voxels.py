@@ -209,7 +209,7 @@ def test_carves_the_voxels_that_lie_wholly_in_the_swept_sphere(radius):
         begin = rng.uniform(-0.05, 0.05, 3)
         end = begin + length * rng.normal(size=3)
         voxels = VoxelMap(EDGE)
-        voxels.carve(begin, end, radius)
+        voxels.carve_path(np.array([begin, end]), radius)
         found = {tuple(key) for key in naive.keys(voxels.free_centres(), EDGE)}
         assert found == naive.swept(begin, end, radius, EDGE)
         assert voxels.free_count() == len(found)
@@ -220,7 +220,7 @@ def test_a_path_carves_what_its_segments_carve():
     whole, parts = VoxelMap(EDGE), VoxelMap(EDGE)
     whole.carve_path(way, 0.005)
     for begin, end in pairwise(way):
-        parts.carve(begin, end, 0.005)
+        parts.carve_path(np.array([begin, end]), 0.005)
     np.testing.assert_array_equal(whole.free_centres(), parts.free_centres())
     whole.carve_path(np.empty((0, 3)), 0.005)
     single = VoxelMap(EDGE)
@@ -232,7 +232,7 @@ def test_what_was_touched_stays_occupied_and_what_was_swept_can_be_touched():
     voxels = VoxelMap(EDGE)
     touched = np.array([0.001, 0.001, 0.001])
     voxels.insert_point(touched)
-    voxels.carve(touched, touched, 0.01)
+    voxels.carve_path(np.array([touched]), 0.01)
     assert voxels.state(touched) is VoxelState.OCCUPIED
     beside = touched + np.array([0.004, 0.0, 0.0])
     assert voxels.state(beside) is VoxelState.FREE
@@ -247,15 +247,15 @@ def test_what_was_touched_stays_occupied_and_what_was_swept_can_be_touched():
 def test_carving_at_the_end_of_the_range_and_refusals():
     voxels = VoxelMap(EDGE)
     corner = np.full(3, REACH - 0.001)
-    voxels.carve(corner, corner, 0.005)
+    voxels.carve_path(np.array([corner]), 0.005)
     assert voxels.free_count() > 0
     with pytest.raises(InputError, match="path"):
         voxels.carve_path(np.array([[0.0, 0.0, np.nan]]), 0.005)
-    with pytest.raises(InputError, match="begin"):
-        voxels.carve([0.0], np.zeros(3), 0.005)
+    with pytest.raises(InputError, match="path"):
+        voxels.carve_path([0.0], 0.005)
     for radius in (0.0, -1.0, np.nan, np.inf, 1.0, None):
         with pytest.raises(InputError, match="radius"):
-            voxels.carve(np.zeros(3), np.zeros(3), radius)
+            voxels.carve_path(np.zeros((1, 3)), radius)
 
 
 def test_growth_has_an_end(monkeypatch):

@@ -91,12 +91,7 @@ class WrenchConditioner:
                 raise InputError(f"conditioner.{name}", value, "a positive number")
         self.probe = probe
         self.rate = float(rate)
-        self.bias_outcome: BiasOutcome | None = None
         self._zeroing = 0
-        self._collecting: list[WrenchSample] | None = None
-        self._bias_count = 0
-        self._bias_rotation = np.eye(3)
-        self._touch_force = 0.0
 
         self._params = np.zeros(k.PARAMS)
         ranges = np.concatenate([probe.force_range, probe.torque_range])
@@ -133,8 +128,6 @@ class WrenchConditioner:
         stamp[0], stamp[1], stamp[2] = sample.time, sample.sequence, sample.status
         out = np.empty(9)
         status = self._kernel(self._raw, self._rotation, self._stamp, self._params, self._state, self._counts, out)
-        if self._collecting is not None:
-            self._collect(sample)
         return Wrench(sample.time, out[:3], out[3:6], out[6:], sample.sequence, status, self._zeroing)
 
     @property
@@ -185,18 +178,6 @@ class WrenchConditioner:
             self._state[at : at + 6] -= change
         self._zeroing += 1
 
-    def start_bias(self, count: int, rotation: np.ndarray, touch_force: float = 0.15) -> None:
-        """Take the bias from the next `count` samples that `condition` sees; the result is `bias_outcome`."""
-        if count < _FEWEST:
-            raise InputError("bias.count", count, f"at least {_FEWEST} samples")
-        self._collecting, self._bias_count, self.bias_outcome = [], int(count), None
-        self._bias_rotation, self._touch_force = np.array(rotation, dtype=np.float64), float(touch_force)
-
-    @property
-    def biasing(self) -> bool:
-        """True while samples for the bias are being collected."""
-        return self._collecting is not None
-
     def take_bias(
         self,
         samples: Sequence[WrenchSample],
@@ -228,15 +209,6 @@ class WrenchConditioner:
         if outcome.taken:
             self._adopt(bias, noise)
         return outcome
-
-    def _collect(self, sample: WrenchSample) -> None:
-        samples = self._collecting
-        if samples is None:
-            return
-        samples.append(sample)
-        if len(samples) >= self._bias_count:
-            self._collecting = None
-            self.bias_outcome = self.take_bias(samples, self._bias_rotation, self._touch_force)
 
     def _cleaned(self, values: np.ndarray) -> tuple[np.ndarray, str]:
         """The readings without bad ones and spikes, or the reason why too few are left."""

@@ -109,14 +109,11 @@ class VoxelMap:
             raise self._refused("point", point)
         return status == kernels.NEW
 
-    def carve(self, begin: Vector, end: Vector, radius: float) -> None:
-        """Mark free what a sphere of `radius` [m] sweeps from `begin` to `end` (3,) [m], voxels wholly inside only."""
-        path = np.empty((2, 3))
-        path[0], path[1] = _triple(begin, "begin"), _triple(end, "end")
-        self.carve_path(path, radius)
-
     def carve_path(self, path: np.ndarray, radius: float) -> None:
-        """The same along a polyline of sphere centres (n, 3) [m]; one point alone is a sphere at rest."""
+        """Mark free what a sphere of `radius` [m] sweeps along a polyline of its centres (n, 3) [m].
+
+        Only voxels wholly inside; one point alone is a sphere at rest.
+        """
         path = self._points(path, "path")
         if not (_within(radius, 0.0, WIDEST_SPHERE * self._resolution) and radius > 0.0):
             raise InputError("radius", radius, f"metres, above 0 and at most {WIDEST_SPHERE} voxels")

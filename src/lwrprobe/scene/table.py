@@ -52,12 +52,6 @@ class Pose(Table):
         pose[:3, 3] = self.xyz
         return pose
 
-    def se3(self) -> SE3:
-        """The same as `spatialmath.SE3`."""
-        from spatialmath import SE3
-
-        return SE3(self.matrix(), check=False)
-
 
 def exact_sin(degrees: ArrayLike) -> np.ndarray:
     """Sine of angles in degrees, exact at multiples of 90."""
