@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
-
-if TYPE_CHECKING:
-    from spatialmath import SE3
 
 Length = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]

@@ -189,9 +189,8 @@ class Past:
         pose[:3] = row[2:14].reshape(3, 4)
         contact = near = None
         if row[22]:
-            contact = Contact(
-                row[23], row[25:28], row[28:31], row[31:34], row[34:37], float(row[24]), self.words[int(row[37])]
-            )
+            reason = Doubt(self.words[int(row[37])])
+            contact = Contact(row[23], row[25:28], row[28:31], row[31:34], row[34:37], float(row[24]), reason)
         if row[38]:
             near = Clearance(float(row[39]), row[41:44], row[44:47], self.words[int(row[47])], float(row[40]))
         blocked = self.words[int(row[21])]
@@ -211,6 +210,8 @@ def read_log(folder: Path, quiet: float) -> Past:
     words = ["", *_read_words(folder / WORDS)]
     if not len(rows) or rows[0, 0] != TASK or (rows[1:, 0] == TASK).any() or rows[:, [21, 37, 47]].max() >= len(words):
         raise FormatError(f"{path}: not a log of observations")
+    if not {words[int(code)] for code in rows[:, 37]} <= set(Doubt):
+        raise FormatError(f"{path}: the reason of a contact's low trust is unknown")
     first = rows[0]
     last = _last_free(rows[1:], quiet)
     if last is None:
