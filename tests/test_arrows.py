@@ -18,6 +18,7 @@ LEVELS = [
     {"scene"},
     {"evaluation"},
     {"exploration"},
+    {"runs"},
     {"bench"},
     {"cli"},
 ]

@@ -298,5 +298,5 @@ class FriDriver:
         return self._arm.health_checks(seconds)
 
     def counters(self) -> dict[str, Any]:
-        """What the summary of a run tells about the line."""
+        """What was counted on the connection."""
         return self._arm.counters()

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from lwrprobe.contracts import TriangleMesh
-from lwrprobe.evaluation.preview import draw_preview
+from lwrprobe.evaluation.preview import preview
 from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.scene import load_scene
@@ -58,8 +58,8 @@ def test_the_preview_shows_what_there_is_and_says_where_there_is_nothing(tmp_pat
     solid = load_scene("block").solid()
     points, _ = solid.sample_surface(500, 1)
     whole, bare = tmp_path / "whole.png", tmp_path / "bare.png"
-    draw_preview(whole, "a block", points, solid.mesh(), solid.mesh(), ["500 contacts"])
-    draw_preview(bare, "nothing", np.empty((0, 3)), None, None, [])
+    whole.write_bytes(preview("a block", points, solid.mesh(), solid.mesh(), ["500 contacts"]))
+    bare.write_bytes(preview("nothing", np.empty((0, 3)), None, None, []))
     full, empty = (np.asarray(Image.open(path)).astype(int) for path in (whole, bare))
     assert full.shape == empty.shape
     for i, panel in enumerate(np.array_split(full, 3, axis=1)):

@@ -57,7 +57,7 @@ def explore(
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
     from lwrprobe.cli.checks import check_folder, check_plugins
-    from lwrprobe.cli.progress import ProgressLine
+    from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
     given = (
@@ -75,12 +75,12 @@ def explore(
             return _rehearse(loaded, line, as_json)
         folder = out if out is not None else Path("runs") / loaded.name
         check_folder("--out", folder)
-        from lwrprobe.exploration.procedures.explore import explore as run
         from lwrprobe.exploration.safety.confirm import Confirm
+        from lwrprobe.runs.explore import explore as run
 
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
-        summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
-    finish(summary, folder, as_json, quiet)
+        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
+    finish(found.summary.as_dict(), folder, as_json, quiet)
 
 
 def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) -> None:

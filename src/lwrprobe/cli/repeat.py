@@ -48,7 +48,7 @@ def repeat(
     import numpy as np
 
     from lwrprobe.cli.checks import check_folder, check_plugins
-    from lwrprobe.cli.progress import ProgressLine
+    from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
     given = (("arm.driver", arm), ("sensor.driver", sensor))

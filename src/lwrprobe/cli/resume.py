@@ -26,7 +26,7 @@ def resume(
 ) -> None:
     """Continue an interrupted run from where the probe was last free; map, contacts and strategy are restored."""
     from lwrprobe.cli.checks import check_plugins, check_run
-    from lwrprobe.cli.progress import ProgressLine
+    from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
     check_run("run", run)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,8 @@ from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.charts import ticks
 from lwrprobe.evaluation.ramps import ERROR
 from lwrprobe.evaluation.render import Sight, View, png, render_points
+from lwrprobe.evaluation.summary import Summary
+from lwrprobe.scene import Scene
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
@@ -25,10 +26,22 @@ _TOP, _SIDE = 90, 20
 _FINER = 2  # the frame and the words are drawn larger and then reduced
 
 
-def draw_preview(
-    path: Path, title: str, points: np.ndarray, mesh: TriangleMesh | None, truth: TriangleMesh | None, facts: list[str]
-) -> None:
-    """Draw contact points (n, 3), mesh and true shape side by side, from one viewpoint and in one scale, to a PNG."""
+def run_preview(scene: Scene, summary: Summary, points: np.ndarray, mesh: TriangleMesh | None) -> bytes:
+    """The picture of a run, or of several merged ones, as a PNG; see `preview`."""
+    truth = scene.solid().mesh() if scene.objects and summary.link_collisions is not None else None
+    title, contacts = scene.title or scene.name, f"{len(points)} contacts"
+    if summary.merged is not None:
+        return preview(f"{title}, merged", points, mesh, truth, [f"{len(summary.merged)} runs", contacts])
+    facts = [contacts, f"{summary.sim_time_s:.0f} s"]
+    if summary.mesh_error_mm is not None:
+        facts.append(f"mesh error {summary.mesh_error_mm['mean']:.2f} mm")
+    return preview(f"{title}: {scene.strategy.name}", points, mesh, truth, facts)
+
+
+def preview(
+    title: str, points: np.ndarray, mesh: TriangleMesh | None, truth: TriangleMesh | None, facts: list[str]
+) -> bytes:
+    """Contact points (n, 3), mesh and true shape side by side, from one viewpoint and in one scale, as a PNG."""
     from PIL import Image, ImageDraw
 
     view = View(_AZIMUTH, _ELEVATION, *_bounds(points, mesh, truth), _WIDTH, _HEIGHT)
@@ -53,7 +66,7 @@ def draw_preview(
         if picture is not None:
             layer = Image.fromarray(picture)
             sheet.paste(layer, corner, layer)
-    path.write_bytes(png(np.asarray(sheet)))
+    return png(np.asarray(sheet))
 
 
 def _points(points: np.ndarray, view: View) -> np.ndarray | None:

@@ -8,12 +8,15 @@ from __future__ import annotations
 import logging
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lwrprobe.contracts import FormatError, InputError, TriangleMesh, UnknownNameError
+
+if TYPE_CHECKING:
+    import trimesh
 
 Encoding = Literal["binary", "ascii"]
 
@@ -41,7 +44,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
     kind = encodings[default if encoding is None else encoding]
     if len(mesh.faces) == 0 and kind == "obj":
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
-    content = _binary_stl(mesh) if kind == "stl" else _as_trimesh(mesh).export(file_type=kind)
+    content = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
     partial = path.with_name(path.name + ".part")
     partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
     os.replace(partial, path)
@@ -82,7 +85,8 @@ def _binary_stl(mesh: TriangleMesh) -> bytes:
     return bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes()
 
 
-def _as_trimesh(mesh: TriangleMesh) -> Any:
+def as_trimesh(mesh: TriangleMesh) -> trimesh.Trimesh:
+    """The same as a `trimesh.Trimesh`, with the vertices' errors [m] as the attribute `vertex_error`."""
     import trimesh
 
     attributes: dict[str, ArrayLike] = {}

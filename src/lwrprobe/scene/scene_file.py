@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -16,20 +17,30 @@ from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
 from lwrprobe.scene.table import Refusal
 
-Overrides = Mapping[str, str] | Iterable[str]
+Overrides = Mapping[str, Any] | Iterable[str]
 
 _SHAPE_MODELS = {model.model_fields["shape"].annotation.__args__[0]: model for model in get_args(get_args(Shape)[0])}
 
 
-def load_scene(name_or_path: str | Path, overrides: Overrides = (), profile: str | None = None) -> Scene:
+def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: str | None = None) -> Scene:
     """A scene by built-in name or file, with a profile's tables over its own and `key=value` overrides on top.
 
-    A key is dotted (`probe.radius`, `object.0.friction`), a value is written as in TOML; a bare word counts as
-    text. Relative mesh files are resolved against the scene file's folder. Raises SceneError for whatever is wrong
-    with the content and UnknownNameError for a name that is neither built in nor a file.
+    Parameters
+    ----------
+    scene : a built-in name, a scene file, or a scene that is there already and gets the overrides. Relative mesh files
+        are resolved against the scene file's folder
+    overrides : texts `key=value` with the value as in TOML, where a bare word counts as text; or a dict of keys and
+        plain values. A key is dotted: `probe.radius`, `object.0.friction`
+    profile : a built-in profile (`thesis`) or a file
+
+    Raises SceneError for whatever is wrong with the content and UnknownNameError for a name that is neither built in
+    nor a file.
     """
-    path = _locate(name_or_path)
-    content = _parse(path)
+    if isinstance(scene, Scene):
+        path, content = Path(scene.name or "scene"), _content(scene)
+    else:
+        path = _locate(scene)
+        content = _parse(path)
     if profile is not None:
         _lay_over(content, _parse(_locate_profile(profile)))
     for key, value in _pairs(overrides):
@@ -43,10 +54,7 @@ def write_scene(scene: Scene, path: str | Path) -> None:
     """Write the scene with every value spelled out; loading it again gives an equal scene."""
     import tomli_w
 
-    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
-    for shape in content["object"]:
-        _drop_inner_material(shape)
-    Path(path).write_bytes(tomli_w.dumps(content).encode())
+    Path(path).write_bytes(tomli_w.dumps(_content(scene)).encode())
 
 
 def json_schema() -> dict[str, Any]:
@@ -56,6 +64,14 @@ def json_schema() -> dict[str, Any]:
         schema["$defs"][choice]["additionalProperties"] = True
         schema["$defs"][choice]["properties"].pop("options")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _content(scene: Scene) -> dict[str, Any]:
+    """A scene as its file holds it."""
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for shape in content["object"]:
+        _drop_inner_material(shape)
+    return content
 
 
 def _locate(name_or_path: str | Path) -> Path:
@@ -99,7 +115,9 @@ def _parse(path: Path) -> dict[str, Any]:
 
 def _pairs(overrides: Overrides) -> list[tuple[str, str]]:
     if isinstance(overrides, Mapping):
-        return [(str(key), str(value)) for key, value in overrides.items()]
+        return [(str(key), _toml_text(value)) for key, value in overrides.items()]
+    if isinstance(overrides, str):
+        raise SceneError("override", overrides, "a list of such texts, or a dict of keys and values")
     pairs = []
     for text in overrides:
         key, equals, value = text.partition("=")
@@ -107,6 +125,17 @@ def _pairs(overrides: Overrides) -> list[tuple[str, str]]:
             raise SceneError("override", text, "key=value, such as probe.radius=0.004")
         pairs.append((key.strip(), value.strip()))
     return pairs
+
+
+def _toml_text(value: Any) -> str:
+    """A plain value as TOML writes it; a text stays as it is."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, str | Path):
+        return str(value)
+    try:
+        return json.dumps(value)
+    except TypeError:
+        return str(value)
 
 
 def _override(content: dict[str, Any], key: str, text: str) -> None:

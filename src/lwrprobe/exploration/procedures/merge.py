@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstruction, TouchRecord
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
-from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS
+from lwrprobe.exploration.recording.results import write_run
 from lwrprobe.exploration.recording.summary import DEFAULT_SPACING
 from lwrprobe.mapping import VoxelMap
-from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.registration import Registration, intruding, register
-from lwrprobe.scene import Scene, write_scene
+from lwrprobe.scene import Scene
 
 FARTHEST, FARTHEST_TURN = 0.010, np.radians(6.0)
 """m and rad, by which an object may have been moved between two runs."""
@@ -91,7 +90,8 @@ def merge(
     _compare(summary, scene, joined, surface, known)
     summary.reconstruction = _plain(surface.report) if surface is not None else None
     summary.left_out = list(lack)
-    _write(out, scene, joined, trace, np.concatenate(which), np.concatenate(force), voxels, surface, summary, known)
+    mesh = surface.mesh if surface is not None else None
+    write_run(out, scene, joined, np.concatenate(force), trace, voxels, mesh, summary, np.concatenate(which))
     return summary.as_dict()
 
 
@@ -276,51 +276,3 @@ def _plain(report: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, str | int | float | bool | list):
             plain[key] = value
     return plain
-
-
-def _write(
-    out: Path,
-    scene: Scene,
-    record: TouchRecord,
-    trace: np.ndarray,
-    which: np.ndarray,
-    force: np.ndarray,
-    voxels: VoxelMap,
-    surface: Reconstruction | None,
-    summary: Summary,
-    known: bool,
-) -> None:
-    from lwrprobe.evaluation.preview import draw_preview
-    from lwrprobe.reconstruction.meshes import write_mesh
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("out", str(out), f"a folder that can be written to ({error.strerror})") from None
-    write_scene(scene, out / "scene.toml")
-    assert record.times is not None
-    assert record.normals is not None
-    assert record.trust is not None
-    rows = np.column_stack([record.times, record.points, record.normals, force, record.trust])
-    form = ["%.6f", *["%.7f"] * 3, *["%.6f"] * 3, "%.5f", "%.3f"]
-    np.savetxt(
-        out / "contacts.csv", np.column_stack([rows, which]), [*form, "%d"], ",", header=f"{CONTACT_COLUMNS},run",
-        comments="",
-    )  # fmt: skip
-    np.savetxt(
-        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f"], ",",
-        header=TRACE_COLUMNS.removesuffix(",state"), comments="",
-    )  # fmt: skip
-    write_cloud(
-        out / "contacts.ply",
-        Cloud(record.points, record.normals, {"force": force, "trust": record.trust, "run": which.astype(np.float64)}),
-    )
-    write_cloud(out / "cloud.pcd", Cloud(voxels.centres()))
-    voxels.write(out / "map.bt")
-    mesh = surface.mesh if surface is not None else TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-    write_mesh(out / "mesh.stl", mesh)
-    truth = scene.solid().mesh() if scene.objects and known else None
-    facts = [f"{len(summary.merged or ())} runs", f"{len(record.points)} contacts"]
-    title = f"{scene.title or scene.name}, merged"
-    draw_preview(out / "preview.png", title, record.points, surface.mesh if surface else None, truth, facts)
-    summary.write(out / "summary.json")

@@ -197,7 +197,7 @@ def repeat(
         if speed > fastest * (1.0 + 1e-6):
             raise InputError("speeds", speed, f"up to {fastest:.6f} m/s, or the force limit would be passed")
     touches: list[Touch] = []
-    choices = replace(choose(scene), strategy=lambda: RepeatedTouch(plan, touches), strategy_options=plan)
+    choices = choose(scene, lambda: RepeatedTouch(plan, touches), plan)
     summary = explore(scene, out, realtime=realtime, watch=watch, tell=tell, choices=choices)
     if summary["status"] != "done":
         raise SafetyStop(f"the touches ended early: {summary['reason']}")

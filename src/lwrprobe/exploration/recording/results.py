@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lwrprobe.contracts import Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.contracts import InputError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.summary import Summary
-from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS, Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.mapping import VoxelMap
-from lwrprobe.scene import Scene
+from lwrprobe.mapping.clouds import Cloud, write_cloud
+from lwrprobe.scene import Scene, write_scene
 
 
 def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap, line_spacing: float | None) -> TouchRecord:
@@ -50,20 +51,67 @@ def write_results(
     summary: Summary,
 ) -> None:
     """Cloud, map, mesh and picture of a run, into its folder; contacts and path are there already."""
-    from lwrprobe.evaluation.preview import draw_preview
-    from lwrprobe.mapping.clouds import Cloud, write_cloud
-    from lwrprobe.reconstruction.meshes import write_mesh
-
     force = np.array([c.magnitude for c in recorder.contacts])
     trust = np.array([c.trust for c in recorder.contacts])
-    write_cloud(out / "contacts.ply", Cloud(recorder.points(), recorder.normals(), {"force": force, "trust": trust}))
-    write_cloud(out / "cloud.pcd", Cloud(pipeline.voxels.centres()))
-    pipeline.voxels.write(out / "map.bt")
-    mesh = surface.mesh if surface is not None else TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-    write_mesh(out / "mesh.stl", mesh)
-    truth = scene.solid().mesh() if scene.objects and summary.link_collisions is not None else None
-    facts = [f"{summary.contacts} contacts", f"{summary.sim_time_s:.0f} s"]
-    if summary.mesh_error_mm is not None:
-        facts.append(f"mesh error {summary.mesh_error_mm['mean']:.2f} mm")
-    title = f"{scene.title or scene.name}: {scene.strategy.name}"
-    draw_preview(out / "preview.png", title, recorder.points(), surface.mesh if surface else None, truth, facts)
+    cloud = Cloud(recorder.points(), recorder.normals(), {"force": force, "trust": trust})
+    _write_shapes(out, scene, cloud, pipeline.voxels, surface.mesh if surface is not None else None, summary)
+
+
+def write_run(
+    out: Path,
+    scene: Scene,
+    record: TouchRecord,
+    force: np.ndarray,
+    trace: np.ndarray,
+    voxels: VoxelMap,
+    mesh: TriangleMesh | None,
+    summary: Summary,
+    run: np.ndarray | None = None,
+) -> None:
+    """A whole run folder but for the report and the strategy's trace.
+
+    Parameters
+    ----------
+    out : made when missing
+    record : contacts with normals, times and trust
+    force : (n,) N, of each contact
+    trace : (k, 7) as `Recorder.trace` gives it
+    run : (n,) number of the run that each contact comes from, where several were merged
+
+    Raises InputError for a folder that cannot be written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_scene(scene, out / "scene.toml")
+    except OSError as error:
+        raise InputError("out", str(out), f"a folder that can be written to ({error.strerror})") from None
+    assert record.times is not None
+    assert record.normals is not None
+    assert record.trust is not None
+    columns = [record.times, record.points, record.normals, force, record.trust]
+    form, header = ["%.6f", *["%.7f"] * 3, *["%.6f"] * 3, "%.5f", "%.3f"], CONTACT_COLUMNS
+    scalars = {"force": force, "trust": record.trust}
+    if run is not None:
+        columns, form, header = [*columns, run], [*form, "%d"], f"{header},run"
+        scalars["run"] = run.astype(np.float64)
+    np.savetxt(out / "contacts.csv", np.column_stack(columns), form, ",", header=header, comments="")
+    np.savetxt(
+        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f"], ",",
+        header=TRACE_COLUMNS.removesuffix(",state"), comments="",
+    )  # fmt: skip
+    _write_shapes(out, scene, Cloud(record.points, record.normals, scalars), voxels, mesh, summary)
+    summary.write(out / "summary.json")
+
+
+def _write_shapes(
+    out: Path, scene: Scene, cloud: Cloud, voxels: VoxelMap, mesh: TriangleMesh | None, summary: Summary
+) -> None:
+    from lwrprobe.evaluation.preview import run_preview
+    from lwrprobe.reconstruction.meshes import write_mesh
+
+    write_cloud(out / "contacts.ply", cloud)
+    write_cloud(out / "cloud.pcd", Cloud(voxels.centres()))
+    voxels.write(out / "map.bt")
+    empty = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    write_mesh(out / "mesh.stl", empty if mesh is None else mesh)
+    (out / "preview.png").write_bytes(run_preview(scene, summary, cloud.points, mesh))

@@ -107,21 +107,29 @@ class Choices:
     reconstructor_options: object
 
 
-def choose(scene: Scene) -> Choices:
+def choose(
+    scene: Scene,
+    strategy: Callable[[], Strategy] | None = None,
+    options: object = None,
+    reconstructor: Reconstructor | None = None,
+) -> Choices:
     """Load strategy and reconstructor and check their options, and the estimator's name, before anything is built.
 
-    Raises UnknownNameError, PluginError or InputError.
+    What is given stands in for the plug-in that the scene names: `strategy` makes one, which finds `options` in its
+    task. Raises UnknownNameError, PluginError or InputError.
     """
-    name, method = scene.strategy.name, scene.reconstruction.method
-    strategy = load("strategy", name, STRATEGY_CONTRACT)
-    reconstructor = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
     make_estimator(scene.contact.estimator, scene.probe.as_probe())
-    return Choices(
-        strategy,
-        configure(strategy.Config, scene.strategy.options, f"strategy {name}"),
-        reconstructor,
-        configure(reconstructor.Config, scene.reconstruction.options, f"reconstruction {method}"),
-    )
+    if strategy is None:
+        name = scene.strategy.name
+        strategy = plugin = load("strategy", name, STRATEGY_CONTRACT)
+        options = configure(plugin.Config, scene.strategy.options, f"strategy {name}")
+    if reconstructor is not None:
+        given = reconstructor
+        return Choices(strategy, options, lambda config: given, None)
+    method = scene.reconstruction.method
+    plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    table = configure(plugin.Config, scene.reconstruction.options, f"reconstruction {method}")
+    return Choices(strategy, options, plugin, table)
 
 
 def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeline:

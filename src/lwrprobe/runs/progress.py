@@ -1,0 +1,109 @@
+"""What the probe is doing, for whoever waits: a bar in a terminal, a line in a notebook."""
+
+from __future__ import annotations
+
+import sys
+from html import escape
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+if TYPE_CHECKING:
+    from lwrprobe.exploration.loop.explorer import ProgressSnapshot
+
+
+class ProgressDisplay(Protocol):
+    """Shows phases as sentences, and snapshots while the probe moves."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None: ...
+
+    def tell(self, sentence: str) -> None:
+        """A new phase."""
+
+    def watch(self, snapshot: ProgressSnapshot) -> None:
+        """Where the exploration stands; called some ten times a second."""
+
+
+def progress_display(quiet: bool = False) -> ProgressDisplay:
+    """The display that suits where Python runs; one that shows nothing when `quiet`."""
+    shell = sys.modules.get("IPython")
+    running = shell.get_ipython() if shell is not None else None
+    in_notebook = running is not None and getattr(running, "kernel", None) is not None
+    return NotebookProgress() if in_notebook and not quiet else ProgressLine(quiet)
+
+
+class ProgressLine:
+    """For a terminal, on standard error: a bar with contacts, force and time; standard output stays for results."""
+
+    def __init__(self, quiet: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+        self._console = Console(stderr=True, quiet=quiet)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[facts]}"),
+            console=self._console,
+            transient=True,
+        )
+        self._task: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._bar.stop()
+
+    def tell(self, sentence: str) -> None:
+        """A new phase."""
+        self._bar.stop()
+        self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
+
+    def watch(self, snapshot: ProgressSnapshot) -> None:
+        """Where the exploration stands."""
+        if self._task is None:
+            self._task = self._bar.add_task("", total=1.0, facts="")
+            self._bar.start()
+        doing = f"{snapshot.progress.doing:<34}"
+        self._bar.update(self._task, completed=snapshot.progress.covered, description=doing, facts=_facts(snapshot))
+
+
+class NotebookProgress:
+    """For a notebook: one line of HTML under the cell that is rewritten as the run goes on; it needs no widgets."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        return None
+
+    def tell(self, sentence: str) -> None:
+        """A new phase."""
+        self._show(f"<i>{escape(sentence)}</i>")
+
+    def watch(self, snapshot: ProgressSnapshot) -> None:
+        """Where the exploration stands."""
+        progress = snapshot.progress
+        bar = f'<progress value="{progress.covered:.3f}" max="1"></progress>'
+        self._show(f"{bar} {progress.covered:.0%} {escape(progress.doing)} <small>{escape(_facts(snapshot))}</small>")
+
+    def _show(self, text: str) -> None:
+        from IPython.display import HTML, display
+
+        if self._handle is None:
+            self._handle = display(HTML(text), display_id=True)
+        elif self._handle:
+            self._handle.update(HTML(text))
+
+
+def _facts(snapshot: ProgressSnapshot) -> str:
+    return (
+        f"{snapshot.contacts} contacts  {snapshot.force:4.2f} N  "
+        f"robot {snapshot.time:6.1f} s  wall {snapshot.wall:5.1f} s"
+    )
