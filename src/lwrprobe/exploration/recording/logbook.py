@@ -18,6 +18,7 @@ from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Clearance,
     Contact,
+    Doubt,
     FormatError,
     InputError,
     Motion,
