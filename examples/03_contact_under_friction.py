@@ -23,7 +23,8 @@ for name in ESTIMATORS:
         centre = np.array([0.008 * sequence * SPEED, 0.0, 0.05])
         point = centre - probe.radius * normal
         in_sensor = sensor.T @ force + random.normal(0.0, noise.force)
-        torque = np.cross(lever + sensor.T @ (point - centre), sensor.T @ force) + random.normal(0.0, noise.torque)
+        arm = lever + probe.compliance * (sensor.T @ force) + sensor.T @ (point - centre)  # the stick bends
+        torque = np.cross(arm, sensor.T @ force) + random.normal(0.0, noise.torque)
         wrench = Wrench(0.008 * sequence, in_sensor, torque, sensor @ in_sensor, sequence)
         contact = estimator.estimate(wrench, centre, sensor, velocity)
         errors.append(1e3 * np.linalg.norm(contact.point - point))

@@ -159,7 +159,8 @@ def check_requirement(what: str) -> None:
     """`.[extra]` names an extra that there is, anything else a folder of the project."""
     folder, _, extras = what.rstrip("]").partition("[")
     project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert set(filter(None, extras.split(","))) <= project.get("optional-dependencies", {}).keys()
+    unknown = set(filter(None, extras.split(","))) - project.get("optional-dependencies", {}).keys()
+    assert not unknown, f"{what}: no extra {unknown}"
 
 
 def install(folder: str) -> None:

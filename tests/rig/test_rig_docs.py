@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "how-to" / "real-devices.md").read_text()
 
 def test_scene_of_the_page(tmp_path):
     file = tmp_path / "my_scene.toml"
-    file.write_text(re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1])
+    file.write_text(re.search(r"```toml file=my_scene.toml\n(.*?)```", PAGE, re.DOTALL)[1])
     scene = load_scene(file)
     for name in ("fri", "ati"):
         config = configure(load("driver", name).Config, scene.drivers[name], f"drivers.{name}")
@@ -40,7 +40,7 @@ def test_emulator_lines_of_the_page(line, capsys):
 
 
 def test_sentences_of_the_page_are_those_of_the_code():
-    files = [*(ROOT / "drivers").rglob("*.py"), *(ROOT / "src" / "lwrprobe" / "exploration").glob("*.py")]
+    files = [*(ROOT / "drivers").rglob("*.py"), *(ROOT / "src" / "lwrprobe" / "exploration").rglob("*.py")]
     source = "".join(file.read_text() for file in files)
     for words in (
         "no usable wrench sample for",
