@@ -11,7 +11,7 @@ contact step takes in just as it takes in the probe's compliance.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe_sim.scenery_kernels import POSE
 
 MASS, GRIP, GRAVITY, GYRATION, BASE, HEIGHT = range(6)

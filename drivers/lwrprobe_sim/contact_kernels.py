@@ -11,7 +11,7 @@ A contact is one row of a (n, WIDTH) array, columns as named below.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 CENTRE = 0  # 3, of the round body that touches, at its reference place [m]
 NORMAL = 3  # 3, out of the surface

@@ -9,7 +9,7 @@ value never exceeds the distance, so a piece is clear when the value at its cent
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import link_frames
 from lwrprobe_sim.scenery_kernels import NOTHING, distance_bound
 

@@ -4,7 +4,7 @@ The two solids lie behind one another in `numbers` and `indices`. Surfaces are n
 then the fixed objects, and last the movable one.
 """
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.scene.program import MESHES, SURFACES
 from lwrprobe.scene.solid_kernels import nearest, outside_bounds, sphere_contacts
 from lwrprobe.scene.surface_kernels import tree_value

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 NOISE_FORCE, NOISE_TORQUE, COUNT_FORCE, COUNT_TORQUE = range(4)
 RANGE = 4  # 6, N and N m

@@ -4,7 +4,7 @@ Most of the time nothing is near. Each body therefore keeps how far it can still
 again: the distance found last, minus all motion since.
 """
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe_sim import contact_kernels as contact
 from lwrprobe_sim import scenery_kernels as scenery
 

@@ -6,7 +6,7 @@ out by the constants below.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import LOWER, SPEED, UPPER, axes_to_jacobian, tip_and_axes, tip_frame
 from lwrprobe_sim import body_kernels as body
 from lwrprobe_sim import contact_kernels as contact

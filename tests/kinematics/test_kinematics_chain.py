@@ -8,7 +8,7 @@ from naive_kinematics import allocations, naive_frames, naive_jacobian, naive_ti
 
 from lwrprobe.contracts import InputError
 from lwrprobe.kinematics import Robot, iiwa14, lwr4, panda, puma560, to_roboticstoolbox, ur5e
-from lwrprobe.kinematics.lane_kernels import LANES
+from lwrprobe.kinematics.batched_kernels import LANES
 
 MODELS = [lwr4, iiwa14, ur5e, panda, puma560]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lwrprobe.collision.gjk_kernels import TOLERANCE, core_distance
 from lwrprobe.collision.shape_kernels import CUBE, KIND, ROW, SIZE, TRANSLATION, distance_to, margin, place, support
-from lwrprobe.compiled import kernel, view_kernel
+from lwrprobe.compiled import allocation_free_kernel, kernel
 from lwrprobe.mapping.kernels import (
     CENTRE_KEY,
     COUNT,
@@ -36,7 +36,7 @@ LAST_SET = sum(flags.bit_length() << (4 * flags) for flags in range(1, 16))
 PROJECTIONS, MOST_STEPS = 2, 8  # of the steps from a cube towards a link
 
 
-@view_kernel
+@allocation_free_kernel
 def forget(answer):
     """An answer that holds nothing yet."""
     for k in range(ANSWER):
@@ -44,7 +44,7 @@ def forget(answer):
     answer[DISTANCE], answer[WHO] = np.inf, -1.0
 
 
-@view_kernel
+@allocation_free_kernel
 def take_nearer(a, b, who, simplex, work, pair, answer):
     """Measure shapes a and b, from row 0 of `simplex` on, and take them into the answer if they are nearer."""
     first, second = margin(a), margin(b)
@@ -65,7 +65,7 @@ def take_nearer(a, b, who, simplex, work, pair, answer):
         answer[ON_MAP + k] = pair[k] + on_b * way
 
 
-@view_kernel(forceinline=True)
+@allocation_free_kernel(forceinline=True)
 def box_around(words, edge, node, level, kx, ky, kz):
     """Box around what a cube of 4^level voxels' edge holds: centre, then half edges."""
     size = np.int64(1) << (2 * level)
@@ -111,7 +111,7 @@ def zero_of(x, g, before, slope, low, high):
     return low if g > 0.0 else high
 
 
-@view_kernel(forceinline=True)
+@allocation_free_kernel(forceinline=True)
 def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pair, answer):
     """Measure a link and a cube, given the link's signed distance and its gradient at the cube's centre.
 
@@ -146,7 +146,7 @@ def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pai
     take_nearer(shape, cube, who, simplex, work, pair, answer)
 
 
-@view_kernel
+@allocation_free_kernel
 def record(answer, who, distance, ax, ay, az, bx, by, bz):
     """An answer with its witness points."""
     answer[DISTANCE], answer[WHO] = distance, who
@@ -154,7 +154,7 @@ def record(answer, who, distance, ax, ay, az, bx, by, bz):
     answer[ON_MAP], answer[ON_MAP + 1], answer[ON_MAP + 2] = bx, by, bz
 
 
-@view_kernel
+@allocation_free_kernel
 def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
     """Put an entry on those from `base` upwards, so that the nearest of them is on top: a cube of 4^level voxels' edge
     and its node, 0 for a filled cube.
@@ -171,7 +171,7 @@ def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
     stack[slot, 1] = kx | ky << 16 | kz << 32 | level << 48
 
 
-@view_kernel(forceinline=True)
+@allocation_free_kernel(forceinline=True)
 def descend(words, node, level, child, kx, ky, kz):
     """Where the way down from a child first forks: node (0 for a filled cube), level whose cube it is, lowest key."""
     while True:
@@ -188,7 +188,7 @@ def descend(words, node, level, child, kx, ky, kz):
         level -= 1
 
 
-@view_kernel
+@allocation_free_kernel
 def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
     """Push all children of a node that may be nearer than `best` by the node's own plane; the stack's new height."""
     base = depth
@@ -211,7 +211,7 @@ def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, 
     return depth
 
 
-@view_kernel
+@allocation_free_kernel
 def expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
     """The same for a node whose children are voxels: their bounds are the plane's values, stepped along three axes."""
     base = depth
@@ -247,7 +247,7 @@ def search(words, shapes, answer):
         search_through(words, shapes, bounds, stack, cube, simplex, work, pair, answer)
 
 
-@view_kernel
+@allocation_free_kernel
 def search_through(words, shapes, bounds, stack, cube, simplex, work, pair, answer):
     """The search itself, given the room that it needs."""
     edge, depth = real(words[EDGE]), 0
@@ -300,7 +300,7 @@ def nearest_among(shapes, pairs, answer):
         take_nearer(a, b, i, simplex, work, pair, answer)
 
 
-@view_kernel
+@allocation_free_kernel
 def nearest_to_plane(shapes, plane, answer):
     """Link that reaches farthest down to a plane: unit normal, then the distance of the plane from the origin."""
     forget(answer)

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.collision.shape_kernels import support
-from lwrprobe.compiled import view_kernel
+from lwrprobe.compiled import allocation_free_kernel
 
 TOLERANCE = 1e-7  # m, between upper and lower bound
 MOST_STEPS = 100
 
 
-@view_kernel
+@allocation_free_kernel
 def cofactor(simplex, work, count, rest, j):
     """Cofactor of row j in the subset `rest` with j added: the sum of delta_i y_i (y_k - y_j), k any row of `rest`."""
     k = 0
@@ -31,7 +31,7 @@ def cofactor(simplex, work, count, rest, j):
     return total
 
 
-@view_kernel
+@allocation_free_kernel
 def weigh(simplex, work, count):
     """Weights of the point nearest to the origin in the hull of `count` rows; its squared length.
 
@@ -65,7 +65,7 @@ def weigh(simplex, work, count):
     return best
 
 
-@view_kernel
+@allocation_free_kernel
 def core_distance(a, b, simplex, work, cutoff, pair):
     """Distance between the cores of shapes a and b, at most `TOLERANCE` too long; witness points (3), (3) to `pair`.
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import kernel, view_kernel
+from lwrprobe.compiled import allocation_free_kernel, kernel
 
 CYLINDER, CAPSULE, BOX, CUBE = 0.0, 1.0, 2.0, 3.0  # a CUBE is a BOX along the world's axes
 KIND, SIZE, CARRIER, ROTATION, TRANSLATION, ROW = 0, 1, 4, 5, 14, 17
 
 
-@view_kernel
+@allocation_free_kernel
 def place(links, tip, frames, placed):
     """Rows of `links`, from their carriers' frames to the world: carrier 0 is `tip`, carrier i is frames[i - 1]."""
     for i in range(links.shape[0]):
@@ -31,7 +31,7 @@ def place(links, tip, frames, placed):
             placed[i, t + row] = x * links[i, t] + y * links[i, t + 1] + z * links[i, t + 2] + frame[row, 3]
 
 
-@view_kernel
+@allocation_free_kernel
 def is_rigid(pose):
     """Whether a (4, 4) matrix is a rigid motion to 1e-6: orthonormal, right-handed, finite."""
     for i in range(3):
@@ -47,13 +47,13 @@ def is_rigid(pose):
     return abs(length2 - 1.0) <= 1e-7 and pose[3, 3] == 1.0
 
 
-@view_kernel
+@allocation_free_kernel
 def margin(shape):
     """Thickness around the core that `support` and GJK see."""
     return shape[SIZE] if shape[KIND] == CAPSULE else 0.0
 
 
-@view_kernel
+@allocation_free_kernel
 def to_local(shape, x, y, z):
     """A world vector in the shape's frame."""
     r = ROTATION
@@ -64,7 +64,7 @@ def to_local(shape, x, y, z):
     )
 
 
-@view_kernel
+@allocation_free_kernel
 def to_world(shape, x, y, z):
     """A vector of the shape's frame in the world."""
     r = ROTATION
@@ -118,7 +118,7 @@ def distance_to_box(hx, hy, hz, x, y, z):
     return dz, 0.0, 0.0, sz
 
 
-@view_kernel(forceinline=True)
+@allocation_free_kernel(forceinline=True)
 def distance_to(shape, x, y, z):
     """Signed distance from a world point to a shape and its gradient in the world; negative inside.
 
@@ -136,7 +136,7 @@ def distance_to(shape, x, y, z):
     return s, wx, wy, wz
 
 
-@view_kernel
+@allocation_free_kernel
 def support(shape, x, y, z):
     """World point of the shape's core that reaches farthest in a direction (not necessarily of unit length)."""
     t = TRANSLATION
@@ -161,7 +161,7 @@ def support(shape, x, y, z):
     return wx + shape[t], wy + shape[t + 1], wz + shape[t + 2]
 
 
-@view_kernel
+@allocation_free_kernel
 def reach(link):
     """Farthest that any point of a link is from its carrier's origin (bounded by the link's ball)."""
     if link[KIND] == CYLINDER:

@@ -20,7 +20,7 @@ from lwrprobe.collision.clearance_kernels import (
     search,
 )
 from lwrprobe.collision.shape_kernels import ROW, distance_to, place
-from lwrprobe.compiled import kernel, view_kernel
+from lwrprobe.compiled import allocation_free_kernel, kernel
 from lwrprobe.mapping.kernels import COUNT
 
 # A group in numbers: what its links keep a distance from, which distance [m], their rows and pairs, how many voxels
@@ -38,7 +38,7 @@ ENOUGH = 0.5
 """A bound that is a smaller share of the distance measured last is measured anew."""
 
 
-@view_kernel
+@allocation_free_kernel
 def way_since(group, tip, frames):
     """Upper bound of how much nearer the group may have come since it was measured."""
     way = 0.0
@@ -57,7 +57,7 @@ def way_since(group, tip, frames):
     return 2.0 * way if group[KIND] == EACH_OTHER else way  # two links may move towards each other
 
 
-@view_kernel
+@allocation_free_kernel
 def stand(group, tip, frames):
     """Note where the carriers are now."""
     for c in range((group.size - CARRIERS) // CARRIER):
@@ -103,7 +103,7 @@ def measure(words, rows, pairs, group, tip, frames):
     group[LEAST] = min(group[LEAST], held[DISTANCE])
 
 
-@view_kernel
+@allocation_free_kernel
 def estimate(words, group, tip, frames):
     """Bound the group's distance from below; whether the bound says enough: no threat, no new smallest distance, and
     not much less than there is.

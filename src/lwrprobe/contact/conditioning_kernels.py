@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 # params: what the conditioner is set to
 P_RANGE = 0  # 6, readings at or beyond it are saturated

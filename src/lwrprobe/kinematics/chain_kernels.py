@@ -7,7 +7,7 @@ moves along and about z and then x, a modified one (Craig) along and about x and
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 A, COS_ALPHA, SIN_ALPHA, D, THETA, PRISMATIC, LOWER, UPPER, SPEED, UNIT = range(10)
 # columns of row 0 behind the twelve numbers of the base

@@ -7,7 +7,7 @@ allocates nothing.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import LENGTH, LOWER, UNIT, UPPER, axes_to_jacobian, tip_and_axes, tip_frame
 
 # columns of the settings row

@@ -6,7 +6,7 @@ restarts, the places of preference_kernels, the shape of a spherical-roll-spheri
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics import dls_kernels as dls
 from lwrprobe.kinematics import srs_kernels as srs
 from lwrprobe.kinematics.chain_kernels import LOWER, UNIT, UPPER

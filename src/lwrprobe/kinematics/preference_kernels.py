@@ -6,7 +6,7 @@ A wish is the descent of `potential`: towards a posture, away from limits that a
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.dls_kernels import JAC, NORMAL, PUSH, RHS, WEIGHT, factorise, gram, substitute
 
 # columns of the settings row, behind those of dls_kernels

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from lwrprobe.contracts import InputError, LinkShape, as_pose
+from lwrprobe.kinematics import batched_kernels
 from lwrprobe.kinematics import chain_kernels as kernels
-from lwrprobe.kinematics import lane_kernels
 
 if TYPE_CHECKING:
     from spatialmath import SE3
@@ -152,10 +152,10 @@ class Robot:
         """The tips (m, 4, 4) for joint values qs (m, n)."""
         qs = self.joint_values(qs, "qs", 2)
         out = np.empty((len(qs), 4, 4))
-        if len(qs) < lane_kernels.LANES:
+        if len(qs) < batched_kernels.LANES:
             kernels.forward_batch(self.chain, qs, out)
         else:
-            lane_kernels.forward_lanes(self.chain, qs, np.empty((lane_kernels.ROWS, lane_kernels.LANES)), out)
+            batched_kernels.forward_lanes(self.chain, qs, np.empty((batched_kernels.ROWS, batched_kernels.LANES)), out)
         return out
 
     def link_frames(self, q: Array) -> Array:

@@ -12,7 +12,7 @@ and lengths named below. `work` are SCRATCH rows.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import LOWER, THETA, UPPER
 
 # columns of the last row of `shape`: the signs of the six quarter-turn twists, then lengths

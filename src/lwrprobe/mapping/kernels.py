@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import kernel, view_kernel
+from lwrprobe.compiled import allocation_free_kernel, kernel
 
 USED = 0  # words in use
 COUNT = 1  # voxels set
@@ -66,7 +66,7 @@ def lowest_bit(word):
     return bit_count((word & -word) - 1)
 
 
-@view_kernel
+@allocation_free_kernel
 def clear(words, edge):
     """Make `words` an empty tree with voxels of `edge` metres."""
     reals = words.view(np.float64)
@@ -101,7 +101,7 @@ def real(word):
     return np.int64(word).view(np.float64)
 
 
-@view_kernel
+@allocation_free_kernel
 def link_at(words, node, child, level):
     """Link of a child of an inner node of `level`."""
     if level == 1:
@@ -111,7 +111,7 @@ def link_at(words, node, child, level):
     return (words[node + 1 + (child >> 1)] << (32 - ((child & 1) << 5))) >> 32
 
 
-@view_kernel
+@allocation_free_kernel
 def set_link(words, node, child, place):
     """Make `place` the link of a child of a node above level 1."""
     word = node + 1 + (child >> 1)
@@ -121,7 +121,7 @@ def set_link(words, node, child, place):
         words[word] = (words[word] >> 32) << 32 | (place & 0xFFFFFFFF)
 
 
-@view_kernel
+@allocation_free_kernel
 def enter(words, node, child, level):
     """Place of a child of an inner node of `level`, made where there is none; `FULL` where that is its link."""
     bit = np.int64(1) << child
@@ -139,7 +139,7 @@ def enter(words, node, child, level):
     return place
 
 
-@view_kernel
+@allocation_free_kernel
 def is_full(words, node, level):
     """Whether every voxel of a node's cube is set."""
     if words[node] != -1:
@@ -151,7 +151,7 @@ def is_full(words, node, level):
     return True
 
 
-@view_kernel
+@allocation_free_kernel
 def collapse(words, kx, ky, kz, level):
     """Replace the full node of `level` on the way to a key by `FULL`, then its parents as long as they are full."""
     while level < TOP:
@@ -166,7 +166,7 @@ def collapse(words, kx, ky, kz, level):
         level += 1
 
 
-@view_kernel
+@allocation_free_kernel
 def reach_node(words, kx, ky, kz, level):
     """Node of `level` on the way to a key, made where there is none, or `FULL`."""
     node = np.int64(ROOT)
@@ -184,14 +184,14 @@ def entry_of(kx, ky, kz):
     return slot, ((kz >> 4) << 24 | (ky >> 4) << 12 | kx >> 4) << PLACE_BITS
 
 
-@view_kernel
+@allocation_free_kernel
 def indexed(words, slot, key):
     """Place of a node of level 1 by the index, 0 where that knows it not."""
     place = words[slot] ^ key
     return place if place >> PLACE_BITS == 0 else np.int64(0)
 
 
-@view_kernel
+@allocation_free_kernel
 def enter_near(words, kx, ky, kz):
     """Node of level 1 on the way to a key, made where there is none and put into the index, or `FULL`."""
     slot, key = entry_of(kx, ky, kz)
@@ -203,7 +203,7 @@ def enter_near(words, kx, ky, kz):
     return node
 
 
-@view_kernel
+@allocation_free_kernel
 def widen(words, kx, ky, kz, size):
     """Take a cube of `size` voxels from a key upwards into the bounds."""
     words[LOWER] = min(words[LOWER], kx)
@@ -214,7 +214,7 @@ def widen(words, kx, ky, kz, size):
     words[UPPER + 2] = max(words[UPPER + 2], kz + size - 1)
 
 
-@view_kernel
+@allocation_free_kernel
 def insert_key(words, kx, ky, kz):
     """Set one voxel: NEW, KNOWN or NO_ROOM."""
     if words.size - words[USED] < SPARE:
@@ -236,7 +236,7 @@ def insert_key(words, kx, ky, kz):
     return NEW
 
 
-@view_kernel
+@allocation_free_kernel
 def insert_point(words, x, y, z):
     """Set the voxel of one point: NEW, KNOWN, OUTSIDE or NO_ROOM."""
     scale = real(words[SCALE])
@@ -246,7 +246,7 @@ def insert_point(words, x, y, z):
     return insert_key(words, kx, ky, kz)
 
 
-@view_kernel
+@allocation_free_kernel
 def insert_points(words, points, first):
     """Set the voxels of points[first:]; number of the first point left for want of room, or the number of points."""
     scale = real(words[SCALE])
@@ -257,7 +257,7 @@ def insert_points(words, points, first):
     return points.shape[0]
 
 
-@view_kernel
+@allocation_free_kernel
 def first_outside(words, points):
     """Row of the first point that is NaN or outside the range of keys, -1 where all are inside."""
     scale = real(words[SCALE])
@@ -267,7 +267,7 @@ def first_outside(words, points):
     return -1
 
 
-@view_kernel
+@allocation_free_kernel
 def fill_cube(words, kx, ky, kz, depth):
     """Set an octree cube of 2^depth voxels' edge that holds nothing yet: NEW or NO_ROOM."""
     if words.size - words[USED] < SPARE:
@@ -289,7 +289,7 @@ def fill_cube(words, kx, ky, kz, depth):
     return NEW
 
 
-@view_kernel
+@allocation_free_kernel
 def find_near(words, kx, ky, kz):
     """Node of level 1 on the way to a key, `FULL`, or 0 where there is none."""
     slot, key = entry_of(kx, ky, kz)
@@ -307,7 +307,7 @@ def find_near(words, kx, ky, kz):
     return node
 
 
-@view_kernel(forceinline=True)
+@allocation_free_kernel(forceinline=True)
 def holds_key(words, kx, ky, kz):
     """Whether a voxel is set."""
     node = find_near(words, kx, ky, kz)
@@ -317,7 +317,7 @@ def holds_key(words, kx, ky, kz):
     return ((voxels >> child_of(kx, ky, kz, 0)) & 1) == 1
 
 
-@view_kernel
+@allocation_free_kernel
 def holds_point(words, x, y, z):
     """Whether the voxel of a point is set, None outside: Python is handed the answer itself."""
     scale = real(words[SCALE])
@@ -327,7 +327,7 @@ def holds_point(words, x, y, z):
     return holds_key(words, kx, ky, kz)
 
 
-@view_kernel
+@allocation_free_kernel
 def states_of(occupied, carved, points, states):
     """states[i] = 2 occupied, 1 free, 0 unknown; row of the first point outside the range, where it ends, or -1."""
     scale = real(occupied[SCALE])
@@ -412,7 +412,7 @@ def nearest_voxel(words, point, centre):
     return np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2)
 
 
-@view_kernel
+@allocation_free_kernel
 def expand(cubes, sizes, edge, centres):
     """Centres of all voxels in cubes given by their lowest keys (n, 3) and edges in voxels (n,)."""
     row = 0

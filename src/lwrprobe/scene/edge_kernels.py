@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.scene.program import ARC, EDGE_NUMBERS, EDGES, LINE
 from lwrprobe.scene.surface_kernels import contains, surface_gradient, surface_value
 

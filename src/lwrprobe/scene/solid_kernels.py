@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.scene.edge_kernels import edge_point
 from lwrprobe.scene.mesh_kernels import mesh_contacts, mesh_nearest, mesh_part
 from lwrprobe.scene.program import (

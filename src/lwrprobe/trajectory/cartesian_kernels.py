@@ -8,7 +8,7 @@ the ball: sum of squares of the axis limits = square of the limit.
 
 from math import inf, sqrt
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.trajectory.profile_kernels import (
     BENT_UNTIL,
     DURATION,

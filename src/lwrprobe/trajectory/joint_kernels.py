@@ -1,6 +1,6 @@
 """The joint-space generator's kernels: each joint is an axis with limits of its own."""
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.trajectory.profile_kernels import (
     BENT_UNTIL,
     DURATION,

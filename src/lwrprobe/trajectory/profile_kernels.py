@@ -8,7 +8,7 @@ A request to the planner is an array with the rows below; what else is to be kno
 
 from math import frexp, ldexp
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 PIECES = 9
 BRAKE = 2

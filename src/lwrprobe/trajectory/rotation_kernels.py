@@ -7,7 +7,7 @@ Stochastic Models, Information Theory, and Lie Groups 2, 2012, eq. 10.86).
 
 from math import atan2, cos, sin, sqrt
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 
 @kernel

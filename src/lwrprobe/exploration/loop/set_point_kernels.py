@@ -1,6 +1,6 @@
 """Set points for the next cycles in one call: plan, inverse kinematics and the last look at each of them."""
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.exploration.safety.motion_guard_kernels import GOOD, POSITION, check, clamp
 from lwrprobe.kinematics.ik_kernels import CONVERGED, track
 from lwrprobe.trajectory.cartesian_kernels import STATE_MOTION, advance

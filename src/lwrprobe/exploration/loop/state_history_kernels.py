@@ -3,7 +3,7 @@
 A row is time, the tip's velocity (3), joint values (n); row `count - 1` modulo the ring's length is the newest.
 """
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import tip_frame
 
 TIME, VELOCITY, JOINTS = 0, 1, 4

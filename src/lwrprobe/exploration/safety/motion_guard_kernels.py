@@ -6,7 +6,7 @@ and then the row of the tip; `peaks` the largest share of each bound that was us
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import tip_frame
 
 LOWER, UPPER, SPEED, ACCELERATION, JERK, TIP = range(6)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 
 @kernel

@@ -8,7 +8,7 @@ library's would go lane by lane.
 
 import math
 
-from lwrprobe.compiled import view_kernel as kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.chain_kernels import COS_ALPHA, MODIFIED, PRISMATIC, SIN_ALPHA, THETA, A, D
 
 LANES = 128

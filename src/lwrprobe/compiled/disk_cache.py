@@ -1,0 +1,88 @@
+"""numba's cache on disk, safe when several processes compile at once and exact about what has changed.
+
+numba numbers the data files of a kernel by their position in its index, without a lock: two processes that store
+different specialisations at once can exchange them. Here a lock on the folder is held while index and data are read or
+written.
+
+numba takes a file's time for its state and looks at the kernel's own file alone. Here the state is the content of that
+file and of all kernel files that it imports, directly or through others: a fresh checkout of the same code compiles
+nothing, and a change in a callee compiles its callers again.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+from filelock import FileLock
+from numba.core.caching import IndexDataCacheFile
+
+LOCK_NAME = "kernels.lock"
+
+
+def make_safe(dispatcher: Any) -> None:
+    """Give a kernel's cache the lock and the stamp of this module."""
+    # These attributes are private to numba; without them its own cache works, only less carefully.
+    store = getattr(dispatcher, "_cache", None)
+    base = getattr(getattr(store, "_impl", None), "filename_base", None)
+    if base is not None and hasattr(store, "_cache_file"):
+        folder = str(store.cache_path)
+        store._cache_file = _LockedFile(folder, base, _state(dispatcher.py_func.__module__))
+
+
+class _LockedFile(IndexDataCacheFile):
+    def save(self, key: Any, data: Any) -> None:
+        with _locked(self._cache_path):
+            super().save(key, data)
+
+    def load(self, key: Any) -> Any:
+        if not Path(self._index_path).exists():
+            return None
+        with _locked(self._cache_path):
+            return super().load(key)
+
+    def flush(self) -> None:
+        with _locked(self._cache_path):
+            super().flush()
+
+
+@cache
+def _lock(folder: str) -> FileLock:
+    return FileLock(Path(folder, LOCK_NAME))
+
+
+@contextmanager
+def _locked(folder: str) -> Iterator[None]:
+    lock = _lock(folder)
+    try:
+        lock.acquire()
+    except (OSError, NotImplementedError):  # read only, or a file system without locks: nobody else can be kept out
+        yield
+        return
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@cache
+def _state(module: str) -> tuple[int, ...]:
+    """Check sums over a kernel file and over those it imports. Its imports stand above its first kernel."""
+    own = crc32(Path(sys.modules[module].__file__ or "").read_bytes())
+    below = [f"{name} {_state(name)}" for name in sorted(_imported_kernels(module))]
+    return own, crc32("\n".join(below).encode())  # not hash(): that differs from process to process
+
+
+def _imported_kernels(module: str) -> set[str]:
+    names = set()
+    for value in vars(sys.modules[module]).values():
+        if hasattr(value, "py_func"):
+            names.add(value.py_func.__module__)
+        elif isinstance(value, type(sys)):
+            names.add(value.__name__)
+    return {name for name in names if "kernels" in name and name != module}

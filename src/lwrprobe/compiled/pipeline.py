@@ -1,0 +1,162 @@
+"""How numba compiles a kernel here: callees are kept as LLVM code, only what Python calls becomes machine code.
+
+numba optimises a function together with everything it calls and emits machine code for it, then does both again for
+each caller. In a chain of ten kernels the innermost one is optimised and emitted ten times. Here a kernel that is
+called by another kernel is lowered to LLVM code and stored; optimisation and emission take place once, in the kernel
+that is called from Python. LLVM keeps the order of floating-point operations, so the results are the same bits.
+
+This stands on parts of numba that are not public. `SUPPORTED` is False where a version of numba lacks one of them;
+`lwrprobe.compiled.kernel` then compiles as `numba.njit` does, which takes about twice as long.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import CodeType
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba
+
+try:
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
+    from numba.core.compiler_machinery import PassManager
+    from numba.core.targetconfig import ConfigStack
+    from numba.core.untyped_passes import InlineClosureLikes
+
+    SUPPORTED = all(
+        hasattr(JITCodeLibrary, name)
+        for name in ("_optimize_functions", "_optimize_final_module", "_finalize_final_module")
+    )
+except ImportError:  # another version of numba
+    SUPPORTED = False
+
+_ENVIRONMENT = "_ZN08NumbaEnv"
+"""Prefix of the global variable that numba sets for each function, whether the function is emitted or not."""
+
+_listeners: list[Callable[[str], None]] = []
+
+
+@contextmanager
+def on_compilation(listener: Callable[[str], None]) -> Iterator[None]:
+    """Call `listener` with the qualified name of each kernel that has been compiled, while the block runs."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """The types and IR that numba makes are many and live long: the garbage collector took a tenth of the time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def prefer_inner(dispatcher: Any, inner: Any) -> None:
+    """Calls of `dispatcher` by kernels use `inner`, compiled for the types of the arguments and not for their values.
+
+    numba makes a specialisation for each integer literal; LLVM propagates the constants in any case.
+    """
+    resolve = inner.get_call_template
+    unliteral = numba.types.unliteral
+
+    def get_call_template(args: Any, keywords: Any) -> Any:
+        return resolve([unliteral(arg) for arg in args], {name: unliteral(arg) for name, arg in keywords.items()})
+
+    dispatcher.get_call_template = get_call_template
+    dispatcher.get_overload = inner.get_overload
+
+
+if SUPPORTED:
+
+    class _InnerLibrary(JITCodeLibrary):
+        """LLVM code of a kernel that kernels call. It is not optimised as a whole, and no machine code is made."""
+
+        def _optimize_final_module(self) -> None:
+            pass
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            module = self._final_module
+            for function in module.functions:
+                if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                    function.linkage = "linkonce_odr"  # each caller gets its own copy
+            self._shared_module = module
+            # numba sets the environments of a loaded library by address, so these variables alone are emitted.
+            names = [v.name for v in module.global_variables if v.name.startswith(_ENVIRONMENT)]
+            text = [str(self._codegen._create_empty_module(self.name))]
+            text += [f'@"{name}" = common global i8* null' for name in names]
+            self._final_module = llvm.parse_assembly("\n".join(text))
+            super()._finalize_final_module()
+
+    class _EntryLibrary(JITCodeLibrary):
+        """Machine code of a kernel that Python calls, optimised once together with all its callees."""
+
+        def _optimize_functions(self, ll_module: Any) -> None:
+            # The optimisation of the module contains that of its functions.
+            ll_module.data_layout = self._codegen._data_layout
+
+    class _Flags(Flags):
+        """Compiler options that are hashed once. numba looks them up with every operation that it types."""
+
+        __slots__ = ("_hash", "_snapshot")
+
+        def __init__(self, copy_from: Any = None) -> None:
+            super().__init__(copy_from)
+            self._snapshot = super().values()
+            self._hash = super().__hash__()
+
+        def __hash__(self) -> int:
+            return self._hash
+
+        def __eq__(self, other: object) -> bool:
+            return self is other or super().__eq__(other)
+
+        def values(self) -> dict[str, Any]:
+            return self._snapshot if hasattr(self, "_snapshot") else super().values()
+
+    _flags: dict[str, _Flags] = {}
+
+    class _Passes(PassManager):
+        def run(self, state: Any) -> None:
+            flags = _flags.setdefault(state.flags.summary(), _Flags(state.flags))
+            with _collector_paused(), ConfigStack().enter(flags):
+                super().run(state)
+            for listener in _listeners:
+                listener(state.func_id.func_qualname)
+
+    class _Compiler(CompilerBase):
+        library: type[JITCodeLibrary]
+
+        def define_pipelines(self) -> list[PassManager]:
+            state = self.state
+            if state.library is None:
+                state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
+                state.library.enable_object_caching()
+            passes = _Passes("nopython")
+            passes.passes = DefaultPassBuilder.define_nopython_pipeline(state).passes
+            if not any(isinstance(constant, CodeType) for constant in state.func_id.code.co_consts):
+                # No closure and no comprehension: the search for them took 2 % of the time.
+                passes.passes = [entry for entry in passes.passes if entry[0] is not InlineClosureLikes]
+            passes.finalize()
+            return [passes]
+
+    class InnerCompiler(_Compiler):
+        """Compiles a kernel for its callers."""
+
+        library = _InnerLibrary
+
+    class EntryCompiler(_Compiler):
+        """Compiles a kernel for calls from Python."""
+
+        library = _EntryLibrary

@@ -1,0 +1,109 @@
+"""Kernels on disk: several cold processes at once, unchanged code, changed callees; and how kernels are compiled."""
+
+import gc
+import json
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+CALLEE = """
+from lwrprobe.compiled import allocation_free_kernel
+
+@allocation_free_kernel
+def weighted(a, b, weight):
+    return a + weight * b
+"""
+
+CALLER = """
+from callee_kernels import weighted
+from lwrprobe.compiled import kernel
+
+@kernel
+def total(values, weight):
+    sum = weighted(0.0, 0.0, 1)
+    for value in values.flat:
+        sum = weighted(sum, value, weight)
+        sum = weighted(sum, value, 2)
+    return sum
+"""
+
+PROCESS = """
+import json, random, sys
+import numpy as np
+from caller_kernels import total
+import lwrprobe.compiled.pipeline as pipeline
+
+compiled = []
+cases = [(kind, shape, weight) for kind in ("f8", "f4", "i8", "i4") for shape in (4, (2, 2)) for weight in (1, 0.5)]
+random.Random(int(sys.argv[1])).shuffle(cases)
+got = {}
+with pipeline.on_compilation(compiled.append):
+    for kind, shape, weight in cases:
+        got[repr((kind, shape, weight))] = float(total(np.arange(4, dtype=kind).reshape(shape), weight))
+print(json.dumps({"got": got, "compiled": len(compiled)}))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "callee_kernels.py").write_text(textwrap.dedent(CALLEE))
+    (tmp_path / "caller_kernels.py").write_text(textwrap.dedent(CALLER))
+    return tmp_path
+
+
+def start(folder, seed):
+    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    return subprocess.Popen(
+        [sys.executable, "-c", PROCESS, str(seed)],
+        env=environment, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def result(process):
+    out, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+    return json.loads(out)
+
+
+def expected():
+    """The numbers that Python computes: the sum of 0 to 3 is 6, with the weights `weight` and 2."""
+    kinds, shapes, weights = ("f8", "f4", "i8", "i4"), (4, (2, 2)), (1, 0.5)
+    return {repr((k, s, w)): 6.0 * (w + 2) for k in kinds for s in shapes for w in weights}
+
+
+def test_cold_processes_at_once_leave_a_cache_that_is_right(folder):
+    for process in [start(folder, seed) for seed in range(4)]:
+        assert result(process)["got"] == expected()
+    warm = result(start(folder, 9))
+    assert warm["got"] == expected()
+    assert warm["compiled"] == 0
+
+
+def test_a_new_time_compiles_nothing_and_new_content_compiles_the_callers(folder):
+    assert result(start(folder, 0))["compiled"] > 0
+    for name in ("callee_kernels.py", "caller_kernels.py"):
+        os.utime(folder / name, (1, 1))
+    assert result(start(folder, 0))["compiled"] == 0
+    (folder / "callee_kernels.py").write_text(textwrap.dedent(CALLEE).replace("a + weight", "a - weight"))
+    changed = result(start(folder, 0))
+    assert changed["compiled"] > 0
+    assert changed["got"] == {case: -value for case, value in expected().items()}
+
+
+def test_callees_are_compiled_for_types_and_not_for_literals(folder, monkeypatch):
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(folder / "cache"))
+    import numpy as np
+    from caller_kernels import total
+
+    from lwrprobe.compiled import pipeline
+
+    assert gc.isenabled()
+    names = []
+    with pipeline.on_compilation(names.append):
+        assert total(np.array([1.0, 2.0]), 3) == 15.0
+    assert gc.isenabled()
+    assert sorted(names) == ["total", "weighted.inner"]
