@@ -1,6 +1,38 @@
-"""What holds for all tests: hypothesis draws the same examples each time, and a loaded host is no failure."""
+"""What holds for all tests: hypothesis draws the same examples each time, and which tests run side by side.
 
+A file's tests stay together, since they share its fixtures. Those marked `realtime` stay together as well, so that no
+two of them compete for the processor: sockets, signals and loops that keep up with a clock.
+"""
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--quick", action="store_true", help="leave out what is marked slow or realtime")
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--quick"):
+        chosen = [item for item in items if not _marked(item, "slow") and not _marked(item, "realtime")]
+        config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+        items[:] = chosen
+    if hasattr(config, "workerinput"):
+        _group(items)
+
+
+def _group(items):
+    """One group a file and one of `realtime`; that one first, since it mostly waits, then those with slow tests."""
+    names = {item: "realtime" if _marked(item, "realtime") else item.path.name for item in items}
+    slow = {name for item, name in names.items() if _marked(item, "slow")}
+    items.sort(key=lambda item: (names[item] != "realtime", names[item] not in slow))
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(names[item]))
+
+
+def _marked(item, name):
+    return item.get_closest_marker(name) is not None

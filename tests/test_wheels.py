@@ -21,6 +21,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "how-to" / "write-your-own-strategy.md"
 SOURCES = (ROOT / "src", ROOT / "drivers", ROOT / "strategies", ROOT / "examples" / "lwrprobe-spiral" / "src")

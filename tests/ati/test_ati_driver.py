@@ -21,6 +21,8 @@ from lwrprobe_ati.emulator import AtiEmulator
 from lwrprobe_ati.health_checks import sensor_health
 from lwrprobe_rig.reactor import Reactor
 
+pytestmark = pytest.mark.realtime
+
 LOAD = "2=1,-2,3.5,10,-20,30"
 MACHINE_BUSY = SampleStatus.LATE | SampleStatus.LOST_BEFORE
 """What a stall of this machine may add to any sample."""

@@ -11,6 +11,8 @@ from lwrprobe.contracts import InputError, LwrprobeError
 from lwrprobe_ati.emulator import AtiEmulator
 from lwrprobe_rig.reactor import Reactor
 
+pytestmark = pytest.mark.realtime
+
 START = bytes.fromhex("000a0001000000007346")
 STOP = bytes.fromhex("000600027d48")
 RESET_TELNET = bytes.fromhex("0006ff050e50")

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 
 def lwrprobe(*arguments, folder=None, timeout=300, **variables):
     start = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"

@@ -17,6 +17,8 @@ from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.meshes import read_mesh, write_mesh
 from lwrprobe.scene import load_scene, write_scene
 
+pytestmark = pytest.mark.slow
+
 COMMAND = [sys.executable, "-c", "from lwrprobe.cli.app import main; main()"]
 
 

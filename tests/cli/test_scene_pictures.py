@@ -12,6 +12,8 @@ from lwrprobe.contracts import InputError
 from lwrprobe.evaluation.scene_picture import BOX, OBJECT, TABLE, draw_scene
 from lwrprobe.scene import load_scene, scene_names
 
+pytestmark = pytest.mark.slow
+
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 

@@ -6,6 +6,8 @@ import pytest
 from lwrprobe.bench import clearance
 from lwrprobe.contracts import UnknownNameError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report():

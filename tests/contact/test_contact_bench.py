@@ -7,6 +7,8 @@ import pytest
 from lwrprobe.bench.contact import run
 from lwrprobe.contracts import UnknownNameError
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_short_run_keeps_its_promises_and_can_be_written(tmp_path):
     report = run(True, {"seed": "3"})

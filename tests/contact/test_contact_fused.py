@@ -81,6 +81,7 @@ def test_sliding_at_one_newton_is_within_a_tenth_of_a_millimetre_and_one_degree(
     assert sigma < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000.0, 4000.0])
 def test_fast_sensors_are_no_worse(rate):
     at_rate(rate)

@@ -8,6 +8,8 @@ from lwrprobe.bench.stability import run
 from lwrprobe.bench.stability.case import Case, Finding, all_cases, run_case, within
 from lwrprobe.contracts import InputError, UnknownNameError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("number", [1, 2, 25, 26, 27, 29, 31, 32, 34, 35])
 def test_cheap_cases_hold(number):

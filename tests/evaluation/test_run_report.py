@@ -14,6 +14,8 @@ from lwrprobe.evaluation.charts import Line, bars, histogram, line_chart, ticks
 from lwrprobe.evaluation.run_report import write_report
 from lwrprobe.scene import load_scene, write_scene
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 OPEN_TAGS = {"meta", "img", "br", "link", "input"}
 

@@ -4,6 +4,8 @@ import pytest
 
 from lwrprobe.bench.stability.cases.devices import CASES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: str(case.number))
 def test_case_holds(case):

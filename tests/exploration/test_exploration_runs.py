@@ -17,6 +17,8 @@ from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.meshes import read_mesh
 from lwrprobe.scene import load_scene
 
+pytestmark = pytest.mark.slow
+
 WANTED = {
     "scene", "strategy", "seed", "status", "contacts", "voxels", "sim_time_s", "wall_time_s", "real_time_factor",
     "path_length_m", "contact_path_length_m", "peak_force_n", "link_collisions", "min_clearance_m", "coverage",

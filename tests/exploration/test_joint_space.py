@@ -9,6 +9,8 @@ from lwrprobe.kinematics import IKSolver, IKStatus, lwr4
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, bow
 
+pytestmark = pytest.mark.slow
+
 LIMITS = CartesianLimits(0.1, 4.0, 1000.0, 0.5, 3.0, 50.0)
 START = np.radians([20.0, 40.0, 5.0, 80.0, -10.0, 60.0, 15.0])
 

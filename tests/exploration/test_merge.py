@@ -18,6 +18,8 @@ from lwrprobe.reconstruction.meshes import read_mesh
 from lwrprobe.reconstruction.registration import intruding, register
 from lwrprobe.scene import load_scene, write_scene
 
+pytestmark = pytest.mark.slow
+
 SOLID = {name: load_scene(name).solid() for name in ("combination", "bridge", "block", "polystyrene_1")}
 
 

@@ -20,6 +20,8 @@ from lwrprobe.contracts import (
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
 from lwrprobe.exploration.recording.resume import Resumed
 
+pytestmark = pytest.mark.slow
+
 NOTHING = np.zeros(3)
 
 

@@ -15,6 +15,8 @@ from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory
 
+pytestmark = pytest.mark.slow
+
 CYCLE = 1e-3
 LIMITS = CartesianLimits(0.2, 1.0, 20.0, 1.0, 5.0, 100.0)
 

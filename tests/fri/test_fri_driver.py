@@ -23,6 +23,8 @@ from lwrprobe_fri.krl import PROGRAMS
 from lwrprobe_fri.wire import State
 from lwrprobe_rig.reactor import Reactor
 
+pytestmark = pytest.mark.realtime
+
 START = np.radians([0.0, 45.0, 0.0, -80.0, 0.0, 55.0, 0.0])
 
 
@@ -130,7 +132,8 @@ def test_connecting_alone_moves_nothing_and_reports():
             arm.read()
 
 
-def test_late_runner_is_braked_and_counted_and_may_go_on():
+def test_late_runner_is_told_rests_and_may_go_on():
+    """How many cycles count as late, and how it brakes, is in test_fri_answering.py, where no host can be busy."""
     with bench() as (arm, emulator):
         arm.open()
         goal = np.array(arm.measurement.set_point)
@@ -139,8 +142,8 @@ def test_late_runner_is_braked_and_counted_and_may_go_on():
             arm.read()
             arm.command(goal)
         before = arm.traffic.late_set_points
-        statuses = [arm.read().status for _ in range(40)]
-        assert arm.traffic.late_set_points - before >= 35
+        statuses = []
+        wait_for(lambda: statuses.append(arm.read().status) or arm.traffic.late_set_points >= before + 35, 60.0)
         assert any(status & ArmStatus.LATE for status in statuses)
         resting = emulator.controller.set_point
         arm.read()
@@ -283,29 +286,6 @@ def test_only_the_configured_peer_is_listened_to():
         assert arm.traffic.repeated == 0
 
 
-def test_bad_line_is_counted_and_never_makes_the_driver_break_a_limit():
-    with bench() as (arm, emulator):
-        arm.open()
-        emulator.control("fault resize=0.02,duplicate=0.1,reorder=0.03,jitter=0.002,loss=0.01")
-        goal = np.array(arm.measurement.set_point)
-        lost = 0
-        for _ in range(300):
-            try:
-                arm.read()
-                goal[0] += 0.0002
-                arm.command(goal)
-            except DriverError:
-                lost += 1
-                arm.restart()
-                goal = np.array(arm.measurement.set_point)
-        counts = arm.traffic
-        assert counts.malformed
-        assert counts.repeated
-        assert counts.lost
-        violations = ("speed", "range", "interpolation", "flags", "number")
-        assert not [event for event in emulator.controller.events if any(word in event for word in violations)]
-
-
 def test_corrupted_line_yields_typed_errors_alone():
     """The wire has no checksum: a changed command may trip the controller, but the driver neither hangs nor dies."""
     with bench() as (arm, emulator):
@@ -389,29 +369,6 @@ def test_requests_are_those_of_the_two_programs():
     assert PROGRAMS["A"].integers("stop", "position")[14:] == (10, 20)
     assert PROGRAMS["B"].integers("start", "position")[:2] == (10, 1)
     assert not any(PROGRAMS["none"].integers("start", "position"))
-
-
-def test_each_set_point_is_in_the_next_answer():
-    """What was commanded arrives one cycle later, to single precision, when nobody is late."""
-    for _ in range(10):
-        with bench() as (arm, emulator):
-            arm.open()
-            taken = []
-            goal = np.array(arm.measurement.set_point)
-            sent = []
-            for k in range(30):
-                arm.read()
-                goal[3] = round(goal[3] + 0.0005 * (1.5 + np.sin(k)), 6)
-                arm.command(goal)
-                sent.append(round(float(goal[3]), 6))
-                taken.append(round(float(emulator.controller.set_point[3]), 6))
-            if arm.traffic.late_set_points or arm.traffic.backlog or emulator.controller.rating.misses:
-                continue  # the machine was busy
-            arrived = [place for place in dict.fromkeys(taken) if place in sent]
-            assert len(arrived) >= 27
-            assert arrived == sent[: len(arrived)]
-            return
-    pytest.skip("this machine never left 30 cycles of 10 ms in peace")
 
 
 def test_end_of_the_answering_process_reaches_the_reader():

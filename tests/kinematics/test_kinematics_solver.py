@@ -77,6 +77,7 @@ def test_out_of_reach_of_an_arm_without_closed_form():
     assert result.rotation_error < 1e-6
 
 
+@pytest.mark.slow
 def test_a_start_leads_to_the_solution_next_to_it():
     robot = lwr4(tool=TOOL)
     solver = IKSolver(robot)

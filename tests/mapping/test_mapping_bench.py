@@ -10,6 +10,8 @@ from lwrprobe.bench.voxel_block import EDGE, block_surface
 from lwrprobe.contracts import UnknownNameError
 from lwrprobe.mapping import VoxelMap
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):

@@ -44,6 +44,7 @@ def error(mesh, solid):
     return mesh_error(mesh, solid, ABOVE, samples=4000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "mean", "worst"),
     [
@@ -64,6 +65,8 @@ def test_ten_millimetre_lines(scenes, name, mean, worst):
     assert found.hausdorff < 1e-3 * worst
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks"])
 def test_never_worse_than_the_hull_on_a_convex_object(scenes, name):
     solid, record = scenes(name)
@@ -77,6 +80,7 @@ def test_fifteen_millimetre_lines_and_voxels(scenes):
     assert error(surface(voxelised(record)).mesh, solid).mean < 4.5e-4
 
 
+@pytest.mark.slow
 def test_an_edge_that_the_last_line_rolled_over_ends_the_object_there(scenes):
     """At this phase a line runs 2.5 mm beyond one end: its leaning normals tell where the edge is."""
     _, record = scenes("block")
@@ -145,6 +149,8 @@ def test_it_says_what_it_had_to_do_without(scenes):
     assert error(result.mesh, solid).mean < error(convex_hull(record.points), solid).mean
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [0.005, 0.01, 0.015])
 @pytest.mark.parametrize("name", ["block", "polystyrene_1"])
 def test_the_pitch_of_the_lines_is_found(scenes, name, pitch):
@@ -275,6 +281,7 @@ def test_a_wall_thinner_than_the_usual_cell_is_not_lost():
     assert 4e-4 < result.report["step"] < 7e-4
 
 
+@pytest.mark.slow
 def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     """Below its axis a lying cylinder is touched at the rims of its end faces only."""
     solid, record = scenes("cylinder_horizontal", 0.01, 0.375)

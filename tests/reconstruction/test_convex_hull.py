@@ -50,6 +50,7 @@ def test_a_cospherical_grid_is_closed():
     assert 0.97 < volume(mesh) / (4 / 3 * np.pi) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "says"),
     [

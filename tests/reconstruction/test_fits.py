@@ -13,6 +13,7 @@ def fitted(name, phase=0.25, pitch=0.01):
     return fit(sample_lines(load_scene(name).solid(), pitch, phase))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.25, 0.8])
 @pytest.mark.parametrize(
     ("scene", "kind", "truth"),
@@ -41,6 +42,7 @@ def test_an_end_between_two_lines_is_as_uncertain_as_it_is(phase):
     assert "length" in str(box)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["bridge", "combination", "polystyrene_1", "polystyrene_2", "jaw_chuck"])
 def test_no_shape_is_claimed_for_what_is_none(scene):
     for found in fitted(scene):

@@ -8,6 +8,8 @@ from lwrprobe.bench.sampled_lines import LOWEST, RADIUS, STICK_RADIUS, sample_li
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.scene import load_scene
 
+pytestmark = pytest.mark.slow
+
 
 def test_sampled_contacts_lie_where_a_sphere_touches():
     solid = load_scene("bridge").solid()

@@ -199,6 +199,7 @@ def test_a_merged_arc_stays_on_its_circle():
     assert np.linalg.norm(groups.points[0]) == pytest.approx(5.0, abs=0.01)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.floats(-10, 10), st.floats(0.01, 5)), min_size=1, max_size=30))
 def test_weighted_median(pairs):

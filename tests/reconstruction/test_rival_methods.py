@@ -54,6 +54,7 @@ def test_a_bare_cloud_becomes_a_record(dome):
     assert is_closed(reconstruct(record, "convex_hull").mesh.faces)
 
 
+@pytest.mark.slow
 def test_a_wide_alpha_gives_the_convex_hull():
     points = np.random.default_rng(1).normal(size=(300, 3)) * 0.02
     result = ConcaveHull(ConcaveHull.Config(100.0)).reconstruct(TouchRecord(points))

@@ -15,6 +15,8 @@ import pytest
 from lwrprobe.bench.loopback import free_addresses
 from lwrprobe.contracts.plugins import load, names
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 EMULATE = (
     "import sys; from lwrprobe.contracts.plugins import load; sys.exit(load('emulator', sys.argv[1]).run(sys.argv[2:]))"

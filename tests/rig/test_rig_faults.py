@@ -4,6 +4,8 @@ import pytest
 
 from lwrprobe.bench.faults import FAULTS, suffer
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.mark.parametrize("name", ["sensor silent", "drives off"])
 def test_fault_stops_the_arm_keeps_the_data_and_says_why(name):

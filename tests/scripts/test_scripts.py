@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -52,8 +54,23 @@ def test_test_runs_pytest_in_the_project_from_any_folder(copy, tmp_path):
     ready(copy, "test")
     done = call(copy, "test.py", "-k", "nothing", folder=tmp_path)
     assert done.returncode == 0
-    assert "-m pytest -k nothing" in done.stdout
+    assert "-m pytest -n auto" in done.stdout
+    assert "-k nothing in" in done.stdout
     assert f"in {copy}" in done.stdout
+
+
+def test_check_runs_the_steps_it_is_asked_for(copy):
+    ready(copy, "test")
+    done = call(copy, "check.py", "lint", "types")
+    assert done.returncode == 0
+    assert "-m ruff check" in done.stdout
+    assert "-m mypy" in done.stdout
+    assert "docs.py" not in done.stdout
+    (copy / ".venv" / "bin" / "python").write_text('#!/bin/sh\n[ "$2" != mypy ]\n')
+    done = call(copy, "check.py", "types", "lint")
+    assert done.returncode == 1
+    assert done.stderr.strip() == "failed: types"
+    assert "allowed: lint, types, docs" in call(copy, "check.py", "lnit").stderr
 
 
 def test_any_complete_setup_serves_run(copy):

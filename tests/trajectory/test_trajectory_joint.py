@@ -29,6 +29,7 @@ def step(arm, elapsed=None):
     return status
 
 
+@pytest.mark.slow
 def run(arm, ticks):
     for _ in range(ticks):
         if arm.arrived:
