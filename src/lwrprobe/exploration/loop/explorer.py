@@ -150,6 +150,7 @@ class Explorer:
         self._sample.zero_time = self.arm.time - elapsed
         try:
             self._pipeline.strategy.start(task)
+            self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
         except Exception as error:
             raise failed(self._scene.strategy.name, error) from error
 

@@ -133,6 +133,11 @@ class Logged:
         self.strategy, self._log = strategy, log
 
     @property
+    def line_spacing(self) -> float | None:
+        """The strategy's own."""
+        return getattr(self.strategy, "line_spacing", None)
+
+    @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
         """The strategy's own."""
         return getattr(self.strategy, "trace", ())
