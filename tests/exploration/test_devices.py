@@ -12,7 +12,6 @@ from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
 from lwrprobe.scene import load_scene
 
-
 START = np.arange(0.0, 0.7, 0.1)
 
 
