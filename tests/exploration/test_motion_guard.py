@@ -143,7 +143,7 @@ def test_tip_speed_table_and_room(scene, robot, start):
     confined = MotionGuard(robot, CYCLE, scene.safety, None)
     confined.confine(tip - 0.01, tip + 0.01)
     passed, sentence = send(confined, path)
-    assert "leave its room" in sentence
+    assert "leave its area" in sentence
     inside = robot.fk_batch(path[:passed])[:, :3, 3]
     assert np.abs(inside - tip).max() <= 0.01
 

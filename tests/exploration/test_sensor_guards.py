@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import SafetyStop, SampleStatus
-from lwrprobe.exploration.safety.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.force_guard import ForceGuard
 from lwrprobe.exploration.safety.retreat import Retreat
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
 
 
 def run_silent(guard, cycle, status=None):

@@ -140,7 +140,7 @@ class TrueContact:
 
 @runtime_checkable
 class GroundTruth(Protocol):
-    """What only a simulator can offer: the truth, handed to the evaluation and to nobody else."""
+    """What only a simulator can offer: the truth, for the evaluation alone."""
 
     @property
     def link_collisions(self) -> int:

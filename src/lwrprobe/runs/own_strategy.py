@@ -18,7 +18,7 @@ StrategyLike = Any
 
 
 class OwnStrategy:
-    """Gives what somebody wrote the interface of a strategy plug-in; what it lacks gets a default.
+    """Gives an object or a function the interface of a strategy plug-in; what it lacks gets a default.
 
     Parameters
     ----------

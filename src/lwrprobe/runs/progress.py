@@ -1,4 +1,4 @@
-"""What the probe is doing, for whoever waits: a bar in a terminal, a line in a notebook."""
+"""Progress displays: a bar in a terminal, a line in a notebook."""
 
 from __future__ import annotations
 

@@ -39,16 +39,16 @@ class Session:
     Parameters
     ----------
     scene : a built-in name, a scene file, or a `Scene`
-    strategy : name of a plug-in; or a class or an object with `start(task)` and `step(observation)`; or a function of an
-        `Observation` that returns a `Goal`, `VelocityCommand` or `Done`. None = the scene's
+    strategy : name of a plug-in; or a class or an object with `start(task)` and `step(observation)`; or a function of
+        an `Observation` that returns a `Goal`, `VelocityCommand` or `Done`. None = the scene's
     seed : of everything random, None = the scene's
     settings : keys of the scene file: `{"probe.radius": 0.004}`, or `["probe.radius=0.004"]`
-    profile : settings laid over the scene: a built-in profile (`thesis`) or a file
+    profile : settings put over those of the scene: a built-in profile (`thesis`) or a file
     out : run folder, None = nothing is kept on disk
     reconstructor : name of a plug-in, or an object with `reconstruct(record)`; None = the scene's
     realtime : a simulator keeps pace with the wall clock
     progress : show what is going on; or a display of one's own with `tell` and `watch`
-    confirm : asks the operator for each of the first motions, None asks nobody
+    confirm : asks the operator for each of the first motions, None = does not ask
 
     Attributes
     ----------

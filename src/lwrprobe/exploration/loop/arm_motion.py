@@ -10,8 +10,8 @@ from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
-from lwrprobe.exploration.safety.guards import SilenceGuard
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop, table_plane
+from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.kinematics import IKStatus
 from lwrprobe.scene import Scene

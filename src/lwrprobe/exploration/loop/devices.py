@@ -71,7 +71,7 @@ class Devices:
         return {name: counts for name, counts in found.items() if counts}
 
     def close(self) -> None:
-        """Release both devices, the sensor also when the arm's way out fails."""
+        """Release both devices, the sensor also when closing the arm fails."""
         try:
             self.arm.close()
         finally:

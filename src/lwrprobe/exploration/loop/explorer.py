@@ -18,8 +18,8 @@ from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.start_up import StartUp
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.safety.guards import SensorLost, SilenceGuard
 from lwrprobe.exploration.safety.motion_guard import MotionStop
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
 from lwrprobe.exploration.stages.object_motion import ObjectMoved
 from lwrprobe.exploration.stages.pipeline import Pipeline, reaction_delay
 from lwrprobe.scene import Scene
@@ -57,7 +57,7 @@ class ProgressSnapshot:
 
 @dataclass(slots=True)
 class Outcome:
-    """How a run ended and what it did on the way.
+    """How a run ended and what it did until then.
 
     Attributes
     ----------
@@ -97,8 +97,8 @@ class Explorer:
     pipeline : composed from the scene
     devices : arm and sensor, open
     recorder : takes contacts and path
-    watch : shown a snapshot some ten times a second, None shows nobody
-    confirm : asks the operator for the first motions, None asks nobody
+    watch : shown a snapshot some ten times a second, None = no display
+    confirm : asks the operator for the first motions, None = does not ask
 
     Attributes
     ----------
@@ -150,6 +150,7 @@ class Explorer:
         self._sample.zero_time = self.arm.time - elapsed
         try:
             self._pipeline.strategy.start(task)
+            self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
         except Exception as error:
             raise failed(self._scene.strategy.name, error) from error
 
@@ -189,7 +190,7 @@ class Explorer:
     def observations(self, time_limit: float) -> Generator[Observation, None, None]:
         """What the strategy is shown, as the run goes on; whatever ends it early, what was measured is kept.
 
-        The arm is brought to rest at the end, also where nobody asks for more; then `outcome` says how it ended.
+        The arm is brought to rest at the end, also where the caller stops earlier; then `outcome` says how it ended.
         """
         begin, shown = perf_counter(), 0.0
         self._clock.reset()  # what came before was no part of the run
@@ -278,7 +279,7 @@ class Explorer:
         return seen
 
     def _show(self, begin: float) -> float:
-        """Show a snapshot to whoever watches; the wall-clock time [s] of now."""
+        """Show a snapshot; the wall-clock time [s] of now."""
         now = perf_counter()
         if self._watch is not None:
             progress = self._pipeline.strategy.progress()

@@ -1,6 +1,6 @@
 """Moving the tip by straight lines in joint space: the source's mode, in which the tip's own path bows.
 
-The class has the face of `CartesianTrajectory` as the loop uses it. A goal becomes joint values (inverse kinematics
+The class has the interface of `CartesianTrajectory` that the loop uses. A goal becomes joint values (inverse kinematics
 along the straight line to it, so that the arm stays on its branch) and the joints go there together. A feed becomes
 such a goal as far ahead as the tip gets while the feed holds, set anew at every call, as the source does it: so it
 stops by itself, and there is one generator, whose limits hold through every change from goals to feeds and back.
@@ -15,7 +15,7 @@ from lwrprobe.kinematics.path import axis_angle, rotations
 from lwrprobe.trajectory import CartesianLimits, JointTrajectory
 
 FORESIGHT = 0.1
-"""s, no feed is looked further ahead than that; a longer one is set anew on the way."""
+"""s, no velocity command is extrapolated further than that; a longer one is renewed meanwhile."""
 STRIDE, STRIDE_TURN = 0.02, 0.1
 """m and rad between the poses at which inverse kinematics follows the line to a goal."""
 SLOWEST = 1e-4
@@ -26,7 +26,7 @@ class JointSpaceTip:
     """Online generator of the tip's motion in joint space.
 
     Each joint keeps its own speed limit; its acceleration and jerk are those with which it would move the tip of the
-    outstretched arm by the Cartesian ones. The speed asked for bounds the tip's fastest moment on the way.
+    outstretched arm by the Cartesian ones. The speed asked for bounds the tip's largest speed on that path.
 
     Parameters
     ----------
@@ -165,18 +165,18 @@ class JointSpaceTip:
         self._joints.set_goal(np.clip(q, self._robot.lower, self._robot.upper), self._share(q, speed, turn_rate))
 
     def _share(self, q: np.ndarray, speed: float, turn_rate: float | None) -> float:
-        """The share of the joints' speed limits at which the tip keeps to the speeds asked for all the way to q."""
-        way = q - self.q
-        busiest = float(np.abs(way / self._robot.speed).max())
+        """The share of the joints' speed limits at which the tip keeps to the speeds asked for as far as q."""
+        change = q - self.q
+        busiest = float(np.abs(change / self._robot.speed).max())
         if busiest == 0.0:
             return 1.0
         linear = turning = 0.0
         for part in (0.0, 0.5, 1.0):
-            self._robot.jacobian_into(self.q + part * way, self._jacobian)
-            twist = self._jacobian @ way
+            self._robot.jacobian_into(self.q + part * change, self._jacobian)
+            twist = self._jacobian @ change
             linear = max(linear, float(np.sqrt(twist[:3] @ twist[:3])))
             turning = max(turning, float(np.sqrt(twist[3:] @ twist[3:])))
-        # all joints share one law of time; at the full limits the busiest takes `busiest` seconds for its way
+        # all joints share one law of time; at the full limits the busiest takes `busiest` seconds for its change
         linear, turning = linear / busiest, turning / busiest
         speed = min(speed, self.limits.speed)
         turn_rate = self.limits.turn_rate if turn_rate is None else min(turn_rate, self.limits.turn_rate)

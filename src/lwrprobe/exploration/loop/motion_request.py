@@ -14,7 +14,7 @@ from lwrprobe.kinematics import IKStatus, follow, straight_line
 LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
 STRIDE, STRIDE_TURN = 0.02, 0.1
-"""m and rad between the poses at which a straight way is looked at."""
+"""m and rad between the poses at which a straight path is checked."""
 
 
 class MotionRequest:
@@ -67,7 +67,7 @@ class MotionRequest:
         return True
 
     def clear(self, poses: Sequence[np.ndarray]) -> bool:
-        """Whether all links keep their distance on the way through these poses (4, 4); see `Task.clear`."""
+        """Whether all links keep their distance on the path through these poses (4, 4); see `Task.clear`."""
         stage = self._pipeline.clearance
         return stage is None or stage.clear([self._pipeline.trajectory.pose.copy(), *poses], self._arm.q)
 

@@ -12,8 +12,9 @@ from lwrprobe.exploration.loop.run_record import RunRecord
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.safety.guards import ForceGuard, SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.force_guard import ForceGuard
 from lwrprobe.exploration.safety.retreat import Retreat
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 
@@ -24,7 +25,7 @@ SETTLED = 3
 
 
 class SampleStep:
-    """The way of one wrench sample through the pipeline.
+    """Takes one wrench sample through the pipeline.
 
     Parameters
     ----------
@@ -34,15 +35,15 @@ class SampleStep:
     request : takes the strategy's motion
     recorder, record : contacts go to the one, path and forces to the other
     clock : takes the time of each stage
-    silence : is told of each sample
-    confirm : asks the operator for the first motions, None asks nobody
+    silence : counts usable samples
+    confirm : asks the operator for the first motions, None = does not ask
 
     Attributes
     ----------
     zero_time : s on the arm's clock at which the run begins
     observation : the last one, None before the first sample
     force_guard : how often it took over
-    retreat : the tip's way back
+    retreat : where the tip was
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class SampleStep:
         self._last_touch, self._touch_age = -np.inf, 0
 
     def process(self, sample: WrenchSample) -> Observation:
-        """Take one sample all the way; what the strategy was shown.
+        """Process one sample; returns the observation that the strategy was shown.
 
         Raises SensorLost where the sensor cannot be relied on, SafetyStop and PluginError.
         """

@@ -28,7 +28,7 @@ class SetPoints:
 
     Attributes
     ----------
-    rows : (MAX_ROWS, n) rad, those that `generate` laid first
+    rows : (MAX_ROWS, n) rad, those that `generate` has filled
     velocities : (MAX_ROWS, 3) m/s of the tip, one a row
     status : that of the last row's inverse kinematics, an `IKStatus` value
     cut : steps of this `generate` that were cut down to the joints' speeds
@@ -50,49 +50,49 @@ class SetPoints:
 
     def generate(self, q: np.ndarray, first: int, last: int) -> int:
         """Set points into `rows` from row `first` up to `last`, one cycle each, from the joints q (n,) on; the row
-        behind the last one laid.
+        behind the last one filled.
 
         That is less than `last` where a pose is out of reach, that row being the last, or where a row must not be sent;
-        then the generator stands at that row and has not been told. Row 0 is held against where the joints are now.
+        then the generator stands at that row, and does not know of it. Row 0 is held against where the joints are now.
         """
         self.refusal, self.cut = None, 0
         guard = self._guard
         measured = guard.measured if first == 0 else guard.sent
         if isinstance(self._trajectory, JointSpaceTip):
             return self._generate_joints(self._trajectory, q, measured, first, last)
-        trajectory, laid, ended = self._trajectory, first, k.DUE
+        trajectory, filled, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
             plan, state, time, event = trajectory.course
-            laid, ended, then, cut, detail = self._generate(
+            filled, ended, then, cut, detail = self._generate(
                 plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
-                *self._guarded, laid, last,
+                *self._guarded, filled, last,
             )  # fmt: skip
             self.cut += cut
             if then > time:
                 trajectory.come_to(then)
                 going = k.RESTING if trajectory.resting else k.STEPPED
-            if laid > first:
-                q, measured = self.rows[laid - 1], guard.sent
+            if filled > first:
+                q, measured = self.rows[filled - 1], guard.sent
         self.status = detail if ended == k.BLOCKED else _CONVERGED
         if ended == k.REFUSED:
             self.refusal = guard.refusal(detail)
-        return laid
+        return filled
 
     def _generate_joints(
         self, trajectory: JointSpaceTip, q: np.ndarray, measured: np.ndarray, first: int, last: int
     ) -> int:
         """As `generate`, of a generator that has the joints itself."""
         guard = self._guard
-        for laid in range(first, last):
-            row = self.rows[laid]
+        for filled in range(first, last):
+            row = self.rows[filled]
             trajectory.step()
             row[:] = trajectory.q
             self.cut += guard.clamp(q, row)
             verdict = guard.verdict(row, measured)
             if verdict:
                 self.refusal = guard.refusal(verdict)
-                return laid
-            self.velocities[laid] = trajectory.velocity
+                return filled
+            self.velocities[filled] = trajectory.velocity
             q, measured = row, guard.sent
         return last

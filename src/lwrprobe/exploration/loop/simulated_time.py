@@ -12,8 +12,8 @@ from lwrprobe.exploration.loop.set_points import MAX_ROWS
 class SimulatedTime:
     """Carries out the set points between two wrench samples in one call.
 
-    Nothing new is measured in between, so nobody who looks once a cycle would have anything to say. The loop asks how
-    many cycles that is; for every other arm there is no `SimulatedTime`, and the loop goes cycle by cycle.
+    Nothing new is measured in between, so no stage would act in those cycles. The loop asks how many they are; for
+    every other arm there is no `SimulatedTime`, and the loop goes cycle by cycle.
 
     Parameters
     ----------

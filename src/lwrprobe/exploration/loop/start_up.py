@@ -28,7 +28,7 @@ class StartUp:
     devices : arm and sensor
     arm : its motion
     approach_speed : m/s, of a step back
-    confirm : asks the operator before the arm moves, None asks nobody
+    confirm : asks the operator before the arm moves, None = does not ask
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class StartUp:
     def take_place(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Move to the start in joint space when the arm stands elsewhere, then rest there.
 
-        Raises SafetyStop where the arm would come too near to the table or to itself on the way.
+        Raises SafetyStop where the arm would come too near to the table or to itself on that path.
         """
         arm, robot = self._arm, self._pipeline.robot
         now = self._devices.arm.read().q
@@ -84,7 +84,7 @@ class StartUp:
         return [sample for sample in samples if sample.time > begin]
 
     def _ask(self, farthest: float) -> None:
-        """Hold the joints until the operator allows the move to the start, where somebody is to be asked."""
+        """Hold the joints until the operator allows the move to the start, where the operator is to be asked."""
         if self._confirm is None or self._confirm.left <= 0:
             return
         what = f"all joints to the start at 30 % of their speed, up to {np.degrees(farthest):.1f} deg"
@@ -92,7 +92,7 @@ class StartUp:
             self._arm.hold()
 
     def _step_back(self) -> None:
-        """A little way back along the stick, to rest; raises SafetyStop where the arm cannot go."""
+        """A little back along the stick, to rest; raises SafetyStop where the arm cannot go."""
         arm, trajectory = self._arm, self._pipeline.trajectory
         start = trajectory.pose[:3, 3].copy()
         goal = trajectory.pose.copy()

@@ -40,7 +40,7 @@ class DryRun:
 def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> DryRun:
     """Drive the scene in the simulator, at the real arm's cycle and with the real sensor's rate and delay.
 
-    The objects are those of the scene file; where it has none, as for an object nobody knows, the lines are driven
+    The objects are those of the scene file; where it has none, as for an unknown object, the lines are driven
     through the air down to the table. No device is opened. Raises InputError for a scene that cannot be run.
     """
     devices = Devices.assemble(scene, scene.run.seed, False)

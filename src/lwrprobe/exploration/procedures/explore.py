@@ -36,7 +36,7 @@ class Exploration:
     """One exploration: prepared when it is made, explored inside its `with` block, evaluated by `finish`.
 
     Iterating over it goes on sample by sample, each the observation that the strategy was shown; when the strategy is
-    done, or anything ends the run early, there are no more. The arm goes on only while somebody asks.
+    done, or anything ends the run early, there are no more. The arm moves only while it is iterated over.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Several runs over one object become one: contacts, map, cloud and mesh.
 
-The first run's place is kept; the others are laid over what is there already, since the object may have been moved by
-a few millimetres in between. Runs that do not belong together are refused, with the reason.
+The first run keeps its place; the others are registered to what is there already, since the object may have been
+moved by a few millimetres in between. Runs that do not belong together are refused, with the reason.
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ def _first(run: RunFolder) -> dict[str, Any]:
 
 
 def _fact(run: RunFolder, found: Registration, as_is: bool) -> dict[str, Any]:
-    """How a run was laid over those before it."""
+    """How a run was registered to those before it."""
     x, y, z = (round(1e3 * float(value), 4) for value in found.translation)
     registration = {
         "moved": not as_is,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -94,6 +94,8 @@ class RepeatedTouch:
 
     Config: ClassVar[type] = Plan
     contract: ClassVar[int] = STRATEGY_CONTRACT
+    line_spacing: float | None = None
+    trace: Sequence[tuple[float, str, str, str]] = ()
 
     def __init__(self, plan: Plan, log: list[Touch]) -> None:
         self._plan, self._log = plan, log

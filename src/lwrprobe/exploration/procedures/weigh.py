@@ -21,7 +21,7 @@ from lwrprobe.scene import Scene
 LEAN = 0.4
 """rad by which the probe leans out of its usual orientation, to four sides."""
 LIFT = 0.05
-"""m above the start, so that a leaning holder has room."""
+"""m above the start, so that a leaning holder has space."""
 REST = 0.5
 SECONDS = 1.0
 
@@ -68,9 +68,9 @@ def weigh(scene: Scene, confirm: Confirm | None = None) -> Weighing:
         for pose, goal in places:
             explorer.start_up.take_place(pose, goal)
             explorer.start_up.listen(REST)
-            heard = [sample for sample in explorer.start_up.listen(SECONDS) if sample.status == 0]
-            samples += heard
-            rotations_of += [pose[:3, :3]] * len(heard)
+            usable = [sample for sample in explorer.start_up.listen(SECONDS) if sample.status == 0]
+            samples += usable
+            rotations_of += [pose[:3, :3]] * len(usable)
         explorer.come_to_rest()
     return Weighing(identify_payload(samples, rotations_of), Payload.of(pipeline.probe))
 

@@ -15,11 +15,11 @@ LEAP = 0.003
 STILL = 0.25
 """Share of the leap by which the centre may have moved: on a surface with twice the sphere's radius that is a half."""
 AT_ONCE = 1.5
-"""s between the two touches: a probe between two walls needs a moment to find its way out."""
+"""s between the two touches: a probe between two walls needs a moment to leave."""
 BEFORE = 0.0015
-"""m of the centre's way before a leap, on which a rim shows: the sphere pivots about it, and the contact stays."""
+"""m of the centre's path before a leap, on which a rim shows: the sphere pivots about it, and the contact stays."""
 PIVOT = 0.5
-"""Share of that way by which the contact on a rim moves at most."""
+"""Share of that path by which the contact on a rim moves at most."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -58,13 +58,13 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
     if len(points) < 2:
         return []
     centres = points + radius * normals
-    way, moved = np.diff(points, axis=0), np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    leap = np.linalg.norm(way, axis=1)
+    step, moved = np.diff(points, axis=0), np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    leap = np.linalg.norm(step, axis=1)
     # In front of the surface just left: behind it lies the other side of a convex edge.
-    inward = np.einsum("ij,ij->i", way, normals[:-1]) > 0.0
+    inward = np.einsum("ij,ij->i", step, normals[:-1]) > 0.0
     found = np.flatnonzero((leap > LEAP) & (moved < STILL * leap) & (np.diff(times) < AT_ONCE) & inward)
-    judged = [_judged(points, centres, int(i)) for i in found]
-    kinds, widths = [kind for kind, _ in judged], np.array([width for _, width in judged])
+    classified = [_classified(points, centres, int(i)) for i in found]
+    kinds, widths = [kind for kind, _ in classified], np.array([width for _, width in classified])
     middles = 0.5 * (points[found] + points[found + 1])
     zones = []
     for kind in sorted(set(kinds)):
@@ -76,7 +76,7 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
     return sorted(zones, key=lambda zone: -zone.width)
 
 
-def _judged(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float]:
+def _classified(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float]:
     """What was passed over between contacts i and i + 1, and how wide it is, m.
 
     A gap where the contact stood still on a rim before the leap or after it: on a wall it moves with the centre.
@@ -87,8 +87,8 @@ def _judged(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float
         k = at
         while 0 <= k + step < len(points) and np.linalg.norm(centres[k] - centres[at]) < BEFORE:
             k += step
-        way, moved = np.linalg.norm(centres[k] - centres[at]), np.linalg.norm(points[k] - points[at])
-        pivots = pivots or bool(BEFORE <= way < 3.0 * BEFORE and moved < PIVOT * way)
+        path, moved = np.linalg.norm(centres[k] - centres[at]), np.linalg.norm(points[k] - points[at])
+        pivots = pivots or bool(BEFORE <= path < 3.0 * BEFORE and moved < PIVOT * path)
         ends.append(points[k])
     if not pivots:
         return "inner edge", float(np.linalg.norm(points[i + 1] - points[i]))

@@ -1,7 +1,7 @@
-"""Everything that a strategy was shown and answered while it ran, so that a run cut off in the middle can be taken up.
+"""All observations and answers of a strategy while it ran, so that a run that was cut off can be resumed.
 
 A strategy has no clock and no I/O: shown the same observations again, it is where it was. The log is written sample by
-sample beside contacts and way, and taken away when all is done.
+sample beside contacts and path, and removed when the run is done.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Question = Callable[[Sequence[np.ndarray]], bool]
 
 
 class Logbook:
-    """Writes rows, each on its way to the disk when the call returns.
+    """Writes rows, each handed to the system when the call returns.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Logbook:
         self._rows.write(row.data)
 
     def answer(self, answer: bool) -> bool:
-        """What the strategy was told when it asked for the arm's reach or for the links' clearance."""
+        """The answer to the strategy's question for the arm's reach or for the links' clearance."""
         row = self._empty(ANSWER, 0.0)
         row[2] = answer
         self._rows.write(row.data)
@@ -124,13 +124,18 @@ class Logbook:
 
 
 class Logged:
-    """A strategy whose observations and answers are written down on their way to it."""
+    """A strategy whose observations and answers are logged before it gets them."""
 
     Config: ClassVar[type] = object
     contract: ClassVar[int] = STRATEGY_CONTRACT
 
     def __init__(self, strategy: Strategy, log: Logbook) -> None:
         self.strategy, self._log = strategy, log
+
+    @property
+    def line_spacing(self) -> float | None:
+        """The strategy's own."""
+        return getattr(self.strategy, "line_spacing", None)
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:

@@ -19,7 +19,7 @@ NO_SAMPLE = -1
 
 
 class Recorder:
-    """Streams contacts and the probe's way into files, and keeps them for what follows the run.
+    """Streams contacts and the probe's path into files, and keeps them for what follows the run.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Recorder:
                 stream.close()
 
     def _take_over(self, earlier: RunFolder) -> None:
-        """Contacts and way; no true contact is known of them any more."""
+        """Contacts and path; no true contact is known of them any more."""
         record, radius = earlier.record, earlier.scene.probe.radius
         assert record.times is not None
         assert record.normals is not None
@@ -111,7 +111,7 @@ class Recorder:
             return None
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            # No buffer: a line is on its way to the disk as soon as it is written, in one piece.
+            # No buffer: a line goes to the system as soon as it is written, in one piece.
             if go_on and (self.folder / name).is_file():
                 _cut_to_whole_lines(self.folder / name)
                 return open(self.folder / name, "ab", buffering=0)

@@ -1,8 +1,8 @@
-"""A run that was cut off, taken up where the probe was last free.
+"""A run that was cut off, resumed where the probe was last free.
 
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts and the memory of
-where the sphere has been come back the same way: an object that was moved in the meantime is noticed at the first touch
-that contradicts. The probe goes over the top of the area to where it was, and down where its stick has been already;
+where the sphere has been are restored the same way: an object that was moved in the meantime is noticed at the first
+touch that contradicts. The probe goes over the top of the area to where it was, and down where its stick has been;
 from there on the strategy goes on as if nothing had happened.
 """
 
@@ -21,7 +21,7 @@ from lwrprobe.exploration.stages.pipeline import Pipeline
 ARRIVED = 2e-4
 """m"""
 KNOWN = 0.002
-"""m from where the run was cut off, within which a touch on the way back is of the surface that is known there."""
+"""m from where the run was cut off, within which a touch on the return is of the surface that is known there."""
 
 
 class Resumed(Logged):
@@ -81,7 +81,7 @@ class Resumed(Logged):
         """The strategy has started long ago."""
 
     def step(self, seen: Observation) -> Motion:
-        """The way back first; then what the strategy answers."""
+        """The return first; then what the strategy answers."""
         if not self._way:
             return super().step(seen)
         here = seen.pose[:3, 3]
@@ -100,12 +100,12 @@ class Resumed(Logged):
         return Goal(self._way[0], speed, "back to where the run was cut off")
 
     def progress(self) -> Progress:
-        """The strategy's own, or that it is on its way back."""
+        """The strategy's own, or that the probe returns."""
         progress = super().progress()
         return replace(progress, doing="back to where the run was cut off") if self._way else progress
 
     def asked(self, ask: Question, poses: Sequence[np.ndarray]) -> bool:
-        """What the strategy was told then, and after that what is true now."""
+        """The logged answer while the past is replayed, after that the present one."""
         return bool(next(self._answers, 0.0)) if self._recalling else super().asked(ask, poses)
 
 

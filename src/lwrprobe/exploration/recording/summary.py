@@ -48,7 +48,7 @@ def summarise(
     surface: Reconstruction | None,
     explore_seconds: float,
 ) -> Summary:
-    """The summary but for wall time, devices and limits; what needs the truth is None where nobody knows it."""
+    """The summary but for wall time, devices and limits; what needs the truth is None on real devices."""
     points, normals = recorder.points(), recorder.normals()
     clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
     pitch = pipeline.line_spacing or DEFAULT_SPACING
@@ -158,9 +158,9 @@ def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
 
 def _fastest_descent(scene: Scene, pipeline: Pipeline) -> float:
     """m/s down a wall at which a foot is met with the force limit and no reserve."""
-    told, contact = pipeline.force.report(), scene.contact
-    room = contact.limit - contact.threshold
-    return approach_speed(room, told["stiffness_along_stick"], told["delay_s"], scene.motion.acceleration)
+    report, contact = pipeline.force.report(), scene.contact
+    margin = contact.limit - contact.threshold
+    return approach_speed(margin, report["stiffness_along_stick"], report["delay_s"], scene.motion.acceleration)
 
 
 def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float | None = None) -> float:

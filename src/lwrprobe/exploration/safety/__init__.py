@@ -1,1 +1,1 @@
-"""Guards between strategy and arm, and the way back to safety."""
+"""Guards between strategy and arm, and the retreat."""

@@ -1,4 +1,4 @@
-"""The first motions one at a time, each only after somebody has said so, and none further once a key is pressed."""
+"""The first motions one at a time, each only after the operator has allowed it, and none once a key is pressed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Confirm:
     """Stands between strategy and arm for the first motions.
 
     Until Enter is pressed the tip holds its place, while the loop and all guards go on. During a motion any line ends
-    the run: whoever watches keeps a finger on Enter.
+    the run: the operator keeps a finger on Enter.
 
     Parameters
     ----------

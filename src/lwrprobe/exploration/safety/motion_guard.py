@@ -28,7 +28,7 @@ class MotionStop(SafetyStop):
 
 
 class MotionGuard:
-    """Holds each set point against the joints' ranges, speeds, accelerations and jerks, and the tip's speed and room.
+    """Holds each set point against the joints' ranges, speeds, accelerations and jerks, and the tip's speed and area.
 
     Parameters
     ----------
@@ -155,6 +155,6 @@ class MotionGuard:
             k.TOO_JERKY: f"{joint} would jerk with {value:.0f} rad/s^3 (allowed {limit:.0f})",
             k.TIP_FAST: f"the tip would move at {value:.3f} m/s (allowed {limit:.3f})",
             k.IN_TABLE: f"the sphere's centre would be {1e3 * value:.1f} mm over the table (least {1e3 * limit:.1f})",
-            k.OUTSIDE: f"the tip would leave its room: {axis} at {value:.4f} m, limit {limit:.4f} m",
+            k.OUTSIDE: f"the tip would leave its area: {axis} at {value:.4f} m, limit {limit:.4f} m",
         }
         return f"the set point was not sent: {words[what]}"

@@ -1,4 +1,4 @@
-"""Where the tip has been, so that it can go back there when nothing is felt any more."""
+"""Where the tip has been, so that it can retreat when forces are no longer measured."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from lwrprobe.contracts.samples import Vector
 
 _SPACING = 0.001  # m between two remembered places
 _REMEMBERED = 256
-_STRIDE = 0.003  # m between two places to go back to: round an edge the chord cuts 0.2 mm off the way, less than a lift
+_STRIDE = 0.003  # m between two places to go back to: round an edge the chord cuts off 0.2 mm, less than a lift
 
 
 class Retreat:
-    """The last stretch of the tip's way; places that touched are remembered a little off the surface.
+    """The last stretch of the tip's path; places in contact are remembered a little off the surface.
 
     Parameters
     ----------
@@ -44,24 +44,24 @@ class Retreat:
     def places(self, tip: Vector, length: float) -> list[np.ndarray]:
         """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m.
 
-        Each is a stop on the way, so they are a few millimetres apart.
+        The tip stops at each, so they are a few millimetres apart.
         """
         if length <= 0.0:
             return []
-        way, here, left = [], tip, length
+        path, here, left = [], tip, length
         if self._outward.any():
             here = tip + self._outward
-            way.append(here)
+            path.append(here)
         since = 0.0
         for place in reversed(self._places):
             step = float(np.linalg.norm(place - here))
             if step >= left:
-                way.append(here + (left / step) * (place - here))
-                return way
+                path.append(here + (left / step) * (place - here))
+                return path
             here, left, since = place, left - step, since + step
             if since >= _STRIDE:
-                way.append(place)
+                path.append(place)
                 since = 0.0
         if since > 0.0:
-            way.append(here)
-        return way
+            path.append(here)
+        return path

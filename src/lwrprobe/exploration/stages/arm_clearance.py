@@ -75,13 +75,13 @@ class ArmClearanceStage:
         self._robot.link_frames_into(q, self._frames)
         return self._now.nearest(pose, self._frames)
 
-    def clear(self, way: Sequence[np.ndarray], q: np.ndarray) -> bool:
+    def clear(self, path: Sequence[np.ndarray], q: np.ndarray) -> bool:
         """Whether all links keep their distance straight along tip poses (4, 4), the first of them held by q (n,).
 
-        A way that the arm cannot follow is not clear.
+        A path that the arm cannot follow is not clear.
         """
         qs = [q]
-        for begin, end in pairwise(way):
+        for begin, end in pairwise(path):
             if not self._follow(begin, end, qs):
                 return False
         return self._threat(qs, self._ahead) is None
@@ -89,7 +89,7 @@ class ArmClearanceStage:
     def objection(self, begin: np.ndarray, end: np.ndarray, q: np.ndarray) -> str:
         """Why the arm, at q (n,), must not go straight from a tip pose (4, 4) to another: the table, or itself.
 
-        Empty where it may, as far as it can follow. A way that was agreed to is not looked at again while it is gone.
+        Empty where it may, as far as it can follow. A path that was accepted is not checked again meanwhile.
         """
         if self._agreed is not None and np.array_equal(self._agreed, end):
             return ""
@@ -109,7 +109,7 @@ class ArmClearanceStage:
         return f"{threat.link} would come within {1e3 * threat.distance:.1f} mm of the {threat.against}"
 
     def _follow(self, begin: np.ndarray, end: np.ndarray, qs: list[np.ndarray]) -> bool:
-        """Add to the joints those on a straight way of the tip; whether it can be followed to its end."""
+        """Add to the joints those on a straight path of the tip; whether it can be followed to its end."""
         shift, turn = np.abs(end - begin)[:3, 3].max(), np.abs(end - begin)[:3, :3].max()
         for pose in [end] if shift < STEP and turn < TURN else straight_line(begin, end, STEP, TURN)[1:]:
             q = np.empty(self._robot.n)
@@ -127,10 +127,10 @@ class ArmClearanceStage:
         allowed = min(near.distance - near.required, 0.0) - PLAY
         for begin, end in pairwise(qs):
             # Two links may move towards each other, each by its joints' turns times its reach.
-            way, gone = 2.0 * self._robot.length * float(np.abs(end - begin).sum()), 0.0
-            while gone < way:
+            length, gone = 2.0 * self._robot.length * float(np.abs(end - begin).sum()), 0.0
+            while gone < length:
                 gone += max(near.distance - near.required, PLAY)
-                near = self._at(begin + min(gone / way, 1.0) * (end - begin), watch)
+                near = self._at(begin + min(gone / length, 1.0) * (end - begin), watch)
                 if near.distance - near.required < allowed:
                     return near
         return None

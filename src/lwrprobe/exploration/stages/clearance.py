@@ -1,8 +1,8 @@
 """Clearance of the probe's links: the stick keeps another distance than the body behind it.
 
 While the sphere touches a wall the stick is only (sphere radius - stick radius) away from it, by design, and its
-touch is felt by the sensor. The body is neither near by design nor felt. So the two are asked separately and the
-more urgent answer counts.
+touch is measured by the sensor. The body is neither near by design nor measured. So the two are checked separately and
+the more urgent result counts.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class ClearanceStage:
         """The most urgent pair at a tip pose (4, 4), held by joints q (n,); `required` says how far that link keeps."""
         return self._watch.nearest(pose)
 
-    def clear(self, way: Sequence[np.ndarray], q: np.ndarray) -> bool:
+    def clear(self, path: Sequence[np.ndarray], q: np.ndarray) -> bool:
         """Whether the links keep their distance straight along tip poses (4, 4), the first of them held by q (n,).
 
         A link that is too near already may stay that near, with 1 mm for the contact's own play.
         """
-        for begin, end in pairwise(way):
+        for begin, end in pairwise(path):
             for query, keep in self._queries:
                 allowed = min(keep, query.nearest(begin).distance) - PLAY
                 if query.ahead(begin, end, enough=keep).distance < allowed:

@@ -28,7 +28,7 @@ GUARD = 0.25
 """s before a touch that are not trusted to have been free."""
 
 STEADY = 0.2
-"""m/s^2, below it the weight of the tip is not felt as a force (3 g: 0.6 mN)."""
+"""m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
 
 class TouchRefused(SafetyStop):
@@ -42,7 +42,7 @@ class ForceStage:
     ----------
     scene : contact and motion settings
     conditioner : whose zero is moved in free space
-    estimator : told of the dent a soft surface takes
+    estimator : corrects its contacts for the indentation of a soft surface
     rate : Hz, of the sensor
     """
 
@@ -61,7 +61,7 @@ class ForceStage:
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
-        # Of an upper bound of the stiffness follows a lower bound of what object and arm give way.
+        # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
     def begin(self, delay: float) -> None:
@@ -85,12 +85,12 @@ class ForceStage:
 
     @property
     def settled(self) -> bool:
-        """Contacts may be stored: the first touch has told whether the surface is soft."""
+        """Contacts may be stored: the first touches have shown whether the surface is soft."""
         return self._touch.settled
 
     @property
     def compliance(self) -> float:
-        """m/N of the object as far as the first touches told; 0 where it is too stiff to tell."""
+        """m/N of the object as far as the first touches have shown; 0 where it is too stiff to be measured."""
         return self._touch.compliance
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
@@ -112,7 +112,7 @@ class ForceStage:
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
-        There must be no acceleration [m/s^2] then that the tip's weight would be felt in.
+        That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
         is found by the force.
         """
@@ -124,7 +124,7 @@ class ForceStage:
         return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
 
     def _adopt(self) -> None:
-        """A touch has been fitted: the dent is taken off from now on, and the damping is held against the stiffness."""
+        """A touch has been fitted: subtract its indentation from now on, check the damping against its stiffness."""
         found = self._touch.compliance
         self._estimator.set_indentation(found)
         if found <= 0.0:

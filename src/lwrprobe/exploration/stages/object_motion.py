@@ -1,14 +1,14 @@
-"""Whether the object stays where it is, told by the touches themselves, at no cost in robot time.
+"""Object-motion monitor: whether the object stays in place, seen from the contacts alone, at no cost in robot time.
 
 Two signs, both exact for whatever stands still:
 
 - The sphere cannot be where the object is. A place of its centre behind an earlier touch, or a touch before a place
   where it has been, says that one of the two is no longer true. Lines that cross tell it.
-- A sphere that slides moves across the normal. Its way into the surface is summed up, less an allowance for normals
+- A sphere that slides moves across the normal. Its motion into the surface is summed up, less an allowance for normals
   that are wrong (a cumulative sum as in Page 1954): that grows while the object is being pushed, and stays below 0.1 mm
   over whole runs on objects that stand.
 
-What is moved by something else, along its own face, between two lines that never cross, is not seen.
+An object that is moved by something else, along its own surface, between two lines that never cross, is not seen.
 
 Centres are compared, not contact points: what is wrong with a normal moves the point along the surface by up to
 2 mm at an edge, and the centre not at all.
@@ -36,10 +36,10 @@ AGREED = 3
 GIVES_WAY = 0.0006
 """m into the surface, beyond what wrong normals explain, that make a movement."""
 WRONG_NORMAL, WRONG_FORCE = 0.15, 0.7
-"""Shares of the way that seem to lead into the surface: by a normal that is wrong by 8.6 degrees, and by the direction
+"""Shares of the path that seem to lead into the surface: by a normal that is wrong by 8.6 degrees, and by the direction
 of a force with friction up to 1."""
 GAP = 0.05
-"""s between two samples, from which on the way between them is not known."""
+"""s between two samples, from which on the path between them is not known."""
 LET_GO = 12
 """Samples without a force after which a push has come to its end."""
 
@@ -75,20 +75,20 @@ class ObjectMotionMonitor:
         self._worst = self._most_pushed = 0.0
 
     def see(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float = 0.0) -> None:
-        """Heed where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
+        """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
 
-        `time` counts in s, `compliance` is how far, in m/N, the surface is known to give way. Raises ObjectMoved.
+        `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform. Raises ObjectMoved.
         """
         trusted = contact is not None and contact.trust >= TRUSTED
         centre = contact.centre if contact is not None else place
         self._push(time, centre, force, contact if trusted else None, compliance)
-        dent = self._threshold * compliance
+        indentation = self._threshold * compliance
         if contact is None:
             if self._is_further(place):
-                self._compare(time, place, _NOT_TOUCHING, dent)
+                self._compare(time, place, _NOT_TOUCHING, indentation)
         elif trusted and self._is_further(contact.centre):
-            # The contact point is corrected for what the surface gives way, the place is not.
-            self._compare(time, contact.point + self._radius * contact.normal, contact.normal, dent)
+            # The contact point is corrected for the surface's deformation, the place is not.
+            self._compare(time, contact.point + self._radius * contact.normal, contact.normal, indentation)
 
     def recall(self, place: Vector, contact: Contact | None) -> None:
         """Remember a place of an earlier part of the run, as `see` would have."""
@@ -110,7 +110,7 @@ class ObjectMotionMonitor:
         }
 
     def _push(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float) -> None:
-        """Sum up the way into the surface."""
+        """Sum up the motion into the surface."""
         size = hypot(*force.tolist())
         self._let_go = self._let_go + 1 if size < 0.25 * self._threshold else 0
         if self._let_go >= LET_GO:
@@ -131,21 +131,21 @@ class ObjectMotionMonitor:
         self._pushed = max(0.0, self._pushed - out - slope * dist(here, before[1]))
         self._most_pushed = max(self._most_pushed, self._pushed)
         if self._pushed > GIVES_WAY + 2.0 * compliance * size:
-            told = f"it gave way at {_told(place)} m, under a force of {size:.2g} N"
-            self._moved(told, self._push_began)
+            what = f"it gave way at {_coordinates(place)} m, under a force of {size:.2g} N"
+            self._moved(what, self._push_began)
 
-    def _compare(self, time: float, centre: Vector, normal: Vector, dent: float) -> None:
+    def _compare(self, time: float, centre: Vector, normal: Vector, indentation: float) -> None:
         touching = normal is not _NOT_TOUCHING
         reach = REACH * self._radius
         found = deepest(self._places, self._normals, self._count, centre, normal, touching, ASIDE, reach)
         self._worst = max(self._worst, found)
-        if found > self._tolerance + dent:
+        if found > self._tolerance + indentation:
             self._agreed += 1
             if self._agreed == 1:
                 self._doubt_began = time
             if self._agreed >= AGREED:
-                told = f"at {_told(centre)} m the touches contradict each other by {1e3 * found:.1f} mm"
-                self._moved(told, self._doubt_began)
+                what = f"at {_coordinates(centre)} m the touches contradict each other by {1e3 * found:.1f} mm"
+                self._moved(what, self._doubt_began)
             return  # a place in doubt speaks for neither
         if touching:
             self._agreed = 0
@@ -159,9 +159,9 @@ class ObjectMotionMonitor:
         self._last = here
         return True
 
-    def _moved(self, told: str, since: float) -> None:
+    def _moved(self, what: str, since: float) -> None:
         self.moved_since = since
-        raise ObjectMoved(f"the object has moved: {told}; contacts from {since:.2f} s on are left out")
+        raise ObjectMoved(f"the object has moved: {what}; contacts from {since:.2f} s on are left out")
 
     def _remember(self, place: Vector, normal: Vector) -> None:
         if self._count == len(self._places):
@@ -171,5 +171,5 @@ class ObjectMotionMonitor:
         self._count += 1
 
 
-def _told(place: Vector) -> str:
+def _coordinates(place: Vector) -> str:
     return "(" + ", ".join(f"{value:.3f}" for value in place) + ")"

@@ -58,12 +58,8 @@ class Pipeline:
     probe: Probe
     area: Area
     left_out: list[LeftOut] = field(default_factory=list)
-
-    @property
-    def line_spacing(self) -> float | None:
-        """m between two neighbouring lines of the strategy, None for one without lines."""
-        declared = getattr(self.strategy, "line_spacing", None)
-        return declared if declared is not None else getattr(self.options, "step", None)
+    line_spacing: float | None = None
+    """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
