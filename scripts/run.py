@@ -6,7 +6,6 @@ python3 scripts/run.py explore block
 
 from __future__ import annotations
 
-import os
 import sys
 
 import environment
@@ -16,8 +15,7 @@ def main() -> None:
     seconds = environment.ensure()
     if seconds:
         print(f"[set-up] done in {seconds:.0f} s", file=sys.stderr, flush=True)
-    program = environment.VENV / "bin" / "lwrprobe"
-    os.execv(program, [str(program), *sys.argv[1:]])
+    environment.hand_over([str(environment.program("lwrprobe")), *sys.argv[1:]])
 
 
 if __name__ == "__main__":

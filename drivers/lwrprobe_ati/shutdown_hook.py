@@ -22,7 +22,7 @@ def register(stop: Callable[[], None]) -> None:
     _stops.append(stop)
     if threading.current_thread() is not threading.main_thread():
         return  # only the main thread may set handlers
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):  # no SIGHUP on Windows
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, _on_signal)
 

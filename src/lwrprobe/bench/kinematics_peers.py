@@ -50,7 +50,7 @@ def installed_peers(robot: Robot) -> tuple[list[Peer], list[str]]:
     peers, missing = [], []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.urdf"
-        file.write_text(urdf_text(robot))
+        file.write_text(urdf_text(robot), encoding="utf-8")
         for make in (_roboticstoolbox, _pinocchio, _ssik, _optik, _eaik, _trac_ik, _mink):
             try:
                 peers += make(robot, file)
@@ -135,7 +135,7 @@ def _ssik(robot: Robot, file: Path) -> list[Peer]:
     command = [sys.executable, "-m", "ssik.cli", "build", str(file), "--base", "base", "--ee", "tip"]
     subprocess.run([*command, "--out", str(artifact), "--no-validate"], check=True, capture_output=True)
     built: dict = {"__name__": "arm_ik", "__file__": str(artifact)}
-    exec(compile(artifact.read_text(), str(artifact), "exec"), built)
+    exec(compile(artifact.read_text(encoding="utf-8"), str(artifact), "exec"), built)
 
     def solve(pose: Array, seed: Array) -> Array | None:
         found = built["solve"](pose, max_solutions=1, q_seed=seed)
@@ -201,9 +201,9 @@ def _eaik(robot: Robot, file: Path) -> list[Peer]:
 def _trac_ik(robot: Robot, file: Path) -> list[Peer]:
     from trac_ik import TracIK
 
-    text = file.read_text()
+    text = file.read_text(encoding="utf-8")
     kept = Path(tempfile.mkdtemp()) / "arm.urdf"
-    kept.write_text(text)
+    kept.write_text(text, encoding="utf-8")
 
     def at(tolerance: float) -> Solve:
         arm = TracIK("base", "tip", str(kept), timeout=0.02, epsilon=tolerance, solver_type="Speed")
@@ -219,7 +219,7 @@ def _mink(robot: Robot, file: Path) -> list[Peer]:
     import mink
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(file.read_text())
+    model = mujoco.MjModel.from_xml_string(file.read_text(encoding="utf-8"))
     configuration = mink.Configuration(model)
     task = mink.FrameTask("tip", "body", position_cost=1.0, orientation_cost=1.0, lm_damping=1e-6)
     limits = [mink.ConfigurationLimit(model)]

@@ -70,14 +70,14 @@ class BenchReport:
         written = []
         if json_file is not None:
             json_file.parent.mkdir(parents=True, exist_ok=True)
-            json_file.write_text(json.dumps(self.as_dict(), indent=1, default=float) + "\n")
+            json_file.write_text(json.dumps(self.as_dict(), indent=1, default=float) + "\n", encoding="utf-8")
             written.append(json_file)
         if out is not None:
             from lwrprobe.bench.page import write_csv
 
             out.mkdir(parents=True, exist_ok=True)
             page = out / f"{self.name}.md"
-            page.write_text(self.as_markdown())
+            page.write_text(self.as_markdown(), encoding="utf-8")
             written += [page, *write_csv(self, out)]
             written += [self._draw(stem, out) for stem in self.figures]
         return written

@@ -98,7 +98,7 @@ def _pitch(scene: Scene) -> float | None:
 def _table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     """(n, columns) numbers of a file that was written line by line; columns after these may hold text."""
     try:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FormatError(f"{path}: cannot be read: {error}") from None
     header, _, body = text.partition("\n")

@@ -234,4 +234,4 @@ def _last_free(rows: np.ndarray, quiet: float) -> int | None:
 
 
 def _read_words(path: Path) -> list[str]:
-    return path.read_text().split("\n")[:-1] if path.is_file() else []
+    return path.read_text(encoding="utf-8").split("\n")[:-1] if path.is_file() else []

@@ -37,12 +37,12 @@ def _killed(quick: bool) -> list[Finding]:
         contacts = folder / "run" / "contacts.csv"
         give_up = time.monotonic() + PATIENCE
         while time.monotonic() < give_up and process.poll() is None:
-            if contacts.is_file() and contacts.read_text().count("\n") > _ENOUGH:
+            if contacts.is_file() and contacts.read_text(encoding="utf-8").count("\n") > _ENOUGH:
                 break
             time.sleep(0.05)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-        lines = contacts.read_text().splitlines()[1:] if contacts.is_file() else []
+        lines = contacts.read_text(encoding="utf-8").splitlines()[1:] if contacts.is_file() else []
         whole = [line for line in lines if line.count(",") == 8]
         readable = len(whole) >= _ENOUGH and len(lines) - len(whole) <= 1
         told = f"{len(whole)} whole rows of {len(lines)} in contacts.csv"
@@ -51,10 +51,10 @@ def _killed(quick: bool) -> list[Finding]:
         code = subprocess.run(call, cwd=folder, stdout=subprocess.DEVNULL, check=False).returncode
         if code != 0:
             return [*found, Finding("lwrprobe resume", f"exit code {code}", held=False)]
-        kept = contacts.read_text().splitlines()[1:][: len(whole)] == whole
-        taken_up = json.loads((folder / "run" / "summary.json").read_text())
+        kept = contacts.read_text(encoding="utf-8").splitlines()[1:][: len(whole)] == whole
+        taken_up = json.loads((folder / "run" / "summary.json").read_text(encoding="utf-8"))
         _explore(folder, "--out", "unbroken").wait(PATIENCE)
-        unbroken = json.loads((folder / "unbroken" / "summary.json").read_text())
+        unbroken = json.loads((folder / "unbroken" / "summary.json").read_text(encoding="utf-8"))
     told = (
         f"taken up at {taken_up['resumed']['from_s']:.0f} s, {taken_up['status']} after "
         f"{taken_up['sim_time_s']:.1f} s of robot time (never cut off: {unbroken['sim_time_s']:.1f} s), coverage "
