@@ -206,7 +206,7 @@ def test_probe_and_arm_are_where_the_numbers_say():
         np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ np.linalg.solve(base, ideal)[:3, 3], abs=1e-12
     )
     offset = actual(f"dh_offset_deg=[0, 0, 0, {np.degrees(0.01)}, 0, 0, 0]").robot
-    assert offset.fk(Q - 0.01 * np.eye(7)[3]).A == pytest.approx(ideal, abs=1e-9)
+    assert pytest.approx(ideal, abs=1e-9) == offset.fk(Q - 0.01 * np.eye(7)[3]).A
     robot = actual("dh_d_mm=[0, 0, 2, 0, 0, 0, 0]", "dh_a_mm=1", "dh_twist_deg=0.1").robot
     plain = actual().robot
     assert robot.d - plain.d == pytest.approx([0, 0, 2e-3, 0, 0, 0, 0])
@@ -418,3 +418,23 @@ def test_the_summary_says_what_was_drawn_and_compares_with_it(tmp_path):
     assert summary["surface_error_mm"]["median"] < 0.15
     again = load_scene(tmp_path / "scene.toml")
     assert again.truth.object_shift_mm.value == (0.0, 3.0)
+
+
+def test_the_documented_figures_are_those_of_the_profiles():
+    lines = (ROOT / "docs/explanation/simulator.md").read_text().splitlines()
+    rows = {cells[1].strip(" `"): [cell.strip() for cell in cells[2:5]] for line in lines
+            if len(cells := line.split("|")) == 7 and cells[1].startswith(" `")}  # fmt: skip
+
+    def cell(departure):
+        if departure is None:
+            return "–"
+        if departure.sigma is not None:
+            return f"{departure.sigma:g}"
+        if departure.between is not None:
+            return "{:g} to {:g}".format(*departure.between)
+        return f"= {departure.value[0]:g}"
+
+    profiles = ("lab", "datasheet", "rough")
+    known = {name: [cell(PROFILES[p].get(name)) for p in profiles] for name in QUANTITIES}
+    assert known.pop("sensor_delay_ms") == ["–"] * 3
+    assert rows == known
