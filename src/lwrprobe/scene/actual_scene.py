@@ -61,10 +61,16 @@ def with_room(scene: Scene) -> Scene:
         raised = 1e-3 * reach.get("table_height_mm", 0.0)
         raised += np.tan(np.radians(reach.get("table_tilt_deg", 0.0))) * float(np.hypot(*half))
         top = max(top, float(upper[2]) + _ABOVE * scene.probe.radius + raised)
-    corners = {"lower": (*least, low[2]), "upper": (*most, top)}
     return scene.model_copy(
-        update={"area": AreaTable(**{name: tuple(round(float(v), 6) for v in end) for name, end in corners.items()})}
+        update={
+            "area": AreaTable(lower=_corner(least[0], least[1], float(low[2])), upper=_corner(most[0], most[1], top))
+        }
     )
+
+
+def _corner(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """To the micrometre."""
+    return round(float(x), 6), round(float(y), 6), round(float(z), 6)
 
 
 def _probe(probe: ProbeTable, drawn: Drawn) -> ProbeTable:

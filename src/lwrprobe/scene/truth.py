@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal
+from typing import Any, Literal, Self
 from zlib import crc32
 
 import numpy as np
-from pydantic import Field, GetJsonSchemaHandler, model_serializer, model_validator
+from pydantic import Field, GetJsonSchemaHandler, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import CoreSchema
 
 from lwrprobe.contracts import SceneError
@@ -103,7 +103,7 @@ class Departure(Table):
         return given
 
     @model_validator(mode="after")
-    def _one_form(self):
+    def _one_form(self) -> Self:
         if sum(form is not None for form in (self.value, self.sigma, self.between)) != 1:
             raise ValueError(_FORMS)
         if self.between is not None and not self.between[0] <= self.between[1]:
@@ -111,7 +111,7 @@ class Departure(Table):
         return self
 
     @model_serializer(mode="wrap")
-    def _shortest(self, handler) -> Any:
+    def _shortest(self, handler: SerializerFunctionWrapHandler) -> Any:
         plain = {key: value for key, value in handler(self).items() if value is not None}
         return plain.get("value", plain)
 
@@ -206,7 +206,7 @@ class TruthTable(Table):
     """A single object stands free with this mass; left out, it is held as the scene says."""
 
     @model_validator(mode="after")
-    def _fits(self):
+    def _fits(self) -> Self:
         for name, quantity in QUANTITIES.items():
             departure = getattr(self, name)
             if departure is not None:
@@ -261,7 +261,7 @@ def _numbers(name: str, quantity: Quantity, departure: Departure, seed: int, cou
         if kind is Kind.SCALE:
             return np.exp(random.uniform(np.log(low), np.log(high), count))
         return random.uniform(low, high, count)
-    drawn = departure.sigma * random.standard_normal(count)
+    drawn = (departure.sigma or 0.0) * random.standard_normal(count)
     if kind is Kind.PERCENT:
         return 100.0 * np.expm1(0.01 * drawn)
     return np.abs(drawn) if kind is Kind.SIZE else drawn
