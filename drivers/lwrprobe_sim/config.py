@@ -52,6 +52,14 @@ class SimConfig:
     garbage_rate : samples with a NaN, how many a second
     freeze_at, freeze_for : s, the sensor repeats its last record from then on and for so long
     clock_skew : s, by which the sensor's time stamps are ahead of the arm's clock
+    wrench_matrix : 36 numbers, row by row, by which the sensor multiplies the true wrench (force N over torque N m);
+        left out, it reads what acts on it
+    wander_force, wander_torque : N and N m, standard deviation of a bounded, smooth wandering of each axis' zero
+    wander_time : s, between the independent values that it passes through
+    hysteresis : width of each axis' hysteresis as a share of its range (a play operator)
+    joint_hysteresis : rad, width of the play between motor and link of each joint
+    gear_ripple : rad, amplitude of a wave between motor and link of each joint, 320 a turn
+    friction_turn : rad, angle about the surface's normal between friction and what opposes the slip
     """
 
     cycle: float = 0.001
@@ -91,6 +99,14 @@ class SimConfig:
     freeze_at: float = 0.0
     freeze_for: float = 0.0
     clock_skew: float = 0.0
+    wrench_matrix: tuple[float, ...] | None = None
+    wander_force: float = 0.0
+    wander_torque: float = 0.0
+    wander_time: float = 2.0
+    hysteresis: float = 0.0
+    joint_hysteresis: float = 0.0
+    gear_ripple: float = 0.0
+    friction_turn: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -104,7 +120,10 @@ class SimConfig:
         self._check("brake", self.brake > 0.0, "more than 0")
         self._check("shear", self.shear > 0.0, "more than 0")
         self._check("joint_compliance", np.min(self.joint_compliance) >= 0.0, "not negative")
-        for name in ("late_share", "loss"):
+        self._check("wrench_matrix", self.wrench_matrix is None or len(self.wrench_matrix) == 36, "36 numbers")
+        self._check("wander_time", self.wander_time > 0.0, "more than 0")
+        self._check("friction_turn", abs(self.friction_turn) <= 0.5, "-0.5 to 0.5 rad")
+        for name in ("late_share", "loss", "hysteresis"):
             self._check(name, 0.0 <= getattr(self, name) <= 1.0, "a share, 0 to 1")
         for name in _NOT_NEGATIVE:
             self._check(name, getattr(self, name) >= 0.0, "not negative")
@@ -117,5 +136,5 @@ class SimConfig:
 _NOT_NEGATIVE = (
     "lag", "encoder_noise", "stick_relaxation", "tip_mass", "foot_friction", "slow_sliding", "noise_force",
     "noise_torque", "latency", "late_by", "late_limit", "burst_rate", "burst_length", "spike_rate", "garbage_rate",
-    "freeze_for",
+    "freeze_for", "wander_force", "wander_torque", "joint_hysteresis", "gear_ripple",
 )  # fmt: skip

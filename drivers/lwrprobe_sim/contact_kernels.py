@@ -31,7 +31,8 @@ SLIP = 22  # speed of slip [m/s]; in: of the last step, out: of this one
 LIMIT = 23  # friction coefficient in force in this step
 CEILING = 24  # friction force that slips, where held fixed while the normal force is sought [N]; < 0: LIMIT * PRESS
 RADIUS = 25  # of the round body that touches [m]
-WIDTH = 26
+ASIDE = 26  # sine of the angle about the normal by which friction lies beside what opposes the slip
+WIDTH = 27
 
 _SHARE = 1e-9
 _ROUNDING = 1e-13
@@ -63,10 +64,23 @@ def contact_force(c, i, x0, x1, x2, step):
     stretch = math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
     slipping = c[i, SHEAR] * stretch > limit
     grip = limit / stretch if slipping else c[i, SHEAR]
+    if c[i, ASIDE] != 0.0:
+        s0, s1, s2 = turned(n0, n1, n2, s0, s1, s2, c[i, ASIDE])
     c[i, FORCE] -= grip * s0
     c[i, FORCE + 1] -= grip * s1
     c[i, FORCE + 2] -= grip * s2
     return slipping
+
+
+@kernel
+def turned(n0, n1, n2, s0, s1, s2, sine):
+    """The tangential vector s turned about the unit normal n by the angle with that sine (at most a quarter turn)."""
+    cosine = math.sqrt(1.0 - sine * sine)
+    return (
+        cosine * s0 + sine * (n1 * s2 - n2 * s1),
+        cosine * s1 + sine * (n2 * s0 - n0 * s2),
+        cosine * s2 + sine * (n0 * s1 - n1 * s0),
+    )
 
 
 @kernel
@@ -257,12 +271,17 @@ def _conclude(c, i, x, step):
     along = n0 * x[0] + n1 * x[1] + n2 * x[2]
     a = c[i, LEVER]
     slip = 0.0
+    press = c[i, PRESS]
+    f0, f1, f2 = c[i, FORCE] - press * n0, c[i, FORCE + 1] - press * n1, c[i, FORCE + 2] - press * n2
+    if c[i, ASIDE] != 0.0:
+        f0, f1, f2 = turned(n0, n1, n2, f0, f1, f2, -c[i, ASIDE])
+    friction = (f0, f1, f2)
     for j in range(3):
         n = c[i, NORMAL + j]
         moved = c[i, BRISTLE + j] + a * (x[j] - along * n)
         held = 0.0
         if c[i, SHEAR] > 0.0:
-            held = -(c[i, FORCE + j] - c[i, PRESS] * n) / c[i, SHEAR]
+            held = -friction[j] / c[i, SHEAR]
         slip += (moved - held) ** 2
         c[i, BRISTLE + j] = held
         c[i, CENTRE + j] += a * x[j]

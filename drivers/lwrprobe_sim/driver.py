@@ -22,6 +22,7 @@ from lwrprobe.contracts import (
 from lwrprobe.contracts.driver import Role
 from lwrprobe_sim import link_kernels as links
 from lwrprobe_sim import world_kernels as kernels
+from lwrprobe_sim.actual_world import ActualWorld, actual_world
 from lwrprobe_sim.config import SimConfig
 from lwrprobe_sim.world import World
 
@@ -42,10 +43,11 @@ class SimDriver:
         config = context.config
         if config.start_q is None and context.start_q is not None:
             config = replace(config, start_q=tuple(float(v) for v in context.start_q))
-        self._world = World(context.scene, config, context.seed)
-        self._sensor = SimSensor(self._world)
+        actual = actual_world(context.scene, config, context.seed)
+        self._world = World(actual.scene, actual.config, context.seed, actual.robot)
+        self._sensor = SimSensor(self._world, config.latency)
         self._arm = SimArm(self._world, self._sensor, context.realtime)
-        self._ground_truth = SimGroundTruth(self._world)
+        self._ground_truth = SimGroundTruth(self._world, actual)
 
     def arm(self) -> SimArm:
         """The arm's face."""
@@ -150,9 +152,9 @@ class SimArm:
 class SimSensor:
     """A six-axis sensor whose samples arrive as the arm's clock moves on."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, latency: float) -> None:
         self.rate: float = world.scene.sensor.rate
-        self.latency: float = world.config.latency
+        self.latency = latency
         self.ready = 0
         self._world = world
         self._streams = True
@@ -187,8 +189,10 @@ class SimSensor:
 class SimGroundTruth:
     """Ground truth of a run."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, actual: ActualWorld) -> None:
         self._world = world
+        self.scene = actual.scene
+        self.differences = actual.drawn
 
     @property
     def link_collisions(self) -> int:
@@ -199,6 +203,11 @@ class SimGroundTruth:
     def peak_force(self) -> float:
         """N, the largest resultant of all contact forces on the sphere so far, friction included."""
         return float(self._world.state[kernels.PEAK])
+
+    @property
+    def probe_peak_force(self) -> float:
+        """N, the largest resultant so far of the contact forces on the sphere, on the stick, or on both together."""
+        return float(self._world.state[kernels.PROBE_PEAK])
 
     def reserve(self, samples: int) -> None:
         """Room for the truth of so many samples: whoever must not pause later has nothing to move then."""

@@ -17,7 +17,11 @@ DRIFT = 16  # 6, per second
 SPIKES, SPIKE_FORCE, GARBAGE = 22, 23, 24  # chance a sample, N, chance a sample
 PERIOD, LATENCY, LATE_SHARE, LATE_BY, LOSS, BURST, BURST_LENGTH = 25, 26, 27, 28, 29, 30, 31
 FREEZE_FROM, FREEZE_TO, SKEW, LATE_LIMIT = 32, 33, 34, 35
-SETTINGS = 36
+MATRIX = 36  # 36, of the true wrench, row by row; all zero = the identity
+WANDER_FORCE, WANDER_TORQUE, WANDER_TIME = 72, 73, 74
+PLAY, PLAYED = 75, 81  # 6 half widths, and 6 readings behind the play: state
+MIXED, PLAYS = 87, 88  # whether there is a matrix, and a play
+SETTINGS = 89
 
 # columns of a sample
 TIME, FORCE, TORQUE, SEQUENCE, STATUS, ARRIVAL, SAMPLE = 0, 1, 4, 7, 8, 9, 10
@@ -27,6 +31,8 @@ SATURATED, LATE, LOST_BEFORE = 1, 2, 4
 
 # streams of random numbers: 0..5 are the axes' noise
 _SPIKE, _SPIKE_AXIS, _GARBAGE, _LATE, _LATE_BY, _LOSS, _BURST = 8, 9, 10, 11, 12, 13, 14
+_WANDER = 16  # to 21
+_WIDTH = math.sqrt(12.0)  # of a uniform distribution with standard deviation 1
 
 
 @kernel
@@ -50,8 +56,45 @@ def normal_pair(seed, stream, number):
 
 
 @kernel
+def mix(s, wrench):
+    """The wrench (6,) multiplied by MATRIX, in place."""
+    x0, x1, x2, x3, x4, x5 = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
+    for i in range(6):
+        m = MATRIX + 6 * i
+        wrench[i] = s[m] * x0 + s[m + 1] * x1 + s[m + 2] * x2 + s[m + 3] * x3 + s[m + 4] * x4 + s[m + 5] * x5
+
+
+@kernel
+def play(s, wrench):
+    """A play of half width PLAY in each axis of the wrench (6,), in place: the reading follows at that distance."""
+    for i in range(6):
+        s[PLAYED + i] = min(max(s[PLAYED + i], wrench[i] - s[PLAY + i]), wrench[i] + s[PLAY + i])
+        wrench[i] = s[PLAYED + i]
+
+
+@kernel
+def wander(s, seed, axis, time):
+    """Bounded random process of standard deviation 1: smooth between values that are independent every WANDER_TIME."""
+    at = time / s[WANDER_TIME]
+    knot = math.floor(at)
+    share = at - knot
+    share *= share * (3.0 - 2.0 * share)
+    here = uniform(seed, _WANDER + axis, int(knot)) - 0.5
+    there = uniform(seed, _WANDER + axis, int(knot) + 1) - 0.5
+    # Two independent values mixed vary less than each: divided out, the deviation is the same at all times.
+    return _WIDTH * ((1.0 - share) * here + share * there) / math.sqrt((1.0 - share) ** 2 + share**2)
+
+
+@kernel
 def measure(s, seed, number, time, wrench, out):
-    """The sample that the sensor makes of the true wrench (6,) at its instant; into out (SAMPLE,)."""
+    """The sample that the sensor makes of the true wrench (6,) at its instant; into out (SAMPLE,).
+
+    A matrix and a play change `wrench` in place.
+    """
+    if s[MIXED] > 0.0:
+        mix(s, wrench)
+    if s[PLAYS] > 0.0:
+        play(s, wrench)
     status = 0
     spike = -1
     if s[SPIKES] > 0.0 and uniform(seed, _SPIKE, number) < s[SPIKES]:
@@ -61,6 +104,9 @@ def measure(s, seed, number, time, wrench, out):
         sigma = s[NOISE_FORCE] if i < 3 else s[NOISE_TORQUE]
         count = s[COUNT_FORCE] if i < 3 else s[COUNT_TORQUE]
         value = wrench[i] + s[BIAS + i] + s[DRIFT + i] * time
+        wandering = s[WANDER_FORCE] if i < 3 else s[WANDER_TORQUE]
+        if wandering > 0.0:
+            value += wandering * wander(s, seed, i, time)
         if sigma > 0.0:
             if i % 2 == 0:
                 noise_a, noise_b = normal_pair(seed, i, number)

@@ -20,7 +20,8 @@ RADIUS, STICK_RADIUS, STICK_LENGTH = range(3)
 FREE_SPHERE, FREE_STICK = 3, 4
 MATERIAL = 5  # rows of 5: stiffness, damping, static and sliding friction, shear
 POINT = MATERIAL + 5 * MATERIALS_MAX
-SETTINGS = POINT + 3
+FRICTION_SINE = POINT + 3  # of the angle between friction and what opposes the slip
+SETTINGS = POINT + 4
 
 
 @kernel
@@ -60,6 +61,7 @@ def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, 
         row[contact.RADIUS] = radius
         row[contact.LEVER] = lever
         row[contact.BODY] = counts[scenery.MATERIAL + k]
+        row[contact.ASIDE] = s[FRICTION_SINE]
         material = MATERIAL + 5 * counts[scenery.MATERIAL + k]
         row[contact.STIFFNESS] = s[material]
         row[contact.DAMPING] = s[material + 1]
@@ -78,7 +80,7 @@ def _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n):
     """
     length, radius = s[STICK_LENGTH], s[STICK_RADIUS]
     middle = 0.5 * (s[RADIUS] + length)
-    point = s[POINT:SETTINGS]
+    point = s[POINT : POINT + 3]
     free = scenery.NOTHING
     last = -1.0
     for half in range(2):

@@ -182,6 +182,10 @@ class World:
         s[kernels.BRAKE] = c.brake
         self.counts[kernels.STEPS] = c.substeps
         self.counts[kernels.DELAY] = round(c.delay / c.cycle)
+        s[kernels.JOINT_PLAY], s[kernels.RIPPLE] = 0.5 * c.joint_hysteresis, c.gear_ripple
+        self.counts[kernels.HAS_GEARS] = c.joint_hysteresis > 0.0 or c.gear_ripple > 0.0
+        phases = np.random.default_rng([self.counts.item(kernels.SEED), 320]).uniform(0.0, 2.0 * np.pi, self.robot.n)
+        s[kernels.RIPPLE_PHASE : kernels.RIPPLE_PHASE + self.robot.n] = phases
         soft = np.array(c.joint_compliance, dtype=np.float64)
         if soft.ndim and soft.shape != (self.robot.n,):
             raise InputError(
@@ -250,6 +254,7 @@ class World:
             self._leave_out("stick contact", "the probe has no link named stick")
         else:
             s[touch.STICK_LENGTH] = 0.5 * stick.size[1] - stick.pose[2, 3]
+        s[touch.FRICTION_SINE] = np.sin(c.friction_turn)
         for i, solid in enumerate(bodies):
             row = touch.MATERIAL + 5 * i
             static, shear = c.static_friction * solid.friction, c.shear * solid.stiffness
@@ -301,6 +306,13 @@ class World:
         s[sensor.BURST], s[sensor.BURST_LENGTH] = c.burst_rate * period, c.burst_length
         s[sensor.FREEZE_FROM], s[sensor.FREEZE_TO] = c.freeze_at, c.freeze_at + c.freeze_for
         s[sensor.SKEW] = c.clock_skew
+        if c.wrench_matrix is not None:
+            s[sensor.MIXED] = 1.0
+            s[sensor.MATRIX : sensor.MATRIX + 36] = c.wrench_matrix
+        s[sensor.WANDER_FORCE], s[sensor.WANDER_TORQUE] = c.wander_force, c.wander_torque
+        s[sensor.WANDER_TIME] = c.wander_time
+        s[sensor.PLAYS] = c.hysteresis > 0.0
+        s[sensor.PLAY : sensor.PLAY + 6] = 0.5 * c.hysteresis * np.concatenate([probe.force_range, probe.torque_range])
         for stage, present in (
             ("sensor noise", c.noise_force or c.noise_torque),
             ("quantisation", c.quantisation),

@@ -62,12 +62,19 @@ WAITING = ROWS + touch.ROWS_MAX * contact.WIDTH
 READY = WAITING + QUEUE * sensor.SAMPLE
 JACOBIAN = READY + QUEUE * sensor.SAMPLE
 RECENT = JACOBIAN + 6 * JOINTS_MAX
-WORLD = RECENT + 6 * RECENT_MAX
+LINK_SIDE = RECENT + 6 * RECENT_MAX  # joint values behind the gears
+PLAYED = LINK_SIDE + JOINTS_MAX  # joint values behind the gears' play alone
+RIPPLE_PHASE = PLAYED + JOINTS_MAX
+JOINT_PLAY, RIPPLE, PROBE_FORCE, PROBE_PEAK = range(RIPPLE_PHASE + JOINTS_MAX, RIPPLE_PHASE + JOINTS_MAX + 4)
+WORLD = RIPPLE_PHASE + JOINTS_MAX + 4
+RIPPLES = 320.0
+"""Waves a turn of a joint: two a turn of the motor of a harmonic drive of ratio 160."""
 
 # --- counts
 CYCLES, STEPS, JOINTS, DELAY, SEED, TAKEN, N_WAITING, N_READY, GAP, BRAKING = range(10)
 N_ROWS, N_FOUND, IN_TURNS, UNBALANCED, HAS_JOINT_COMPLIANCE, NEAR_STEPS = range(10, 16)
-SCENERY_COUNTS = 16
+HAS_GEARS = 16
+SCENERY_COUNTS = 17
 WATCH_COUNTS = SCENERY_COUNTS + scenery.COUNTS
 COUNTS = WATCH_COUNTS + links.COUNTS
 
@@ -204,7 +211,13 @@ def _read_encoders(world, counts, start):
 def _step(world, counts, chain, numbers, indices, step, joint_travel):
     """One physical step to where the motors are now: stick, sphere, object and links."""
     jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
-    tip = tip_and_axes(chain, world[Q : Q + JOINTS_MAX], jac)
+    at = Q
+    if counts[HAS_GEARS] == 1:
+        at = LINK_SIDE
+        _go_through_gears(world, counts)
+        joint_travel *= 1.0 + RIPPLES * world[RIPPLE]
+    q = world[at : at + JOINTS_MAX]
+    tip = tip_and_axes(chain, q, jac)
     old = world[TIP:CENTRE]
     moved = math.sqrt((tip[9] - old[9]) ** 2 + (tip[10] - old[10]) ** 2 + (tip[11] - old[11]) ** 2)
     turned = 0.0
@@ -235,10 +248,19 @@ def _step(world, counts, chain, numbers, indices, step, joint_travel):
     around, watched = counts[SCENERY_COUNTS:WATCH_COUNTS], counts[WATCH_COUNTS:COUNTS]
     links.watch(
         world[WATCH:SET], watched, world[SCENERY:BODY], around, numbers, indices,
-        chain, world[Q:TIP], tip, moved, turned, joint_travel,
+        chain, q, tip, moved, turned, joint_travel,
     )  # fmt: skip
     for i in range(12):
         old[i] = tip[i]
+
+
+@kernel
+def _go_through_gears(world, counts):
+    """Joint values on the links' side: the motors' through a play and with the gears' wave."""
+    for i in range(counts[JOINTS]):
+        q, half = world[Q + i], world[JOINT_PLAY]
+        world[PLAYED + i] = min(max(world[PLAYED + i], q - half), q + half)
+        world[LINK_SIDE + i] = world[PLAYED + i] + world[RIPPLE] * math.sin(RIPPLES * q + world[RIPPLE_PHASE + i])
 
 
 @kernel
@@ -374,7 +396,8 @@ def _sum_up(world, n, tip):
     record[:] = 0.0
     main = -1
     best = 0.0
-    on_sphere, total, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    on_sphere, on_stick = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    total, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(n):
         row = rows[i]
         if row[contact.PRESS] <= 0.0:
@@ -387,7 +410,10 @@ def _sum_up(world, n, tip):
             on_sphere = _plus(on_sphere, force)
             if _length(force) > best:
                 best, main = _length(force), i
+        else:
+            on_stick = _plus(on_stick, force)
     world[SPHERE_FORCE] = _length(on_sphere)
+    world[PROBE_FORCE] = max(_length(on_stick), max(_length(total), world[SPHERE_FORCE]))
     for i in range(3):
         record[i], record[3 + i] = total[i], torque[i]
     if main < 0:
@@ -462,6 +488,7 @@ def _carry_over(world, counts, n, at, tip, step):
             kept += 1
     counts[N_ROWS], counts[N_FOUND] = kept, n
     world[PEAK] = max(world[PEAK], world[SPHERE_FORCE])
+    world[PROBE_PEAK] = max(world[PROBE_PEAK], world[PROBE_FORCE])
     for i in range(3):
         centre = at[i]
         if b[body.MODE] != body.RESTING:
@@ -607,7 +634,13 @@ def place(world, counts, chain):
         world[SET_SPEED + i] = world[QD + i] = 0.0
         for k in range(DELAY_MAX):
             line[k, i] = world[Q + i]
-    tip = tip_frame(chain, world[Q : Q + JOINTS_MAX])
+    at = Q
+    if counts[HAS_GEARS] == 1:
+        at = LINK_SIDE
+        for i in range(n):
+            world[PLAYED + i] = world[Q + i]
+        _go_through_gears(world, counts)
+    tip = tip_frame(chain, world[at : at + JOINTS_MAX])
     for i in range(12):
         world[TIP + i] = tip[i]
     for i in range(3):

@@ -102,7 +102,8 @@ def _cloud_figures(record: Any, solid: Any, above: float) -> dict[str, Any]:
         # From the sphere's centre: on the surface itself the normal jumps at every edge.
         true = solid.nearest(record.points + radius * record.normals).normals
         figures["normal_error_deg"] = normal_error(record.normals, true).as_dict()
-    figures |= coverage(record.points, reach(solid, radius, max(above, radius)), 0.010).as_dict()
+        found = reach(solid, radius, max(above, radius))
+        figures |= coverage(record.points, record.normals, found, 0.010).as_dict()
     return figures
 
 

@@ -142,6 +142,11 @@ class TrueContact:
 class GroundTruth(Protocol):
     """What only a simulator can offer: the truth, for the evaluation alone."""
 
+    scene: Any
+    """The `lwrprobe.scene.Scene` as it really is: objects, table and probe."""
+    differences: dict[str, Any]
+    """The numbers by which the world differs from what the run's scene says, and their profile."""
+
     @property
     def link_collisions(self) -> int:
         """How often a robot link other than the sphere and the stick's end began to touch anything."""
@@ -149,6 +154,10 @@ class GroundTruth(Protocol):
     @property
     def peak_force(self) -> float:
         """N, the largest true contact force on the sphere so far."""
+
+    @property
+    def probe_peak_force(self) -> float:
+        """N, the largest true contact force of anything of the probe so far: sphere, stick, or both together."""
 
     def contact_at(self, sequence: int) -> TrueContact | None:
         """True contact at the instant of the wrench sample with that sequence number, None when free."""

@@ -15,11 +15,14 @@ from lwrprobe.scene.solid import Solid
 
 _CLOSE = 0.005  # m
 _FACING = 0.7071  # share of the normal along the axis
+_SAME_WAY = 0.5  # cosine of the angle, 60 degrees, within which a contact faces as the surface does
 
 
 @dataclass(slots=True, frozen=True)
 class Coverage:
-    """Shares (0..1) of the reachable surface that have a contact nearby; 1 where nothing can be reached.
+    """Shares (0..1) of the reachable surface that have a contact nearby which faces the same way within 60 degrees.
+
+    A contact on the other side of something thin does not count. 1 where nothing can be reached.
 
     Attributes
     ----------
@@ -43,21 +46,27 @@ class Coverage:
         }
 
 
-def coverage(contacts: np.ndarray, found: Reach, pitch: float) -> Coverage:
-    """Share of the reachable true surface near a contact.
+def coverage(contacts: np.ndarray, normals: np.ndarray, found: Reach, pitch: float) -> Coverage:
+    """Share of the reachable true surface near a contact that faces the same way.
 
     Parameters
     ----------
-    contacts : (n, 3) m
+    contacts, normals : (n, 3) m, and (n, 3) unit, outwards
     found : what the sphere can reach
     pitch : m, between grid lines
     """
-    gap = _gaps(found.points, rows("contacts", contacts))
-    return Coverage(_share(gap, _near(pitch)), _share(gap, _CLOSE), found.area, found.whole_area)
+    made = _Contacts(contacts, normals)
+    return Coverage(
+        _share(made.touch(found.points, found.normals, _near(pitch))),
+        _share(made.touch(found.points, found.normals, _CLOSE)),
+        found.area,
+        found.whole_area,
+    )
 
 
 def upright_coverage(
     contacts: np.ndarray,
+    normals: np.ndarray,
     found: Reach,
     pitch: float,
     solid: Solid,
@@ -70,28 +79,31 @@ def upright_coverage(
     `links` [tip frame] must keep `keep` m from the object `solid`, the tip held at `rotation` (3, 3).
     """
     free = upright(found, solid, links, rotation, keep)
-    return _share(_gaps(found.points[free], rows("contacts", contacts)), _near(pitch))
+    return _share(_Contacts(contacts, normals).touch(found.points[free], found.normals[free], _near(pitch)))
 
 
 def coverage_over_time(
-    contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach, pitch: float
+    contacts: np.ndarray, normals: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach, pitch: float
 ) -> np.ndarray:
-    """(m,) share as in `coverage` at the rising times `at` (m,) s, for contacts (n, 3) made at `times` (n,) s."""
-    contacts, times = rows("contacts", contacts), np.asarray(times, dtype=np.float64)
+    """(m,) share as in `coverage` at the rising times `at` (m,) s, for contacts (n, 3) with normals (n, 3) made at
+    `times` (n,) s."""
+    contacts, normals = rows("contacts", contacts), rows("normals", normals)
+    times = np.asarray(times, dtype=np.float64)
     if times.shape != (len(contacts),):
         raise InputError("times", times.shape, f"one time a contact, {(len(contacts),)}")
-    share, left, all_samples = np.empty(len(at)), found.points, max(len(found.points), 1)
-    for k, made in enumerate(_between(contacts, times, at)):
-        left = left[_gaps(left, made, _near(pitch)) > _near(pitch)]
-        share[k] = 1.0 - len(left) / all_samples
+    share, left = np.empty(len(at)), np.arange(len(found.points))
+    for k, made in enumerate(_between(times, at)):
+        now = _Contacts(contacts[made], normals[made])
+        left = left[~now.touch(found.points[left], found.normals[left], _near(pitch))]
+        share[k] = 1.0 - len(left) / max(len(found.points), 1)
     return share
 
 
 def gap_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
-    """(m,) m from the reachable surface to the nearest contact, mean over the surface; arguments as above."""
+    """(m,) m from the reachable surface to the nearest contact, whichever way that faces, mean over the surface."""
     mean, gap = np.empty(len(at)), np.full(len(found.points), np.inf)
-    for k, made in enumerate(_between(contacts, times, at)):
-        gap = np.minimum(gap, _gaps(found.points, made))
+    for k, made in enumerate(_between(times, at)):
+        gap = np.minimum(gap, _gaps(found.points, contacts[made]))
         mean[k] = gap.mean() if len(gap) else 0.0
     return mean
 
@@ -120,21 +132,48 @@ def _near(pitch: float) -> float:
     return 0.5 * pitch + 0.001
 
 
-def _gaps(points: np.ndarray, contacts: np.ndarray, most: float = np.inf) -> np.ndarray:
-    """(n,) m from points (n, 3) to the nearest contact, inf where that is farther than `most`."""
+class _Contacts:
+    """Contacts (n, 3) m with normals (n, 3), ready to be asked what they touch."""
+
+    def __init__(self, contacts: np.ndarray, normals: np.ndarray) -> None:
+        from scipy.spatial import cKDTree
+
+        self._points, self._normals = rows("contacts", contacts), rows("normals", normals)
+        if len(self._points) != len(self._normals):
+            raise InputError("normals", self._normals.shape, f"one normal a contact, {self._points.shape}")
+        self._tree = cKDTree(self._points) if len(self._points) else None
+
+    def touch(self, points: np.ndarray, normals: np.ndarray, near: float) -> np.ndarray:
+        """(m,) bool: surface points (m, 3) with a contact within `near` m that faces as their normals (m, 3) do."""
+        if self._tree is None or not len(points):
+            return np.zeros(len(points), dtype=bool)
+        gap, nearest = self._tree.query(points, distance_upper_bound=np.nextafter(near, np.inf))
+        close = np.isfinite(gap)
+        touched = np.zeros(len(points), dtype=bool)
+        facing = np.einsum("ij,ij->i", self._normals[nearest[close]], normals[close])
+        touched[close] = facing >= _SAME_WAY
+        # Where the nearest faces another way, as at an edge, one behind it may do.
+        rest = np.flatnonzero(close & ~touched)
+        for k, around in zip(rest, self._tree.query_ball_point(points[rest], near)):
+            touched[k] = (self._normals[around] @ normals[k]).max() >= _SAME_WAY
+        return touched
+
+
+def _gaps(points: np.ndarray, contacts: np.ndarray) -> np.ndarray:
+    """(n,) m from points (n, 3) to the nearest contact, inf where there is none."""
     if not len(contacts) or not len(points):
         return np.full(len(points), np.inf)
     from scipy.spatial import cKDTree
 
-    return cKDTree(contacts).query(points, distance_upper_bound=np.nextafter(most, np.inf))[0]
+    return cKDTree(contacts).query(points)[0]
 
 
-def _between(contacts: np.ndarray, times: np.ndarray, at: np.ndarray) -> Iterator[np.ndarray]:
-    """The contacts made since the time before, for each of the rising times `at`."""
+def _between(times: np.ndarray, at: np.ndarray) -> Iterator[np.ndarray]:
+    """Indices of the contacts made since the time before, for each of the rising times `at`."""
     order = np.argsort(times, kind="stable")
     ends = np.searchsorted(times[order], at, side="right")
-    return (contacts[order[begin:end]] for begin, end in pairwise([0, *ends]))
+    return (order[begin:end] for begin, end in pairwise([0, *ends]))
 
 
-def _share(gap: np.ndarray, near: float) -> float:
-    return float(np.mean(gap <= near)) if len(gap) else 1.0
+def _share(touched: np.ndarray) -> float:
+    return float(np.mean(touched)) if len(touched) else 1.0

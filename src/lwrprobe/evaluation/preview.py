@@ -11,6 +11,7 @@ from lwrprobe.evaluation.charts import ticks
 from lwrprobe.evaluation.ramps import ERROR
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.summary import Summary
+from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.scene import Scene
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ _FINER = 2  # the frame and the words are drawn larger and then reduced
 
 def run_preview(scene: Scene, summary: Summary, points: np.ndarray, mesh: TriangleMesh | None) -> bytes:
     """The picture of a run, or of several merged ones, as a PNG; see `preview`."""
-    truth = scene.solid().mesh() if scene.objects and summary.link_collisions is not None else None
+    solid = true_solid(scene) if summary.link_collisions is not None else None
+    truth = None if solid is None else solid.mesh()
     title, contacts = scene.title or scene.name, f"{len(points)} contacts"
     if summary.merged is not None:
         return preview(f"{title}, merged", points, mesh, truth, [f"{len(summary.merged)} runs", contacts])

@@ -21,6 +21,7 @@ from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
 from lwrprobe.scene.solid import Solid
@@ -92,7 +93,7 @@ class _Page:
         # On real devices the scene's objects are a guess; only a simulator's are the truth.
         known = run.summary is None or run.summary.link_collisions is not None
         simulated = known and run.scene.arm.driver == "sim"
-        self.solid: Solid | None = run.scene.solid() if simulated and run.scene.objects else None
+        self.solid: Solid | None = true_solid(run.scene) if simulated else None
         self.compared: _Compared | None = None
         if self.mesh is not None and self.solid is not None:
             self.compared = _compared(self.mesh, self.solid, self.lowest, error)
@@ -268,7 +269,9 @@ class _Page:
         if not len(found.points):
             return []
         times = np.linspace(0.0, float(instants.max()), 41)[1:]
-        covered = 100.0 * coverage_over_time(record.points, instants, times, found, record.pitch or 0.010)
+        covered = 100.0 * coverage_over_time(
+            record.points, record.normals, instants, times, found, record.pitch or 0.010
+        )
         away = 1e3 * gap_over_time(record.points, instants, times, found)
         at, error = self._meshes_on_the_way(solid)
         charts = [

@@ -87,6 +87,8 @@ class Summary:
     """s, no exploration of this object at this line spacing and speed is faster."""
     lower_bound_descending_s: float | None = None
     """s, the same where the way down to an edge has to be slow enough for the force limit."""
+    truth: Table | None = None
+    """How the simulated world differed from the scene: `profile`, and the numbers drawn; None on a real arm."""
     cycle_us: float | None = None
     """us of computing time, median over the arm's cycles."""
     force_control: Table = field(default_factory=dict)

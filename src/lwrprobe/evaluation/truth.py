@@ -6,9 +6,15 @@ from pathlib import Path
 
 from lwrprobe.contracts import FormatError
 from lwrprobe.reconstruction.meshes import WRITERS
-from lwrprobe.scene import load_scene
+from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene.actual_scene import actual_scene
 from lwrprobe.scene.shape import Mesh
 from lwrprobe.scene.solid import Solid
+
+
+def true_solid(scene: Scene) -> Solid | None:
+    """The objects where they really are in a simulation of the scene; None where it has none."""
+    return actual_scene(scene).solid() if scene.objects else None
 
 
 def read_truth(name: str) -> tuple[Solid, float]:
@@ -19,7 +25,7 @@ def read_truth(name: str) -> tuple[Solid, float]:
     """
     if Path(name).suffix.lower() not in WRITERS:
         scene = load_scene(name)
-        return scene.solid(), scene.area.lower[2]
+        return actual_scene(scene).solid(), scene.area.lower[2]
     if not Path(name).is_file():
         raise FormatError(f"{name}: no such file")
     solid = Solid.from_shapes([Mesh(shape="mesh", file=name)])

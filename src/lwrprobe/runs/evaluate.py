@@ -14,6 +14,7 @@ from lwrprobe.evaluation.mesh_error import MeshError
 from lwrprobe.evaluation.point_error import NormalError, PointError
 from lwrprobe.runs.run import Run
 from lwrprobe.scene import Scene
+from lwrprobe.scene.solid import Solid
 
 if TYPE_CHECKING:
     import trimesh
@@ -68,17 +69,18 @@ def evaluate(
         For a broken file.
     """
     from lwrprobe.evaluation import coverage, mesh_error, normal_error, reach, surface_error
-    from lwrprobe.evaluation.truth import read_truth
+    from lwrprobe.evaluation.truth import read_truth, true_solid
 
     if scene is None:
         if not isinstance(subject, Run):
             raise InputError("scene", None, "a scene or a closed mesh, unless a run is evaluated")
         scene = subject.scene
+    solid: Solid | None
     if isinstance(scene, Scene):
-        solid, lowest = scene.solid(), scene.area.lower[2]
+        solid, lowest = true_solid(scene), scene.area.lower[2]
     else:
         solid, lowest = read_truth(str(scene))
-    if solid.empty:
+    if solid is None or solid.empty:
         raise InputError("scene", getattr(scene, "name", scene), "a scene with an object")
     above = lowest if above is None else above
     mesh = _triangles(subject)
@@ -93,7 +95,7 @@ def evaluate(
         error,
         surface_error(contacts.points, solid),
         normal_error(contacts.normals, true),
-        coverage(contacts.points, within, subject.summary.line_spacing_m or DEFAULT_SPACING),
+        coverage(contacts.points, contacts.normals, within, subject.summary.line_spacing_m or DEFAULT_SPACING),
     )
 
 

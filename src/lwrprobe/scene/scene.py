@@ -11,6 +11,7 @@ from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
 from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+from lwrprobe.scene.truth import TruthTable
 
 if TYPE_CHECKING:
     from lwrprobe.scene.solid import Solid
@@ -322,6 +323,7 @@ class Scene(Table):
     strategy: StrategyTable = StrategyTable()
     reconstruction: ReconstructionTable = ReconstructionTable()
     run: RunTable = RunTable()
+    truth: TruthTable = TruthTable()
 
     @model_validator(mode="after")
     def _table_is_out_of_reach(self) -> Self:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from lwrprobe.contracts import SceneError, UnknownNameError
 from lwrprobe.errors import nearest
 from lwrprobe.scene import library
+from lwrprobe.scene.actual_scene import with_room
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
 from lwrprobe.scene.table import Refusal
@@ -33,6 +34,8 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
         plain values. A key is dotted: `probe.radius`, `object.0.friction`
     profile : a built-in profile (`thesis`) or a file
 
+    A `[truth]` that moves the objects widens the area (`actual_scene.with_room`).
+
     Raises SceneError for whatever is wrong with the content and UnknownNameError for a name that is neither built in
     nor a file.
     """
@@ -47,7 +50,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
         _override(content, key, value)
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
-    return _validate(content, path.name)
+    return with_room(_validate(content, path.name))
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:

@@ -16,6 +16,7 @@ from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstructio
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
+from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.recording.results import write_run
 from lwrprobe.exploration.recording.summary import DEFAULT_SPACING
 from lwrprobe.mapping import VoxelMap
@@ -212,11 +213,12 @@ def _compare(summary: Summary, scene: Scene, record: TouchRecord, surface: Recon
     """Coverage and errors against the first run's true shape into the summary, where a simulator knew it."""
     from lwrprobe.evaluation import coverage, mesh_error, reach, surface_error
 
-    if not (known and scene.objects):
+    solid = true_solid(scene) if known else None
+    if solid is None:
         return
-    solid, pitch = scene.solid(), record.pitch or DEFAULT_SPACING
+    pitch = record.pitch or DEFAULT_SPACING
     found = reach(solid, scene.probe.radius, scene.area.lower[2], scene.area.as_area())
-    share = coverage(record.points, found, pitch)
+    share = coverage(record.points, record.normals, found, pitch)
     summary.coverage, summary.coverage_5mm = round(share.share, 4), round(share.share_5mm, 4)
     summary.surface_error_mm = surface_error(record.points, solid).as_dict()
     if surface is not None:

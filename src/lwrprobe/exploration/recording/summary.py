@@ -75,6 +75,7 @@ def summarise(
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface),
+        truth=truth.differences if truth is not None else None,
         cycle_us=outcome.cycle_us,
         force_control=pipeline.force.report(),
         stages=outcome.stages,
@@ -104,14 +105,15 @@ def _against_truth(
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
         return found
-    solid, lowest, area = scene.solid(), scene.area.lower[2], scene.area.as_area()
-    everywhere = reach(solid, scene.probe.radius, lowest)
+    actual, lowest, area = truth.scene, scene.area.lower[2], scene.area.as_area()
+    solid, radius = actual.solid(), actual.probe.radius
+    everywhere = reach(solid, radius, lowest)
     within = everywhere.within(area)
     found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch), 2)
     if "delay_s" in pipeline.force.report():  # else the run ended before the first touch was planned
         descent = _fastest_descent(scene, pipeline)
         found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, descent), 2)
-    share = coverage(points, within, pitch)
+    share = coverage(points, normals, within, pitch)
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
@@ -120,7 +122,7 @@ def _against_truth(
         rotation = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
         found["coverage_upright"] = round(
             upright_coverage(
-                points, reach(solid, scene.probe.radius, lowest, area, _UPRIGHT_SAMPLES), pitch, solid, body, rotation,
+                points, normals, reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES), pitch, solid, body, rotation,
                 scene.clearance.threshold,
             ),
             4,
@@ -129,7 +131,7 @@ def _against_truth(
         found["coverage_upright"] = found["coverage"]
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
-    shares = coverage_over_time(points, times, at, within, pitch)
+    shares = coverage_over_time(points, normals, times, at, within, pitch)
     found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
     ends = end_errors(points, normals, everywhere)
     found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]

@@ -1,0 +1,170 @@
+"""The scene as it really is: objects, table and probe with the departures of `[truth]`, and an area that holds them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from lwrprobe.contracts import SceneError
+from lwrprobe.scene.scene import AreaTable, GroundTable, ProbeTable, Scene
+from lwrprobe.scene.table import Pose
+from lwrprobe.scene.truth import TruthTable
+
+_MOVES = ("object_turn_deg", "object_shift_mm", "table_height_mm", "table_tilt_deg")
+_OF_THE_PROBE = ("probe_length_mm", "sphere_radius_mm")
+_BESIDE, _ABOVE = 3.0, 1.2
+"""Radii from the objects to the border of the area within which the sphere's centre moves."""
+Drawn = dict[str, np.ndarray]
+
+
+def actual_scene(scene: Scene) -> Scene:
+    """The same scene with actual objects, table and probe, and without a table of departures; itself where ideal.
+
+    For the simulator and for whoever compares a result with the truth. Raises SceneError naming a departure that
+    leaves no probe.
+    """
+    if scene.truth.ideal:
+        return scene
+    drawn = scene.truth.draw(scene.run.seed)
+    table = _table(scene.table, drawn)
+    return scene.model_copy(
+        update={
+            "truth": TruthTable(),
+            "probe": _probe(scene.probe, drawn),
+            "table": table,
+            "objects": _objects(scene, table, drawn),
+        }
+    )
+
+
+def with_room(scene: Scene) -> Scene:
+    """The scene with its area widened so that it holds the objects wherever `[truth]` may put them.
+
+    What may be drawn counts, not what is drawn: the area says no more of the truth than its profile does. An area
+    that is wide enough is kept.
+    """
+    reach = {name: departure.reach() for name in _MOVES if (departure := scene.truth.departure(name)) is not None}
+    if not any(reach.values()) or not scene.objects:
+        return scene
+    lower, upper = scene.solid().bounds()
+    low, high = np.array(scene.area.lower), np.array(scene.area.upper)
+    half, middle = 0.5 * (upper - lower)[:2], 0.5 * (upper + lower)[:2]
+    if reach.get("object_turn_deg"):
+        half = np.full(2, np.hypot(*half))
+    # The need does not depend on the area there is: a scene that was widened and written is not widened again.
+    half = half + _BESIDE * scene.probe.radius + 1e-3 * reach.get("object_shift_mm", 0.0)
+    most, least = np.maximum(high[:2], middle + half), np.minimum(low[:2], middle - half)
+    top = float(high[2])
+    if top >= upper[2]:
+        raised = 1e-3 * reach.get("table_height_mm", 0.0)
+        raised += np.tan(np.radians(reach.get("table_tilt_deg", 0.0))) * float(np.hypot(*half))
+        top = max(top, float(upper[2]) + _ABOVE * scene.probe.radius + raised)
+    return scene.model_copy(
+        update={
+            "area": AreaTable(lower=_corner(least[0], least[1], float(low[2])), upper=_corner(most[0], most[1], top))
+        }
+    )
+
+
+def _corner(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """To the micrometre."""
+    return round(float(x), 6), round(float(y), 6), round(float(z), 6)
+
+
+def _probe(probe: ProbeTable, drawn: Drawn) -> ProbeTable:
+    changed: dict[str, Any] = {}
+    if "probe_length_mm" in drawn:
+        longer = 1e-3 * float(drawn["probe_length_mm"][0])
+        changed["sensor_distance"] = probe.sensor_distance + longer
+        changed["stick_length"] = probe.stick_length + longer
+    if "sphere_radius_mm" in drawn:
+        larger = 1e-3 * float(drawn["sphere_radius_mm"][0])
+        changed["radius"] = probe.radius + larger
+        changed["stick_length"] = changed.get("stick_length", probe.stick_length) - larger
+    if "stick_stiffness_percent" in drawn:
+        stiffer = 1.0 + 0.01 * float(drawn["stick_stiffness_percent"][0])
+        changed["stiffness_lateral"] = probe.stiffness_lateral * stiffer
+        changed["stiffness_axial"] = probe.stiffness_axial * stiffer
+    if "payload_percent" in drawn:
+        changed["mass"] = probe.mass * (1.0 + 0.01 * float(drawn["payload_percent"][0]))
+    if "sphere_off_axis_mm" in drawn:
+        # The sensor's frame lies behind the sphere and goes aside with it: the load stays where it is.
+        aside, centre = 1e-3 * drawn["sphere_off_axis_mm"], probe.centre_of_mass
+        changed["centre_of_mass"] = (centre[0] - float(aside[0]), centre[1] - float(aside[1]), centre[2])
+    try:
+        return ProbeTable(**{**probe.model_dump(), **changed})
+    except ValidationError as error:
+        given = {name: round(float(drawn[name][0]), 4) for name in _OF_THE_PROBE if name in drawn}
+        reason = error.errors(include_url=False)[0]["msg"]
+        raise SceneError("truth", given, f"departures that leave a probe ({reason})") from None
+
+
+def _table(table: GroundTable, drawn: Drawn) -> GroundTable:
+    changed: dict[str, Any] = {}
+    if "table_height_mm" in drawn:
+        changed["height"] = table.height + 1e-3 * float(drawn["table_height_mm"][0])
+    if "table_tilt_deg" in drawn:
+        x, y, z = _tilt(drawn) @ table.normal()
+        changed["tilt_deg"] = float(np.degrees(np.arctan2(np.hypot(x, y), z)))
+        if changed["tilt_deg"] > 0.0:
+            changed["tilt_axis"] = (-float(y), float(x), 0.0)
+    return table.model_copy(update=changed) if table.present else table
+
+
+def _objects(scene: Scene, table: GroundTable, drawn: Drawn) -> tuple:
+    changed: dict[str, Any] = {}
+    for name, key in (
+        ("friction", "object_friction"),
+        ("stiffness", "object_stiffness"),
+        ("damping", "object_damping"),
+    ):
+        if key in drawn:
+            changed[name] = float(drawn[key][0])
+    if "object_mass_kg" in drawn and len(scene.objects) == 1:
+        changed |= {"movable": True, "mass": float(drawn["object_mass_kg"][0])}
+    if any(name in drawn for name in _MOVES) and scene.objects:
+        motion = _motion(scene, table, drawn)
+        return tuple(shape.model_copy(update={**changed, "at": _moved(shape.at, motion)}) for shape in scene.objects)
+    return tuple(shape.model_copy(update=changed) for shape in scene.objects)
+
+
+def _motion(scene: Scene, table: GroundTable, drawn: Drawn) -> np.ndarray:
+    """(4, 4) from where the scene puts the objects to where they are: moved on the table, and then with it."""
+    ground = np.eye(4)
+    if scene.table.present:
+        ground[:3, :3] = _upright(scene.table.normal())
+        ground[2, 3] = scene.table.height
+    lower, upper = scene.solid().bounds()
+    middle = np.linalg.solve(ground, np.append(0.5 * (lower + upper), 1.0))[:3]
+    turn = Pose(rpy_deg=(0.0, 0.0, float(drawn.get("object_turn_deg", [0.0])[0]))).matrix()
+    shift = np.append(1e-3 * drawn.get("object_shift_mm", np.zeros(2)), 0.0)
+    turn[:3, 3] = middle + shift - turn[:3, :3] @ middle
+    moved = ground.copy()
+    if scene.table.present:
+        moved[:3, :3] = _tilt(drawn) @ ground[:3, :3]
+        moved[2, 3] = table.height
+    return moved @ turn @ np.linalg.inv(ground)
+
+
+def _upright(normal: np.ndarray) -> np.ndarray:
+    """(3, 3) the smallest rotation from z to a unit normal."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.cross([0.0, 0.0, 1.0], normal)
+    angle = np.arctan2(np.linalg.norm(axis), normal[2])
+    return Rotation.from_rotvec(axis * (angle / max(np.linalg.norm(axis), 1e-300))).as_matrix()
+
+
+def _tilt(drawn: Drawn) -> np.ndarray:
+    x, y = (float(angle) for angle in drawn.get("table_tilt_deg", np.zeros(2)))
+    return Pose(rpy_deg=(x, y, 0.0)).matrix()[:3, :3]
+
+
+def _moved(at: Pose, motion: np.ndarray) -> Pose:
+    from scipy.spatial.transform import Rotation
+
+    pose = motion @ at.matrix()
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    return Pose(xyz=tuple(pose[:3, 3].tolist()), rpy_deg=tuple(angles.tolist()))
