@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
 if TYPE_CHECKING:
-    from spatialmath import SE3
+    pass
 
 Length = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
