@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.bench import clearance
+from lwrprobe.bench.timing import installed
 from lwrprobe.contracts import UnknownNameError
 
 pytestmark = pytest.mark.slow
@@ -36,7 +37,7 @@ def test_each_wanted_time_and_the_error_are_judged(report):
 
 
 def test_all_libraries_find_the_same_distances():
-    libraries, _ = clearance._libraries()
+    libraries, _ = installed(clearance.LIBRARIES)
     setting = clearance._Setting(200, 6, libraries)
     for pose in setting.poses:
         answers = [ask(pose) for ask in setting.asks.values()]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lwrprobe.bench.loopback import free_addresses
+from lwrprobe.bench.emulated import free_addresses
 from lwrprobe.contracts.plugins import load, names
 
 pytestmark = pytest.mark.realtime

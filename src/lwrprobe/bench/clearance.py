@@ -6,24 +6,24 @@ poses have the tip near the object, as in a run; blocks of poses are asked of ev
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
-from functools import partial
-from importlib import import_module
+from itertools import product
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.bench.timing import interleave, load_before
+from lwrprobe.bench.timing import installed, interleave, load_before, take_turns
 from lwrprobe.bench.voxel_block import EDGE, block_surface
 from lwrprobe.collision import NO_FRAMES, ClearanceQuery, ClearanceWatch, LinkGroup
-from lwrprobe.contracts import LinkShape, UnknownNameError
+from lwrprobe.contracts import LinkShape
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.mapping import VoxelMap
 
 OURS, COAL, FCL = "lwrprobe", "coal", "python-fcl"
+LIBRARIES = {FCL: "fcl", COAL: "coal"}
 TENFOLD = (100, 1_000, 10_000, 100_000)
 BRUTE_VOXELS = 1_000
 BLOCK = 20
@@ -41,14 +41,11 @@ Ask = Callable[[np.ndarray], float]
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench clearance`; options `poses`, `rounds`."""
-    for name in options:
-        if name not in ("poses", "rounds"):
-            raise UnknownNameError("bench clearance option", name, ["poses", "rounds"])
-    poses_wanted = int(options.get("poses", "60" if quick else "200"))
-    rounds = int(options.get("rounds", "3" if quick else "7"))
-    libraries, missing = _libraries()
+    asked = Options("clearance", options, "poses", "rounds")
+    poses_wanted, rounds = asked.count("poses", 60 if quick else 200), asked.count("rounds", 3 if quick else ROUNDS)
+    libraries, missing = installed(LIBRARIES)
     report = BenchReport("clearance", "Clearance between links and voxels", machine=_machine())
-    report.notes = [f"{name} is not installed: left out" for name in missing]
+    report.notes = missing
 
     times: dict[int, dict[str, np.ndarray]] = {}
     rows = []
@@ -68,9 +65,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         report.notes.append("no brute force without coal: the error was not measured")
     else:
         text = f"{1e6 * error:.2g} um"
-        report.verdicts.append(
-            Verdict(f"error against brute force below 1 um, {BRUTE_VOXELS} voxels", text, error <= MOST_ERROR)
-        )
+        report.promise(f"error against brute force below 1 um, {BRUTE_VOXELS} voxels", text, error <= MOST_ERROR)
     report.notes.append(
         f"Everyone in turn is asked {BLOCK} poses, {rounds} rounds; medians and 99th percentiles are over the poses, "
         "each the median of its rounds: what a pose costs, without the machine's pauses."
@@ -129,38 +124,16 @@ class _Setting:
         self.voxels.insert(self.centres)
         self.query = ClearanceQuery(probe_links(), self.voxels)
         self.libraries = libraries
-        self.asks: dict[str, Ask] = {OURS: self._ours()}
-        if FCL in libraries:
-            self.asks[FCL] = _fcl(libraries[FCL], self.centres)
-        if COAL in libraries:
-            self.asks[COAL] = _coal(libraries[COAL], self.centres)
-        self.asks = {name: self.asks[name] for name in (OURS, *libraries)}
+        self.asks = {OURS: self._ours()}
+        self.asks |= {name: _Library(library, self.centres).managers() for name, library in libraries.items()}
 
     def times(self, rounds: int) -> dict[str, np.ndarray]:
         """Seconds (poses,) of everyone: of each pose the median over the rounds.
 
         Everyone in turn is asked a block of poses, so that each finds the caches as its own calls leave them.
         """
-        each = {name: np.empty((rounds, len(self.poses))) for name in self.asks}
-        blocks = np.array_split(np.arange(len(self.poses)), max(len(self.poses) // BLOCK, 1))
-        for ask in self.asks.values():
-            ask(self.poses[0])
-        collecting = gc.isenabled()
-        gc.disable()
-        try:
-            for turn in range(rounds):
-                for block in blocks:
-                    for name, ask in self.asks.items():
-                        ask(self.poses[block[0]])  # the first one pays for what the others left in the caches
-                        for k in block:
-                            pose = self.poses[k]
-                            begin = perf_counter()
-                            ask(pose)
-                            each[name][turn, k] = perf_counter() - begin
-        finally:
-            if collecting:
-                gc.enable()
-        return {name: np.median(seconds, axis=0) for name, seconds in each.items()}
+        seconds = take_turns(self.asks, [(pose,) for pose in self.poses], BLOCK, rounds)
+        return {name: np.median(each, axis=0) for name, each in seconds.items()}
 
     def row(self, times: dict[str, np.ndarray]) -> list[float]:
         """Medians and 99th percentiles of everyone in us, then what only ours does."""
@@ -195,7 +168,7 @@ class _Setting:
         """Largest difference [m] from coal's narrow phase over all pairs of link and voxel; None without coal."""
         if COAL not in self.libraries:
             return None
-        nearest = _coal_all_pairs(self.libraries[COAL], self.centres)
+        nearest = _Library(self.libraries[COAL], self.centres).all_pairs()
         return max(abs(self.asks[OURS](pose) - nearest(pose)) for pose in self.poses[:poses])
 
     def _ours(self) -> Ask:
@@ -208,16 +181,6 @@ class _Setting:
         return ask
 
 
-def _libraries() -> tuple[dict[str, Any], list[str]]:
-    found, missing = {}, []
-    for name, module in ((FCL, "fcl"), (COAL, "coal")):
-        try:
-            found[name] = import_module(module)
-        except ImportError:
-            missing.append(name)
-    return found, missing
-
-
 def _machine() -> dict[str, str]:
     return machine() | load_before() | versions("numpy", "numba", FCL, COAL)
 
@@ -228,80 +191,67 @@ def _moved(pose: np.ndarray, step: float) -> np.ndarray:
     return moved
 
 
-def _fcl(fcl: Any, centres: np.ndarray) -> Ask:
-    links = probe_links()
-    bodies = [fcl.CollisionObject(fcl.Box(*k.size) if k.kind == "box" else fcl.Cylinder(*k.size)) for k in links]
-    robot, objects = fcl.DynamicAABBTreeCollisionManager(), fcl.DynamicAABBTreeCollisionManager()
-    robot.registerObjects(bodies)
-    objects.registerObjects([fcl.CollisionObject(fcl.Box(EDGE, EDGE, EDGE), fcl.Transform(p)) for p in centres])
-    robot.setup()
-    objects.setup()
+class _Library:
+    """The links and the voxels as bodies of coal or python-fcl, whose classes have the same names but for a few."""
 
-    def ask(pose: np.ndarray) -> float:
-        for link, body in zip(links, bodies):
+    def __init__(self, library: Any, centres: np.ndarray) -> None:
+        self.library, self.links = library, probe_links()
+        self.coal = hasattr(library, "Transform3s")
+        self.place = library.Transform3s if self.coal else library.Transform
+        self.bodies = [self._body(link) for link in self.links]
+        cube = library.Box(EDGE, EDGE, EDGE)
+        self.boxes = [library.CollisionObject(cube, self.place(np.eye(3), centre)) for centre in centres]
+
+    def _body(self, link: LinkShape) -> Any:
+        shape = self.library.Box if link.kind == "box" else self.library.Cylinder
+        return self.library.CollisionObject(shape(*link.size))
+
+    def move(self, pose: np.ndarray) -> None:
+        """Put the links where they are when the tip is at `pose`."""
+        for link, body in zip(self.links, self.bodies):
             placed = pose @ link.pose
-            body.setTransform(fcl.Transform(placed[:3, :3], placed[:3, 3]))
-        robot.update()
-        data = fcl.DistanceData()
-        robot.distance(objects, data, fcl.defaultDistanceCallback)
-        return max(data.result.min_distance, 0.0)
+            body.setTransform(self.place(placed[:3, :3], placed[:3, 3]))
+            if self.coal:
+                body.computeAABB()
 
-    return ask
+    def managers(self) -> Ask:
+        """One manager of links against one of voxels, both trees of boxes."""
+        robot, objects = (self._manager(members) for members in (self.bodies, self.boxes))
+        library = self.library
 
+        def ask(pose: np.ndarray) -> float:
+            self.move(pose)
+            robot.update()
+            if self.coal:
+                callback = library.DistanceCallBackDefault()
+                callback.init()
+                robot.distance(objects, callback)
+                return max(callback.data.result.min_distance, 0.0)
+            data = library.DistanceData()
+            robot.distance(objects, data, library.defaultDistanceCallback)
+            return max(data.result.min_distance, 0.0)
 
-def _coal_bodies(coal: Any, links: list[LinkShape]) -> list[Any]:
-    return [coal.CollisionObject(coal.Box(*k.size) if k.kind == "box" else coal.Cylinder(*k.size)) for k in links]
+        return ask
 
-
-def _coal_place(coal: Any, links: list[LinkShape], bodies: list[Any], pose: np.ndarray) -> None:
-    for link, body in zip(links, bodies):
-        placed = pose @ link.pose
-        body.setTransform(coal.Transform3s(placed[:3, :3], placed[:3, 3]))
-        body.computeAABB()
-
-
-def _coal_voxels(coal: Any, centres: np.ndarray) -> list[Any]:
-    return [coal.CollisionObject(coal.Box(EDGE, EDGE, EDGE), coal.Transform3s(np.eye(3), p)) for p in centres]
-
-
-def _coal(coal: Any, centres: np.ndarray) -> Ask:
-    links = probe_links()
-    bodies, boxes = _coal_bodies(coal, links), _coal_voxels(coal, centres)
-    robot, objects = coal.DynamicAABBTreeCollisionManager(), coal.DynamicAABBTreeCollisionManager()
-    for manager, members in ((robot, bodies), (objects, boxes)):
+    def _manager(self, members: list[Any]) -> Any:
+        manager = self.library.DynamicAABBTreeCollisionManager()
         for member in members:
             manager.registerObject(member)
         manager.setup()
+        return manager
 
-    def ask(pose: np.ndarray) -> float:
-        _coal_place(coal, links, bodies, pose)
-        robot.update()
-        callback = coal.DistanceCallBackDefault()
-        callback.init()
-        robot.distance(objects, callback)
-        return max(callback.data.result.min_distance, 0.0)
+    def all_pairs(self) -> Ask:
+        """coal's narrow phase over all pairs of link and voxel."""
+        request = self.library.DistanceRequest()
+        request.gjk_tolerance = 1e-9
 
-    def ask_with(boxes: list[Any], pose: np.ndarray) -> float:
-        return ask(pose)
+        def ask(pose: np.ndarray) -> float:
+            self.move(pose)
+            pairs = product(self.bodies, self.boxes)
+            distances = (self.library.distance(*pair, request, self.library.DistanceResult()) for pair in pairs)
+            return max(min(distances), 0.0)
 
-    return partial(ask_with, boxes)  # the manager does not keep them alive
-
-
-def _coal_all_pairs(coal: Any, centres: np.ndarray) -> Ask:
-    links = probe_links()
-    bodies, boxes = _coal_bodies(coal, links), _coal_voxels(coal, centres)
-    request = coal.DistanceRequest()
-    request.gjk_tolerance = 1e-9
-
-    def ask(pose: np.ndarray) -> float:
-        _coal_place(coal, links, bodies, pose)
-        best = np.inf
-        for body in bodies:
-            for box in boxes:
-                best = min(best, coal.distance(body, box, request, coal.DistanceResult()))
-        return max(best, 0.0)
-
-    return ask
+        return ask
 
 
 def _ratio_table(times: dict[int, dict[str, np.ndarray]], peers: list[str]) -> Table:

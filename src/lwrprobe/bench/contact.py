@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.bench.timing import interleave
 from lwrprobe.contact import (
@@ -26,7 +27,7 @@ from lwrprobe.contact import (
     identify_payload,
     make_estimator,
 )
-from lwrprobe.contracts import Probe, UnknownNameError, WrenchSample
+from lwrprobe.contracts import Probe, WrenchSample
 from lwrprobe.evaluation.machine import machine, versions
 
 RATE = 125.0
@@ -98,10 +99,7 @@ FAULTS = {
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench contact`; option `seed`."""
-    for name in options:
-        if name != "seed":
-            raise UnknownNameError("bench contact option", name, ["seed"])
-    rng = np.random.default_rng(int(options.get("seed", "7")))
+    rng = np.random.default_rng(Options("contact", options, "seed").count("seed", 7))
     probe = Probe(mass=0.01, centre_of_mass=np.array([0.0, 0.0, 0.03]))
     rounds = 1 if quick else 4
     report = BenchReport("contact", "Contact estimation: where the sphere is touched", machine=_machine())

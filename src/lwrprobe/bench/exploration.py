@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.bench.threat_pictures import SCENE as STACKED
 from lwrprobe.bench.threat_pictures import draw_touches, touches_of
-from lwrprobe.contracts import InputError, LwrprobeError, UnknownNameError
+from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
 
 SOURCE_SCENES = (
@@ -69,7 +70,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
-    report.tables.append(Table("Every run", list(COLUMNS), rows))
+    report.table("Every run", list(COLUMNS), rows)
     report.tables += _summaries(found)
     report.tables += _beside_thesis(found)
     report.verdicts = _verdicts([item for item in found if item["profile"] == OURS])
@@ -81,26 +82,12 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, str, int]], int]:
-    allowed = ("scenes", "strategies", "profiles", "seeds", "jobs")
-    for name in options:
-        if name not in allowed:
-            raise UnknownNameError("bench exploration option", name, allowed)
-    scenes = _listed(options, "scenes", QUICK_SCENES if quick else SOURCE_SCENES)
-    strategies = _listed(options, "strategies", STRATEGIES[:1] if quick else STRATEGIES)
-    profiles = _listed(options, "profiles", (OURS,) if quick else (OURS, THESIS))
-    seeds, processes = _count(options, "seeds", 1 if quick else 3), _count(options, "jobs", 1)
-    return list(product(scenes, strategies, profiles, range(1, seeds + 1))), processes
-
-
-def _count(options: dict[str, str], name: str, default: int) -> int:
-    text = options.get(name, str(default))
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise InputError(f"bench exploration {name}", text, "a whole number from 1 on")
-    return int(text)
-
-
-def _listed(options: dict[str, str], name: str, default: tuple[str, ...]) -> list[str]:
-    return options[name].split(",") if name in options else list(default)
+    asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs")
+    scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
+    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
+    profiles = asked.words("profiles", (OURS,) if quick else (OURS, THESIS))
+    seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
+    return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1)
 
 
 def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:

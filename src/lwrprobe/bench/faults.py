@@ -10,20 +10,18 @@ from __future__ import annotations
 import csv
 import json
 import socket
-import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.loopback import free_addresses
+from lwrprobe.bench.emulated import emulated, free_addresses
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverError, UnknownNameError
 from lwrprobe.evaluation.machine import machine
@@ -45,9 +43,6 @@ _MOTION = 2e-4
 """m, from which on that direction is known."""
 _TRIES = 3
 """Runs that a busy machine may end before the fault has begun."""
-_EMULATE = (
-    "import sys; from lwrprobe.contracts.plugins import load; sys.exit(load('emulator', 'rig').run(sys.argv[1:]))"
-)
 
 
 @dataclass(slots=True, frozen=True)
@@ -157,7 +152,7 @@ class Outcome:
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """Each fault in turn; option `only` names one of them."""
     wanted = [f for f in FAULTS if not quick or f.name in QUICK]
-    if "only" in options:
+    if "only" in Options("faults", options, "only"):
         wanted = [f for f in FAULTS if f.name == options["only"]]
         if not wanted:
             raise UnknownNameError("fault", options["only"], [f.name for f in FAULTS])
@@ -306,24 +301,11 @@ class _Operator:
         self._looks.append((truth["time_s"], truth["joints"]))
 
 
-@contextmanager
-def _rig(scene: Scene, arguments: list[str]) -> Iterator[None]:
+def _rig(scene: Scene, devices: list[str]) -> AbstractContextManager[None]:
     _, q = start_posture(scene, robot_of(scene))
     joints = ",".join(f"{angle:.6f}" for angle in np.degrees(q))
     settings = [word for setting in _SMALL for word in ("--set", setting)]
-    process = subprocess.Popen(
-        [sys.executable, "-c", _EMULATE, _SCENE, *arguments, "--joints", joints, *settings],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        if not process.stdout.readline():  # type: ignore[union-attr]
-            raise DriverError("the emulated rig did not start")
-        yield
-    finally:
-        process.kill()
-        process.communicate()
+    return emulated("rig", _SCENE, *devices, "--joints", joints, *settings)
 
 
 def _row(o: Outcome) -> list[Any]:

@@ -7,24 +7,20 @@ Poses come from joint values drawn evenly within the limits, so that each has a 
 
 from __future__ import annotations
 
-import gc
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from lwrprobe.bench.kinematics_peers import Array, Peer, Solve, installed_peers, lwrprobe_peer
-from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.bench.timing import interleave, load_before
-from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.report import BenchReport
+from lwrprobe.bench.timing import first_use, interleave, load_before, take_turns
+from lwrprobe.contracts import InputError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.kinematics import IKSolver, IKStatus, Robot, chain_kernels, lwr4
 
@@ -34,7 +30,6 @@ NEAR = 0.05
 BEYOND = 0.05
 BLOCK = 50
 ROUNDS = 7
-OPTIONS = {"targets": "poses that every solver gets", "cold": "random poses for our own count of successes"}
 
 
 Key = TypeVar("Key")
@@ -74,12 +69,9 @@ class Outcome:
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
-    """Measure; `options`: `targets` and `cold`, numbers of poses."""
-    unknown = set(options) - set(OPTIONS)
-    if unknown:
-        raise UnknownNameError("option", sorted(unknown)[0], OPTIONS)
-    count = int(options.get("targets", 200 if quick else 2000))
-    cold = int(options.get("cold", 5000 if quick else 100_000))
+    """`lwrprobe bench kinematics`; options `targets` and `cold`: poses every solver gets, and poses for ours alone."""
+    asked = Options("kinematics", options, "targets", "cold")
+    count, cold = asked.count("targets", 200 if quick else 2000), asked.count("cold", 5000 if quick else 100_000)
     robot = lwr4(tool=_shift(0.25))
     peers, missing = installed_peers(robot)
     peers.insert(0, lwrprobe_peer(robot))
@@ -127,17 +119,17 @@ def _forward(report: BenchReport, robot: Robot, peers: list[Peer], quick: bool) 
             in_njit = 1e6 * compiled if peer.name == "lwrprobe" else None
             rows.append([peer.name, *(None if t is None else 1e6 * t for t in times), in_njit])
     columns = ["library", "tip [us]", "Jacobian [us]", "tip in a batch of 10 000 [us]", "tip, called in njit [us]"]
-    report.tables.append(Table("Forward kinematics and Jacobian, one call from Python into a buffer", columns, rows))
+    report.table("Forward kinematics and Jacobian, one call from Python into a buffer", columns, rows)
     own, rival, toolbox = "lwrprobe", "pin", "rtb LM chan"
     for what, table in (("tip", forward), ("Jacobian", jacobian)):
         if rival in table:
             text = f"{1e6 * table[own]:.3g} us against {1e6 * table[rival]:.3g} us"
-            report.verdicts.append(Verdict(f"one {what} not slower than pin's", text, table[own] <= table[rival]))
-    report.verdicts.append(Verdict("a tip in njit <= 0.2 us", f"{1e6 * compiled:.3g} us", compiled <= 0.2e-6))
+            report.promise(f"one {what} not slower than pin's", text, table[own] <= table[rival])
+    report.promise("a tip in njit <= 0.2 us", f"{1e6 * compiled:.3g} us", compiled <= 0.2e-6)
     if toolbox in batch:
         lead, text = batch[toolbox] / batch[own], f"{1e6 * batch[own]:.3g} us"
         held = batch[own] <= 0.25e-6 and lead >= 5.0
-        report.verdicts.append(Verdict("a batch <= 0.25 us, 5 times ahead of rtb", f"{text}, {lead:.3g} times", held))
+        report.promise("a batch <= 0.25 us, 5 times ahead of rtb", f"{text}, {lead:.3g} times", held)
 
 
 def _per_call(calls: dict[str, tuple[Callable, Array]], qs: Array, rounds: int) -> dict[str, float]:
@@ -170,10 +162,10 @@ def _solving(report: BenchReport, robot: Robot, peers: list[Peer], count: int, c
     columns += ["success [%]", "jumps [%]", "false successes [%]"]
     tracked = _outcomes(robot, {p.name: p.track for p in peers if p.track}, poses, near, rounds)
     rows = [[name, *outcome.row()] for name, outcome in tracked.items()]
-    report.tables.append(Table(f"Tracking: {count} poses, starts within {NEAR} rad", columns, rows))
+    report.table(f"Tracking: {count} poses, starts within {NEAR} rad", columns, rows)
     started = _outcomes(robot, {p.name: p.cold for p in peers if p.cold}, poses, anywhere, rounds)
     rows = [[name, *outcome.row()] for name, outcome in started.items()]
-    report.tables.append(Table(f"Cold starts: {count} poses, random starts", columns, rows))
+    report.table(f"Cold starts: {count} poses, random starts", columns, rows)
     report.notes.append(
         f"p99 is over single calls, which the machine's own pauses (interrupts, another process on the core) hit at "
         f"random. p99 of work is over the targets, each the median of {rounds} rounds through all of them: the slowest "
@@ -190,17 +182,17 @@ def _solving_verdicts(
         median, p99, work, success, jumps, false = table["lwrprobe"].row()
         promise = f"{what}: median <= {limits[0]} us, p99 of work <= {limits[1]} us"
         measured = f"{median:.3g} us, {work:.3g} us (single calls {p99:.3g} us)"
-        report.verdicts.append(Verdict(promise, measured, median <= limits[0] and work <= limits[1]))
+        report.promise(promise, measured, median <= limits[0] and work <= limits[1])
         done = f"{success:.4g} %, {false:.4g} %"
-        report.verdicts.append(Verdict(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0))
+        report.promise(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0)
         if what == "tracking":
-            report.verdicts.append(Verdict(f"{what}: no jump", f"{jumps:.4g} %", jumps == 0.0))
+            report.promise(f"{what}: no jump", f"{jumps:.4g} %", jumps == 0.0)
         whole = {name: o.row()[0] for name, o in table.items() if name != "lwrprobe" and o.success.all()}
         if whole:
             best = min(whole, key=whole.__getitem__)
             lead = whole[best] / median
             promise = f"{what}: {factor:g} times faster than the best peer that solves all"
-            report.verdicts.append(Verdict(promise, f"{lead:.3g} times ({best})", lead >= factor))
+            report.promise(promise, f"{lead:.3g} times ({best})", lead >= factor)
 
 
 def _many(report: BenchReport, robot: Robot, count: int) -> None:
@@ -211,7 +203,7 @@ def _many(report: BenchReport, robot: Robot, count: int) -> None:
     outcome = _outcomes(robot, {"lwrprobe": cold}, poses, seeds)["lwrprobe"]
     failed, false = int((~outcome.success).sum()), int(outcome.false.sum())
     promise = f"cold starts: all of {count} random poses, no false success"
-    report.verdicts.append(Verdict(promise, f"{failed} failed, {false} false", failed == false == 0))
+    report.promise(promise, f"{failed} failed, {false} false", failed == false == 0)
     worst = 1e6 * outcome.seconds.max()
     report.notes.append(f"slowest of {count} cold starts: {worst:.4g} us (the machine's own pauses included)")
 
@@ -224,39 +216,27 @@ def _targets(robot: Robot, count: int, seed: int) -> tuple[Array, Array]:
 def _outcomes(
     robot: Robot, solvers: dict[Key, Solve], poses: Array, seeds: Array, rounds: int = 1
 ) -> dict[Key, Outcome]:
-    """Solvers take turns, a block of targets each and one before it that is not timed, so that each finds the caches as
-    warm as its own loop leaves them; answers are judged outside the clock, those of the first round."""
-    count = len(poses)
-    outcomes = {name: Outcome.room(count) for name in solvers}
-    for solve in solvers.values():
-        _answer(solve, poses[0], seeds[0])
-    each = {name: np.empty((rounds, count)) for name in solvers}
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        for turn in range(rounds):
-            for start in range(0, count, BLOCK):
-                for name, solve in solvers.items():
-                    _answer(solve, poses[start], seeds[start])  # pays for what the others left in the caches
-                    for k in range(start, min(start + BLOCK, count)):
-                        each[name][turn, k], q = _answer(solve, poses[k], seeds[k])
-                        if turn == 0:
-                            _judge(robot, outcomes[name], k, q, poses[k], seeds[k])
-    finally:
-        if collecting:
-            gc.enable()
+    """What the solvers made of the poses, taking turns; the answers of the first round are judged."""
+    outcomes = {name: Outcome.room(len(poses)) for name in solvers}
+
+    def judge(name: Key, k: int, q: Any) -> None:
+        _judge(robot, outcomes[name], k, q, poses[k], seeds[k])
+
+    careful = {name: _none_for_errors(solve) for name, solve in solvers.items()}
+    seconds = take_turns(careful, list(zip(poses, seeds)), BLOCK, rounds, judge)
     for name, outcome in outcomes.items():
-        outcome.seconds[:], outcome.work[:] = each[name][0], np.median(each[name], axis=0)
+        outcome.seconds[:], outcome.work[:] = seconds[name][0], np.median(seconds[name], axis=0)
     return outcomes
 
 
-def _answer(solve: Solve, pose: Array, seed: Array) -> tuple[float, Array | None]:
-    begin = time.perf_counter()
-    try:
-        q = solve(pose, seed)
-    except Exception:
-        q = None
-    return time.perf_counter() - begin, q
+def _none_for_errors(solve: Solve) -> Solve:
+    def answer(pose: Array, seed: Array) -> Array | None:
+        try:
+            return solve(pose, seed)
+        except Exception:
+            return None
+
+    return answer
 
 
 def _judge(robot: Robot, outcome: Outcome, k: int, q: Array | None, pose: Array, seed: Array) -> None:
@@ -317,8 +297,8 @@ def _hard_cases(report: BenchReport, robot: Robot, peers: list[Peer], count: int
             rows.append([case, start, *(100.0 * o.success.mean() for o in outcomes.values())])
             kept = kept and bool(outcomes["lwrprobe"].success.all())
     title = f"Hard cases, success in % of {count} poses each"
-    report.tables.append(Table(title, ["case", "start", *trackers], rows))
-    report.verdicts.append(Verdict("100 % in every hard case, near and random", "100 %" if kept else "less", kept))
+    report.table(title, ["case", "start", *trackers], rows)
+    report.promise("100 % in every hard case, near and random", "100 %" if kept else "less", kept)
 
 
 def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: int) -> None:
@@ -340,10 +320,10 @@ def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: i
     own, miss, told = _own_out_of_reach(robot, poses, seeds, nearest)
     rows.insert(0, ["lwrprobe", own, f"{told} and the nearest pose", miss])
     columns = ["library", "median [us]", "answer", "error of the nearest pose [m]"]
-    report.tables.append(Table(f"Targets {BEYOND} m out of reach", columns, rows))
+    report.table(f"Targets {BEYOND} m out of reach", columns, rows)
     held = own <= 20.0 and miss <= 1e-6 and told == "UNREACHABLE"
     promise = "out of reach: <= 20 us, UNREACHABLE, nearest pose to 1e-6 m"
-    report.verdicts.append(Verdict(promise, f"{own:.3g} us, {told}, {miss:.2g} m", held))
+    report.promise(promise, f"{own:.3g} us, {told}, {miss:.2g} m", held)
 
 
 def _own_out_of_reach(robot: Robot, poses: Array, seeds: Array, nearest: Array) -> tuple[float, float, str]:
@@ -376,9 +356,9 @@ def _invalid(report: BenchReport, robot: Robot, peers: list[Peer]) -> None:
         if peer.cold and peer.name != "lwrprobe" and "default" not in peer.name:
             reactions = [_reaction(peer.cold, p, q) for p in broken.values()]
             rows.append([peer.name, *reactions, _reaction(peer.cold, pose, q[:-1])])
-    report.tables.append(Table("Invalid input", ["library", *broken, "seed too short"], rows))
+    report.table("Invalid input", ["library", *broken, "seed too short"], rows)
     typed = all(cell.startswith("InputError") for cell in rows[0][1:])
-    report.verdicts.append(Verdict("invalid input: one typed error", "in every case" if typed else "no", typed))
+    report.promise("invalid input: one typed error", "in every case" if typed else "no", typed)
 
 
 def _reaction(solve: Solve, pose: Array, seed: Array) -> str:
@@ -425,22 +405,11 @@ def _draw(figure: Any, curves: dict[str, list[list[float]]]) -> None:
 
 
 def _compile_time(report: BenchReport) -> None:
-    """Wall and CPU seconds of a fresh process that uses every kernel once, with an empty and with a filled cache."""
-    with tempfile.TemporaryDirectory() as folder:
-        cold, warm = _first_use(folder), _first_use(folder)
-    rows = [["empty cache", *cold], ["filled cache", *warm]]
-    columns = ["", "wall [s]", "CPU [s]"]
-    report.tables.append(Table("First use of all kinematics kernels in a fresh process", columns, rows))
-    report.verdicts.append(Verdict("cold compilation < 15 s", f"{cold[0]:.3g} s", cold[0] < 15.0))
-    report.verdicts.append(Verdict("filled cache < 0.5 s", f"{warm[0]:.3g} s", warm[0] < 0.5))
-
-
-def _first_use(cache: str) -> tuple[float, float]:
-    environment = os.environ | {"NUMBA_CACHE_DIR": cache}
-    script = Path(__file__).with_name("kinematics_first_use.py")
-    answer = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, check=True)
-    wall, cpu = answer.stdout.split()
-    return float(wall), float(cpu)
+    rows = first_use("kinematics")
+    (_, cold, _), (_, warm, _) = rows
+    report.table("First use of all kinematics kernels in a fresh process", ["", "wall [s]", "CPU [s]"], rows)
+    report.promise("cold compilation < 15 s", f"{cold:.3g} s", cold < 15.0)
+    report.promise("filled cache < 0.5 s", f"{warm:.3g} s", warm < 0.5)
 
 
 def _shift(z: float) -> Array:

@@ -7,19 +7,16 @@ explorer's own between two set points: read state and wrench, step a straight li
 from __future__ import annotations
 
 import socket
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.loopback import free_addresses
+from lwrprobe.bench.emulated import emulated, free_addresses
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.contracts import DriverContext, DriverError, InputError
+from lwrprobe.contracts import DriverContext, DriverError
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.kinematics import IKSolver, robot_by_name
@@ -30,9 +27,6 @@ _QUICK_SECONDS = 4.0
 _SWING = 0.02  # m, of the tip to and fro
 _TURN = 4.0  # s, for one swing
 _POSTURE = np.radians([0.0, 45.0, 0.0, -80.0, 0.0, 55.0, 0.0])
-_EMULATE = (
-    "import sys; from lwrprobe.contracts.plugins import load; sys.exit(load('emulator', sys.argv[1]).run(sys.argv[2:]))"
-)
 _COLUMNS = [
     "cycle ms",
     "cycles",
@@ -81,8 +75,9 @@ class _Run:
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """Measure each cycle time in turn; options `seconds` and `cycle` (ms) change how long and which."""
-    seconds = _number(options, "seconds", _QUICK_SECONDS if quick else _SECONDS)
-    cycles = (_number(options, "cycle", 0.0),) if "cycle" in options else CYCLES_MS
+    asked = Options("loop", options, "seconds", "cycle")
+    (seconds,) = asked.numbers("seconds", [_QUICK_SECONDS if quick else _SECONDS])
+    cycles = asked.numbers("cycle", CYCLES_MS)
     _warm_up()
     runs = [_measure(cycle / 1000.0, seconds) for cycle in cycles]
     report = BenchReport("loop", "The control loop over real sockets, driver against emulator")
@@ -103,7 +98,7 @@ def _measure(cycle: float, seconds: float) -> _Run:
     (telnet,) = free_addresses(1, socket.SOCK_STREAM)
     degrees = ",".join(f"{v:.9g}" for v in np.degrees(_POSTURE))
     arm_side = ("fri", "--bind", remote, "--remote", bind, "--cycle-ms", f"{1000 * cycle:g}", "--joints", degrees)
-    with _emulator(*arm_side), _emulator("ati", "--telnet", telnet, "--udp", udp):
+    with emulated(*arm_side), emulated("ati", "--telnet", telnet, "--udp", udp):
         arm = _driver("fri", bind=bind, remote=remote, cycle=cycle).arm()
         sensor = _driver("ati", telnet=telnet, udp=udp, local=local).sensor()
         outcome = _Run(cycle)
@@ -210,31 +205,3 @@ def _warm_up() -> None:
 def _driver(name: str, **options: Any) -> Any:
     plugin = load("driver", name)
     return plugin(DriverContext(plugin.Config(**options), None))
-
-
-@contextmanager
-def _emulator(*arguments: str) -> Iterator[None]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", _EMULATE, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        greeting = process.stdout.readline()  # type: ignore[union-attr]
-        if not greeting:
-            raise DriverError(f"the emulator {arguments[0]} did not start")
-        yield
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def _number(options: dict[str, str], name: str, otherwise: float) -> float:
-    text = options.get(name)
-    if text is None:
-        return otherwise
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not value > 0.0:
-        raise InputError(name, text, "a number above 0")
-    return value

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.bench.timing import interleave, load_before
+from lwrprobe.bench.timing import installed, interleave, load_before
 from lwrprobe.bench.voxel_block import EDGE, block_surface
-from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.mapping import SweptSphere, VoxelMap
 
@@ -33,12 +32,10 @@ Job = Callable[[], object]
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench mapping`; option `voxels`."""
-    for name in options:
-        if name != "voxels":
-            raise UnknownNameError("bench mapping option", name, ["voxels"])
-    count = int(options.get("voxels", "20000" if quick else "100000"))
+    count = Options("mapping", options, "voxels").count("voxels", 20_000 if quick else 100_000)
     centres, _, _ = block_surface(count)
-    peers, missing = _peers()
+    libraries, missing = installed({package: name for name, package in PEERS.items()})
+    peers = {name: libraries[package] for name, package in PEERS.items() if package in libraries}
     report = BenchReport("mapping", "The voxel map: insertion, look-up, files", machine=_machine())
     with tempfile.TemporaryDirectory() as folder:
         jobs = {OURS: _own_jobs(centres, Path(folder))}
@@ -51,8 +48,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         Verdict(f"the same .bt, byte for byte, as {name}", f"{len(same[OURS])} bytes", same[name] == same[OURS])
         for name in peers
     ]
-    report.notes = [f"{PEERS[name]} is not installed: left out" for name in missing]
-    report.notes += _carving()
+    report.notes = [*missing, *_carving()]
     report.figures["time"] = lambda figure: _draw(figure, seconds)
     report.data["seconds"] = seconds
     return report
@@ -60,16 +56,6 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 def _machine() -> dict[str, str]:
     return machine() | load_before() | versions("numpy", "numba", *PEERS.values())
-
-
-def _peers() -> tuple[dict[str, Any], list[str]]:
-    found, missing = {}, []
-    for name in PEERS:
-        try:
-            found[name] = import_module(name)
-        except ImportError:
-            missing.append(name)
-    return found, missing
 
 
 def _own_jobs(centres: np.ndarray, folder: Path) -> dict[str, Job]:

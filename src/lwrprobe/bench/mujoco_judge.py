@@ -6,12 +6,12 @@ friction creeps, so the comparison is of forces in slow motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.gantry import build_world, follow
+from lwrprobe.bench.report import BenchReport
 
 STIFFNESS = 2500.0  # N/m, of the stick in all directions
 FRICTION = 0.3
@@ -53,7 +53,7 @@ _CASES = (
 )
 
 
-def judge_by_mujoco(report: BenchReport, build_world: Callable[..., Any]) -> None:
+def judge_by_mujoco(report: BenchReport) -> None:
     """Add table and verdict to the report, or a note where MuJoCo is not installed."""
     try:
         import mujoco
@@ -64,7 +64,7 @@ def judge_by_mujoco(report: BenchReport, build_world: Callable[..., Any]) -> Non
     worst = 0.0
     for name, scene, walls, height, way in _CASES:
         path = _path(height, np.array(way))
-        ours, theirs = _ours(build_world, scene, path), _theirs(mujoco, walls, path)
+        ours, theirs = _ours(scene, path), _theirs(mujoco, walls, path)
         rest, pushed = slice(140, 151), slice(400, len(path))
         for stage, when in (("pressed", rest), ("pushed", pushed)):
             mine, other = ours[when].mean(axis=0), np.median(theirs[when], axis=0)
@@ -72,10 +72,8 @@ def judge_by_mujoco(report: BenchReport, build_world: Callable[..., Any]) -> Non
             worst = max(worst, off)
             rows.append([name, stage, _as_text(mine), _as_text(other), 100 * off])
     columns = ["sphere", "stage", "simulator: force x, y, z [N]", "MuJoCo", "apart [%]"]
-    report.tables.append(Table(f"MuJoCo {mujoco.__version__} as judge, friction {FRICTION}", columns, rows))
-    report.verdicts.append(
-        Verdict(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", bool(worst <= TOLERANCE))
-    )
+    report.table(f"MuJoCo {mujoco.__version__} as judge, friction {FRICTION}", columns, rows)
+    report.promise(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", worst <= TOLERANCE)
 
 
 def _as_text(force: np.ndarray) -> str:
@@ -91,17 +89,10 @@ def _path(height: float, way: np.ndarray) -> np.ndarray:
     return np.vstack([down, rest, push, np.repeat(push[-1:], 50, axis=0)])
 
 
-def _ours(build_world: Callable[..., Any], scene: str, path: np.ndarray) -> np.ndarray:
+def _ours(scene: str, path: np.ndarray) -> np.ndarray:
     material = ["object.0.stiffness=1e7", f"object.0.friction={FRICTION}"]
     stick = [f"probe.stiffness_lateral={STIFFNESS}", f"probe.stiffness_axial={STIFFNESS}"]
-    world = build_world(material + stick, scene)
-    world.place(path[0])
-    forces = np.zeros((len(path), 3))
-    for i, place in enumerate(path):
-        world.command(place)
-        world.advance()
-        forces[i] = world.wrench[:3] * (1.0, -1.0, -1.0)
-    return forces
+    return follow(build_world(material + stick, scene), path)
 
 
 def _theirs(mujoco: Any, walls: str, path: np.ndarray) -> np.ndarray:

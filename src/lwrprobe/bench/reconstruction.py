@@ -19,11 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.exploration import SOURCE_SCENES
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.reconstruction_peers import Method, peers
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.bench.sampled_lines import LOWEST, sample_lines, voxelised
 from lwrprobe.bench.timing import load_before
-from lwrprobe.contracts import InputError, LwrprobeError, TouchRecord, UnknownNameError
+from lwrprobe.contracts import InputError, LwrprobeError, TouchRecord
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import read_run
@@ -35,21 +37,9 @@ from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.poisson import Poisson
 from lwrprobe.scene import load_scene
 
-SCENES = (
-    "block",
-    "cylinder_vertical",
-    "cylinder_horizontal",
-    "bridge",
-    "combination",
-    "polystyrene_1",
-    "polystyrene_2",
-    "jaw_chuck",
-    "stacked_blocks",
-)
 CONVEX = ("block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks")
 DEFAULT = "contact_surface"
 EVERY_PHASE = (DEFAULT, "convex_hull")
-OPTIONS = ("explore", "phases", "pitches", "runs", "scenes")
 EXPLORED = {"raw": "explored", "voxels": "explored, voxels"}
 """Names of the data that come from runs."""
 NEEDS = (
@@ -86,20 +76,18 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     `runs` is the folder of run folders, `runs/bench` unless told otherwise, and nothing in a quick run; `explore=no`
     takes only the runs that are there.
     """
-    for name in options:
-        if name not in OPTIONS:
-            raise UnknownNameError("bench reconstruction option", name, OPTIONS)
-    if options.get("explore", "yes") not in ("yes", "no"):
-        raise InputError("bench option explore", options["explore"], "yes or no")
-    scenes = options["scenes"].split(",") if "scenes" in options else list(SCENES[::3] if quick else SCENES)
-    pitches = _numbers(options, "pitches", [10.0] if quick else [5.0, 10.0, 15.0])
-    phases = _numbers(options, "phases", [0.375] if quick else [0.125, 0.375])
+    asked = Options("reconstruction", options, "explore", "phases", "pitches", "runs", "scenes")
+    if asked.text("explore", "yes") not in ("yes", "no"):
+        raise InputError("bench reconstruction option explore", options["explore"], "yes or no")
+    scenes = asked.words("scenes", SOURCE_SCENES[::3] if quick else SOURCE_SCENES)
+    pitches = asked.numbers("pitches", [10.0] if quick else [5.0, 10.0, 15.0])
+    phases = asked.numbers("phases", [0.375] if quick else [0.125, 0.375], above=-1.0)
     load = load_before()
     others, missing = peers()
     methods = _own() | others
     outcomes: list[Outcome] = []
     failures: dict[str, str] = {}
-    _warm(methods, sample_lines(load_scene(SCENES[0]).solid(), 0.015))
+    _warm(methods, sample_lines(load_scene(SOURCE_SCENES[0]).solid(), 0.015))
     for scene in scenes:
         solid = load_scene(scene).solid()
         for pitch in pitches:
@@ -140,13 +128,6 @@ def _measure_runs(
         for data, record in (("raw", done.record), ("voxels", voxelised(done.record))):
             outcomes += _measure(methods, record, solid, (scene, pitch, EXPLORED[data]), failures)
     return missing
-
-
-def _numbers(options: dict[str, str], name: str, default: list[float]) -> list[float]:
-    try:
-        return [float(text) for text in options[name].split(",")] if name in options else default
-    except ValueError:
-        raise InputError(f"bench option {name}", options[name], "numbers separated by commas") from None
 
 
 def _own() -> dict[str, Method]:
@@ -224,7 +205,7 @@ def _report(
         f"{phases} line phases of each object ({' and '.join(EVERY_PHASE)}; the others at the first), then the median "
         "over objects; processor time of one call with everything loaded, as the machine may be busy with other work",
     ]
-    report.notes += [f"{name} is not installed: left out" for name in missing]
+    report.notes += missing
     report.notes += [f"{scene}: no explored contacts" for scene in unexplored]
     report.notes += [f"{name} gave no mesh (first on {where})" for name, where in failures.items()]
     report.figures = {

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.timing import installed
 from lwrprobe.contracts import TouchRecord, TriangleMesh
 
 Method = Callable[[TouchRecord], TriangleMesh]
@@ -16,15 +16,11 @@ _ALPHA = 0.015  # m, as the source chose it
 
 
 def peers() -> tuple[dict[str, Method], list[str]]:
-    """Methods of the installed peers by name, and the libraries that are missing."""
-    found: dict[str, Method] = {}
-    missing = []
-    for library, methods in (("open3d", _open3d), ("pymeshlab", _pymeshlab)):
-        try:
-            found |= methods(import_module(library))
-        except (ImportError, OSError):
-            missing.append(library)
-    return found, missing
+    """Methods of the installed peers by name, and a sentence for each library that is missing."""
+    makers = {"open3d": _open3d, "pymeshlab": _pymeshlab}
+    found, missing = installed({name: name for name in makers})
+    methods = [makers[name](library) for name, library in found.items()]
+    return {name: method for some in methods for name, method in some.items()}, missing
 
 
 def _open3d(library: Any) -> dict[str, Method]:

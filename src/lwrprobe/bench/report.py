@@ -46,6 +46,14 @@ class BenchReport:
     machine: dict[str, Any] = field(default_factory=dict)
     date: str = field(default_factory=lambda: datetime.now(UTC).strftime("%Y-%m-%d"))
 
+    def table(self, title: str, columns: list[str], rows: list[list[Any]]) -> None:
+        """Add a table."""
+        self.tables.append(Table(title, columns, rows))
+
+    def promise(self, promise: str, measured: str, held: bool) -> None:
+        """Add a verdict."""
+        self.verdicts.append(Verdict(promise, measured, bool(held)))
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-able content."""
         return {

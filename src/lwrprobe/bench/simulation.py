@@ -15,11 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lwrprobe.bench import simulation_kernels as kernels
-from lwrprobe.bench.gantry import gantry
+from lwrprobe.bench.gantry import build_world, follow
 from lwrprobe.bench.mujoco_judge import judge_by_mujoco
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.timing import interleave
-from lwrprobe.contracts import DriverContext, UnknownNameError
+from lwrprobe.contracts import DriverContext
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.scene import load_scene
@@ -41,49 +42,18 @@ STEPS_MS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 _KNOTS = np.linspace(0.0, 1.0, 1001)  # s, the arm's cycles
 STIFFNESSES = tuple(10.0**k for k in range(2, 8))
 
-CLEAN = {
-    "lag": 0.0, "joint_compliance": 0.0, "gravity": (0.0, 0.0, 0.0), "inertia": False, "noise_force": 0.0,
-    "noise_torque": 0.0, "quantisation": False, "saturation": False, "bias_force": (0.0, 0.0, 0.0),
-    "bias_torque": (0.0, 0.0, 0.0), "drift_force": (0.0, 0.0, 0.0), "latency": 0.0, "late_share": 0.0, "loss": 0.0,
-}  # fmt: skip
-"""The simulator's options for a stiff arm without lag and a sensor without faults."""
-
-PLAIN = [
-    "probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "object.0.friction=0.0", "object.0.stiffness=1e4",
-    "table.friction=0.0", "table.stiffness=1e4",
-]  # fmt: skip
-"""A rigid stick, and one slippery object on a slippery table: whatever differs is named where it is measured."""
-
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench simulation`; no options."""
-    if options:
-        raise UnknownNameError("bench simulation option", next(iter(options)), [])
+    Options("simulation", options)
     report = BenchReport("simulation", "The simulator: error, energy, cost", machine=_machine())
     quiet = _error_at_rest(report, STEPS_MS if not quick else (0.1, 1.0, 5.0))
     swing = _error_swinging(report, (1, 4, 16, 64, 256) if quick else (1, 4, 16, 64, 256, 1024))
     _energy(report, quick)
-    judge_by_mujoco(report, build_world)
+    judge_by_mujoco(report)
     _cost(report, 0.3 if quick else 2.0)
     report.figures["error"] = lambda figure: _draw(figure, quiet, swing)
     return report
-
-
-def build_world(overrides: list[str], scene: str = "block", **config: Any) -> Any:
-    """The simulator's world on the gantry, faultless but for what is asked."""
-    driver = load("driver", "sim")
-    return driver.World(load_scene(scene, [*PLAIN, *overrides]), driver.Config(**{**CLEAN, **config}), 1, gantry())
-
-
-def follow(world: Any, path: np.ndarray) -> np.ndarray:
-    """(n, 3) world-frame force on the probe along a path (n, 3) of the tip, one row a cycle, from its first row on."""
-    world.place(path[0])
-    forces = np.zeros((len(path), 3))
-    for i in range(1, len(path)):
-        world.command(path[i])
-        world.advance()
-        forces[i] = world.wrench[:3]
-    return forces * (1.0, -1.0, -1.0)
 
 
 def _machine() -> dict[str, str]:
@@ -173,9 +143,9 @@ def _error_at_rest(report: BenchReport, steps_ms: tuple[float, ...]) -> dict[flo
             rows.append([stiffness, step, 100 * error.max(), 100 * found[stiffness][-1][2], 1e6 * seconds / len(times)])
             worst = max(worst, error.max())
     columns = ["K [N/m]", "step [ms]", "max error [% of peak]", "RMS error [% of peak]", "us a step, from Python"]
-    report.tables.append(Table("Normal force against a stiff reference, no inertia", columns, rows))
-    report.verdicts.append(
-        Verdict("normal force error <= 1 % over 1e2..1e7 N/m, 0.1..5 ms", f"{100 * worst:.2f} %", bool(worst <= 0.01))
+    report.table("Normal force against a stiff reference, no inertia", columns, rows)
+    report.promise(
+        "normal force error <= 1 % over 1e2..1e7 N/m, 0.1..5 ms", f"{100 * worst:.2f} %", bool(worst <= 0.01)
     )
     return found
 
@@ -199,10 +169,8 @@ def _error_swinging(report: BenchReport, divisions: tuple[int, ...]) -> dict[str
             shown = [100 * error, 100 * worst] if error < 10.0 else ["blows up", "blows up"]
             rows.append([name, 1.0 / parts, *shown, order, 1e9 * seconds / (1000 * parts)])
     columns = ["scheme", "step [ms]", "RMS error [% of peak]", "max error [% of peak]", "order", "ns a step"]
-    report.tables.append(Table(f"A tip of {1e3 * MASS:g} g strikes, K = {stiffness:g} N/m", columns, rows))
-    report.verdicts.append(
-        Verdict("converges with the step at first order", f"order {rows[-1][4]:.2f}", bool(rows[-1][4] > 0.8))
-    )
+    report.table(f"A tip of {1e3 * MASS:g} g strikes, K = {stiffness:g} N/m", columns, rows)
+    report.promise("converges with the step at first order", f"order {rows[-1][4]:.2f}", rows[-1][4] > 0.8)
     report.notes.append("The simulator's time a step holds geometry search, friction, six axes and one call a cycle.")
     return found
 
@@ -234,11 +202,9 @@ def _energy(report: BenchReport, quick: bool) -> None:
         rows.append([stiffness, highest])
         worst = max(worst, highest)
     columns = ["K [N/m]", "largest rise in a step [share of the energy put in]"]
-    report.tables.append(Table("Energy after a blow, 0.1..5 ms, damping 0..5000 N s/m", columns, rows))
-    report.verdicts.append(
-        Verdict("no blow-up, energy never created", f"{worst:.1e} in {runs} runs", bool(worst < 1e-9))
-    )
-    report.verdicts.append(Verdict("contact forces in balance in every step", f"{unbalanced} not", unbalanced == 0))
+    report.table("Energy after a blow, 0.1..5 ms, damping 0..5000 N s/m", columns, rows)
+    report.promise("no blow-up, energy never created", f"{worst:.1e} in {runs} runs", worst < 1e-9)
+    report.promise("contact forces in balance in every step", f"{unbalanced} not", unbalanced == 0)
 
 
 def _rise(stiffness: float, step: float, damping: float, friction: float) -> tuple[float, int]:
@@ -269,7 +235,7 @@ def _cost(report: BenchReport, budget: float) -> None:
     rounds = max(5, int(budget / 0.006))
     seconds = {name: np.median(taken) / 200 for name, taken in interleave(blocks, rounds).items()}
     rows = [[name, 1e6 * each, 1e-3 / each] for name, each in seconds.items()]
-    report.tables.append(Table("Cost of a cycle of 1 ms, called from Python", ["state", "us", "x real time"], rows))
+    report.table("Cost of a cycle of 1 ms, called from Python", ["state", "us", "x real time"], rows)
     slowest = max(each for name, each in seconds.items() if "driver" not in name)
     report.verdicts += [
         Verdict("contact step at least 100x real time", f"{1e-3 / slowest:.0f}x", bool(slowest <= 1e-5)),

@@ -8,21 +8,16 @@ joint's value, jerks are differences of the accelerations of successive ticks.
 from __future__ import annotations
 
 import gc
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import ruckig
 
-from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.bench.timing import load_before
-from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.report import BenchReport
+from lwrprobe.bench.timing import first_use, load_before
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.kinematics import IKSolver, lwr4
 from lwrprobe.trajectory import (
@@ -43,16 +38,12 @@ STEPS = 50
 TOLERANCE = 1e-9
 """Share of a limit that rounding may add."""
 NAMES = ("speed", "acceleration", "turn rate", "turn acceleration", "jerk", "turn jerk")
-OPTIONS = {"replans": "goals near and at the goal before", "seed": "of everything random"}
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
-    """Measure; `options`: `replans` and `seed`."""
-    for name in options:
-        if name not in OPTIONS:
-            raise UnknownNameError("option", name, OPTIONS)
-    replans = _integer(options, "replans", 10_000 if quick else 100_000)
-    rng = np.random.default_rng(_integer(options, "seed", 7))
+    """`lwrprobe bench trajectory`; options `replans`, goals near and at the goal before, and `seed`."""
+    asked = Options("trajectory", options, "replans", "seed")
+    replans, rng = asked.count("replans", 10_000 if quick else 100_000), np.random.default_rng(asked.count("seed", 7))
     report = BenchReport("trajectory", "Trajectories: held limits, and time beside bare Ruckig")
     report.machine = machine() | load_before() | versions("ruckig", "numpy", "numba")
     _times(report, rng, 300 if quick else 3000)
@@ -64,15 +55,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     _bows(report, rng, 100 if quick else 1000)
     if not quick:
         _first_use(report)
-    _draw_profile(report)
     return report
-
-
-def _integer(options: dict[str, str], name: str, default: int) -> int:
-    text = options.get(name, str(default))
-    if not text.isdigit() or int(text) < 1:
-        raise InputError(name, text, "a whole number above 0")
-    return int(text)
 
 
 class Generator(Protocol):
@@ -85,11 +68,7 @@ class BareRuckig:
     """Ruckig's own online loop for the joints of the LWR 4+."""
 
     def __init__(self, cycle: float = 1e-3) -> None:
-        speed = lwr4().speed
-        self.otg, self.given, self.out = ruckig.Ruckig(7, cycle), ruckig.InputParameter(7), ruckig.OutputParameter(7)
-        self.given.max_velocity = speed.tolist()
-        self.given.max_acceleration = (ACCELERATION * speed).tolist()
-        self.given.max_jerk = (JERK * speed).tolist()
+        self.otg, self.given, self.out = ruckig.Ruckig(7, cycle), _joint_limits(), ruckig.OutputParameter(7)
 
     def set_goal(self, q: np.ndarray) -> None:
         self.given.target_position = q.tolist()
@@ -98,6 +77,13 @@ class BareRuckig:
         self.otg.update(self.given, self.out)
         self.out.pass_to_input(self.given)
         return self.out.new_position
+
+
+def _joint_limits() -> ruckig.InputParameter:
+    given, speed = ruckig.InputParameter(7), lwr4().speed
+    given.max_velocity = speed.tolist()
+    given.max_acceleration, given.max_jerk = (ACCELERATION * speed).tolist(), (JERK * speed).tolist()
+    return given
 
 
 def _arm(cycle: float = 1e-3) -> JointTrajectory:
@@ -135,11 +121,11 @@ def _times(report: BenchReport, rng: np.random.Generator, rounds: int) -> None:
             median = float(np.median(s))
             rows.append([kind, name, 1e6 * median, 1e6 * float(np.quantile(s, 0.99)), median / base])
     columns = ["what", "generator", "median [us]", "p99 [us]", "times bare Ruckig"]
-    report.tables.append(Table("Time of one call from Python", columns, rows))
+    report.table("Time of one call from Python", columns, rows)
     for kind, seconds, most in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
         slowest = max(float(np.median(s)) for name, s in seconds.items() if "bare" not in name)
         text = f"{1e6 * slowest:.3g} us, the slowest of ours"
-        report.verdicts.append(Verdict(f"guarded {kind} <= {1e6 * most:.0f} us", text, slowest <= most))
+        report.promise(f"guarded {kind} <= {1e6 * most:.0f} us", text, slowest <= most)
     report.notes.append(
         f"A step of bare Ruckig is `update` with `pass_to_input`; steps are timed {STEPS} at a time, a re-plan "
         "together with the step that follows, since bare Ruckig plans in it. Ours checks the goal, plans, reads the "
@@ -262,12 +248,12 @@ def _around_goals(report: BenchReport, rng: np.random.Generator, replans: int) -
         ["JointTrajectory, 7 joints", *joint],
         ["CartesianTrajectory", *tip],
     ]
-    report.tables.append(Table("Re-plans at and around goals", columns, rows))
+    report.table("Re-plans at and around goals", columns, rows)
     ours = [joint[k] + tip[k] for k in range(5)]
     text = f"{ours[1]} exceptions, {ours[3]} violations in {ours[0]}"
     promise = f"0 exceptions and 0 limit violations in {replans} re-plans at and around goals"
-    report.verdicts.append(Verdict(promise, text, ours[1] == ours[3] == 0))
-    report.verdicts.append(Verdict("every goal that was waited for is met exactly", f"{ours[4]} missed", ours[4] == 0))
+    report.promise(promise, text, ours[1] == ours[3] == 0)
+    report.promise("every goal that was waited for is met exactly", f"{ours[4]} missed", ours[4] == 0)
     report.notes.append(
         "Around goals, bare Ruckig is asked at its own last position and, after an exception, started anew at rest; a "
         "goal of its counts as missed when it is more than 1e-9 rad off after 0.4 s, one of JointTrajectory's when it "
@@ -373,13 +359,9 @@ def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
         over += watch.over
         missed += error > 1e-15
     columns = ["cycle", *NAMES, "error at the end"]
-    report.tables.append(
-        Table("Largest use of each limit less 1, goals, feeds and stops at random moments", columns, rows)
-    )
-    report.verdicts.append(
-        Verdict("limits held at every tick, cycle 0.1 to 20 ms and irregular", f"{over} over", over == 0)
-    )
-    report.verdicts.append(Verdict("ends exactly on the goal at every cycle", f"{missed} missed", missed == 0))
+    report.table("Largest use of each limit less 1, goals, feeds and stops at random moments", columns, rows)
+    report.promise("limits held at every tick, cycle 0.1 to 20 ms and irregular", f"{over} over", over == 0)
+    report.promise("ends exactly on the goal at every cycle", f"{missed} missed", missed == 0)
 
 
 def _random_aim(tip: CartesianTrajectory, rng: np.random.Generator) -> None:
@@ -396,9 +378,7 @@ def _random_aim(tip: CartesianTrajectory, rng: np.random.Generator) -> None:
 def _ends(report: BenchReport, rng: np.random.Generator, count: int) -> None:
     """Where a plan ends, bare and guarded, against the time of planning it: from motion, all joints in time."""
     robot = lwr4()
-    given, trajectory, otg = ruckig.InputParameter(7), ruckig.Trajectory(7), ruckig.Ruckig(7)
-    given.max_velocity = robot.speed.tolist()
-    given.max_acceleration, given.max_jerk = (ACCELERATION * robot.speed).tolist(), (JERK * robot.speed).tolist()
+    given, trajectory, otg = _joint_limits(), ruckig.Trajectory(7), ruckig.Ruckig(7)
     arm = _arm()
     errors, seconds = np.empty((2, count)), np.empty((2, count))
     for n in range(count):
@@ -419,11 +399,10 @@ def _ends(report: BenchReport, rng: np.random.Generator, count: int) -> None:
         for name, s, e in zip(("bare Ruckig", "JointTrajectory"), seconds, errors)
     ]
     columns = ["generator", "plan [us]", "median [rad]", "p99 [rad]", "largest [rad]"]
-    report.tables.append(Table("Distance between a plan's end and its goal, 7 joints from motion", columns, rows))
-    report.verdicts.append(
-        Verdict("plans end within 1e-11 rad of the goal before they are snapped to it", f"{errors[1].max():.2g} rad",
-                bool(errors[1].max() <= 1e-11))
-    )  # fmt: skip
+    report.table("Distance between a plan's end and its goal, 7 joints from motion", columns, rows)
+    worst = errors[1].max()
+    promise = "plans end within 1e-11 rad of the goal before they are snapped to it"
+    report.promise(promise, f"{worst:.2g} rad", worst <= 1e-11)
 
     def draw(figure: Any) -> None:
         axes = figure.subplots()
@@ -455,50 +434,34 @@ def _last_gap(arm: JointTrajectory, goal: np.ndarray) -> float:
 
 def _corners(report: BenchReport) -> None:
     """A new goal 0.1 m away, at an angle, in the middle of a move at full speed."""
-    rows, paths = [], {}
+    rows = []
     for angle in (0, 15, 30, 45, 60, 90, 120, 150, 180):
-        through, path = _corner(angle, False)
-        stopped, _ = _corner(angle, True)
+        through, stopped = _corner(angle, False), _corner(angle, True)
         rows.append([angle, 1e3 * through, 1e3 * stopped, stopped / through])
-        paths[angle] = path
     columns = ["angle [deg]", "re-planned in motion [ms]", "stop, then go [ms]", "gain"]
-    report.tables.append(Table("A corner at 0.25 m/s: time to the new goal", columns, rows))
+    report.table("A corner at 0.25 m/s: time to the new goal", columns, rows)
     held, gains = all(row[1] < row[2] for row in rows), [row[3] for row in rows]
-    report.verdicts.append(
-        Verdict("a corner is never slower than stop and go", f"gain {max(gains):.2f} .. {min(gains):.2f}", held)
-    )
-
-    def draw(figure: Any) -> None:
-        axes = figure.subplots()
-        for angle, path in paths.items():
-            axes.plot(1e3 * path[:, 0], 1e3 * path[:, 1], label=f"{angle} deg")
-        axes.set(
-            xlabel="x [mm]", ylabel="y [mm]", aspect="equal", title="The goal changes at full speed, at the origin"
-        )
-        axes.grid(True, alpha=0.3)
-        axes.legend(fontsize=8)
-
-    report.figures["corners"] = draw
+    report.promise("a corner is never slower than stop and go", f"gain {max(gains):.2f} .. {min(gains):.2f}", held)
 
 
-def _corner(angle: float, stop_first: bool) -> tuple[float, np.ndarray]:
+def _corner(angle: float, stop_first: bool) -> float:
+    """s until the new goal is met."""
     tip = CartesianTrajectory(1e-3, LIMITS)
     tip.set_goal(_pose(np.array((0.2, 0.0, 0.0))), 0.25)
     while tip.pose[0, 3] < 0.1:
         tip.step()
-    corner = tip.pose[:3, 3].copy()
-    path = []
+    corner, ticks = tip.pose[:3, 3].copy(), 0
     if stop_first:
         tip.stop()
         while tip.status != TrajectoryStatus.RESTING:
             tip.step()
-            path.append(tip.pose[:3, 3] - corner)
+            ticks += 1
     way = 0.1 * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0))
     tip.set_goal(_pose(corner + way), 0.25)
     while not tip.arrived:
         tip.step()
-        path.append(tip.pose[:3, 3] - corner)
-    return len(path) * tip.cycle, np.array(path)
+        ticks += 1
+    return ticks * tip.cycle
 
 
 def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> None:
@@ -525,9 +488,9 @@ def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> Non
     ]
     columns = ["governor", "joint speed / limit, median", "largest", "duration, median [s]", "cost a cycle [us]"]
     title = f"{wanted} straight moves near singularities that need more than a joint has"
-    report.tables.append(Table(title, columns, rows))
+    report.table(title, columns, rows)
     text = f"largest share {governed.max():.3f}, without {free.max():.3g}"
-    report.verdicts.append(Verdict("governed joints keep their speed limits", text, bool(governed.max() <= 1.0)))
+    report.promise("governed joints keep their speed limits", text, governed.max() <= 1.0)
 
 
 def _spread(values: np.ndarray) -> list[float]:
@@ -589,65 +552,12 @@ def _bows(report: BenchReport, rng: np.random.Generator, count: int) -> None:
                 [f"{1e3 * low:.0f} .. {1e3 * high:.0f}", *(1e3 * float(x) for x in (np.median(some), some.max()))]
             )
     columns = ["length of the move [mm]", "bow, median [mm]", "largest [mm]"]
-    report.tables.append(Table("Bow of joint-space moves (same orientation at both ends) on the LWR 4+", columns, rows))
+    report.table("Bow of joint-space moves (same orientation at both ends) on the LWR 4+", columns, rows)
     report.notes.append(
         "A straight Cartesian move has no bow: its way is one axis, to rounding (a test holds 1e-15 m)."
     )
 
-    def draw(figure: Any) -> None:
-        axes = figure.subplots()
-        axes.loglog(1e3 * lengths, 1e3 * bows, ".", ms=4, alpha=0.5)
-        axes.set(xlabel="length of the straight line [mm]", ylabel="largest distance from it [mm]")
-        axes.set_title("The bow of joint-space moves, LWR 4+")
-        axes.grid(True, which="both", alpha=0.3)
-
-    report.figures["bow"] = draw
-
 
 def _first_use(report: BenchReport) -> None:
-    """Wall and CPU seconds of a fresh process that makes both generators, with an empty and with a filled cache."""
-    script = Path(__file__).with_name("trajectory_first_use.py")
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": folder}
-        for name in ("empty cache", "filled cache"):
-            command = [sys.executable, str(script)]
-            answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-            rows.append([name, *(float(x) for x in answer.stdout.split())])
-    report.tables.append(
-        Table("First use of all trajectory kernels in a fresh process", ["", "wall [s]", "CPU [s]"], rows)
-    )
-
-
-def _draw_profile(report: BenchReport) -> None:
-    """Share of each limit in use over a second with four changes of mind."""
-    watch = Watch(CartesianTrajectory(1e-3, LIMITS))
-    aims = {
-        0: lambda: watch.tip.set_goal(_pose(np.array((0.15, 0.0, 0.0)), np.array((0.0, 0.5, 0.0))), 0.25),
-        450: lambda: watch.tip.set_goal(_pose(np.array((0.1, 0.1, 0.05)), np.array((0.3, 0.2, 0.0))), 0.25),
-        900: lambda: watch.tip.set_feed(np.array((-0.1, 0.1, 0.0)), 0.4),
-        1200: lambda: watch.tip.set_goal(_pose(np.zeros(3)), 0.25),
-        1500: lambda: watch.tip.stop(),
-    }
-    used = []
-    for n in range(1900):
-        aims.get(n, lambda: None)()
-        watch.worst[:] = 0.0
-        watch.step()
-        used.append(watch.worst.copy())
-    shares = np.array(used)
-
-    def draw(figure: Any) -> None:
-        rows = figure.subplots(3, 1, sharex=True)
-        for axes, pair in zip(rows, ((0, 2), (1, 3), (4, 5))):
-            for k in pair:
-                axes.plot(np.arange(len(shares)), shares[:, k], label=NAMES[k])
-            axes.axhline(1.0, color="black", lw=0.8)
-            for n in aims:
-                axes.axvline(n, color="grey", lw=0.6, ls=":")
-            axes.set_ylim(-0.05, 1.15)
-            axes.legend(loc="upper right", fontsize=8)
-        rows[1].set_ylabel("share of the limit (norms)")
-        rows[2].set_xlabel("time [ms]; dotted: a new goal, goal, feed, goal, stop")
-
-    report.figures["profile"] = draw
+    title = "First use of all trajectory kernels in a fresh process"
+    report.table(title, ["", "wall [s]", "CPU [s]"], first_use("trajectory"))

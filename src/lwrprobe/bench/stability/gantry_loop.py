@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lwrprobe.bench.simulation import build_world
+from lwrprobe.bench.gantry import build_world
 from lwrprobe.control import ForceLaw
 
 TOP = 0.055

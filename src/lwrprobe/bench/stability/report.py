@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.bench.stability.case import COUNT, Result, all_cases, run_case
-from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.contracts import InputError
 from lwrprobe.evaluation.machine import machine, versions
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`--case N` runs one, `--set case=1,2,34` some; `quick` runs fewer settings of each."""
-    unknown = sorted(options.keys() - {"case"})
-    if unknown:
-        raise UnknownNameError("bench stability option", unknown[0], ["case"])
+    Options("stability", options, "case")
     cases = all_cases()
     chosen = cases
     if "case" in options:

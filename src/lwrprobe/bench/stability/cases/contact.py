@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.simulation import build_world
+from lwrprobe.bench.gantry import build_world, rest
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.gantry_loop import UPRIGHT
 from lwrprobe.bench.stability.runs import strip
@@ -69,15 +69,7 @@ def _rest(world: Any, wrist: float, roll: float, count: int) -> tuple[list[Wrenc
     q = np.array([0.0, 0.5, 0.0, -1.4, 0.0, 1.2415926535897932, 0.0])
     q[4:] += (roll, -wrist, 0.2)
     world.place(q)
-    samples: list[WrenchSample] = []
-    while len(samples) < count + 8:
-        world.command(q)
-        world.advance()
-        samples += [
-            WrenchSample(row[0], np.array(row[1:4]), np.array(row[4:7]), int(row[7]), int(row[8]))
-            for row in world.fetch()
-        ]
-    return samples[8:], world.tip()[:3, :3]
+    return rest(world, q, count), world.tip()[:3, :3]
 
 
 def _wrong_probe(quick: bool) -> list[Finding]:
@@ -121,12 +113,7 @@ def _touches_on_the_ball(
         for share in np.linspace(1.0, 0.0, 20):
             world.command(true + 0.01 * share * out)
             world.advance()
-        samples: list = []
-        while len(samples) < 24:
-            world.command(true)
-            world.advance()
-            samples += world.fetch()
-        reading = np.mean([row[1:7] for row in samples[8:]], axis=0)
+        reading = np.mean([[*s.force, *s.torque] for s in rest(world, true, 16)], axis=0)
         centres.append(ball + reach * out - UPRIGHT @ bend)  # extrapolated to zero force
         forces.append(reading[:3])
         torques.append(reading[3:] + np.cross(bend, reading[:3]))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.simulation import build_world
+from lwrprobe.bench.gantry import build_world, rest
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.gantry_loop import TOP, UPRIGHT, press
 from lwrprobe.bench.stability.runs import strip
@@ -64,13 +64,13 @@ def _start_in_contact(quick: bool) -> list[Finding]:
             gravity=(0.0, 0.0, -GRAVITY), noise_force=0.003, noise_torque=2e-5,
         )  # fmt: skip
         conditioner = WrenchConditioner(world.probe, world.scene.sensor.rate)
-        height = [TOP - depth if depth else TOP + 0.001]
+        place = np.array([0.0, 0.0, TOP - depth if depth else TOP + 0.001])
 
-        def retreat(height: list[float] = height) -> None:
-            height[0] += 0.002
+        def retreat(place: np.ndarray = place) -> None:
+            place[2] += 0.002
 
-        def readings(world: Any = world, height: list[float] = height) -> list[WrenchSample]:
-            return _readings(world, height[0], 100)
+        def readings(world: Any = world, place: np.ndarray = place) -> list[WrenchSample]:
+            return rest(world, place, 100)
 
         taken = agreed_bias(conditioner, readings, retreat, UPRIGHT)
         off = 1e3 * float(np.abs(conditioner.bias[:3] - OFFSET[:3]).max())
@@ -90,22 +90,6 @@ def _run_from_contact() -> Finding:
     error = run.summary["contact_error_mm"]["median"] if run.summary["contact_error_mm"] else float("nan")
     told = f"{run.told()}; contacts off by {error:.3f} mm, which a wrong zero of 2 N would not leave so"
     return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 500)
-
-
-def _readings(world: Any, height: float, count: int) -> list[WrenchSample]:
-    """Samples while the tip rests at a height, after a short while to settle."""
-    place = np.array([0.0, 0.0, height])
-    samples: list[WrenchSample] = []
-    for settle in (True, False):
-        samples.clear()
-        while len(samples) < (8 if settle else count):
-            world.command(place)
-            world.advance()
-            samples += [
-                WrenchSample(row[0], np.array(row[1:4]), np.array(row[4:7]), int(row[7]), int(row[8]))
-                for row in world.fetch()
-            ]
-    return samples
 
 
 def _soft_object(quick: bool) -> list[Finding]:

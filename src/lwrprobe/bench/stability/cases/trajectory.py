@@ -7,33 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lwrprobe.bench.stability.case import Case, Finding, within
-from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory
-
-LIMITS = CartesianLimits(0.25, 2.0, 40.0, 1.0, 5.0, 100.0)
-
-
-class Watch:
-    """Largest shares of speed, acceleration and jerk of the tip, tick by tick."""
-
-    def __init__(self, cycle: float) -> None:
-        self.tip = CartesianTrajectory(cycle, LIMITS)
-        self.tip.reset(np.eye(4))
-        self.cycle = cycle
-        self.worst = 0.0
-        self._before = np.zeros(3)
-
-    def tick(self, elapsed: float | None = None) -> None:
-        """One step; jerk is the difference quotient of the accelerations."""
-        self.tip.step(elapsed)
-        tip, gone = self.tip, elapsed or self.cycle
-        jerk = float(np.linalg.norm(tip.acceleration - self._before)) / gone if gone > 0.0 else 0.0
-        self._before = tip.acceleration.copy()
-        shares = (
-            float(np.linalg.norm(tip.velocity)) / LIMITS.speed,
-            float(np.linalg.norm(tip.acceleration)) / LIMITS.acceleration,
-            jerk / LIMITS.jerk,
-        )
-        self.worst = max(self.worst, *shares)
+from lwrprobe.bench.trajectory import LIMITS, Watch
+from lwrprobe.trajectory import CartesianTrajectory
 
 
 def _pose(*place: float) -> np.ndarray:
@@ -42,21 +17,27 @@ def _pose(*place: float) -> np.ndarray:
     return pose
 
 
+def _watch(cycle: float) -> Watch:
+    tip = CartesianTrajectory(cycle, LIMITS)
+    tip.reset(np.eye(4))
+    return Watch(tip)
+
+
 def _time_steps(quick: bool) -> list[Finding]:
     found = []
     for cycle in (1e-4, 1e-3, 0.02):
         for irregular in (False, True):
-            watch, random, goal = Watch(cycle), np.random.default_rng(34), _pose(0.2, -0.1, 0.05)
+            watch, random, goal = _watch(cycle), np.random.default_rng(34), _pose(0.2, -0.1, 0.05)
             watch.tip.set_goal(goal, 0.25)
             for _ in range(round(6.0 / cycle)):
-                watch.tick(cycle * random.uniform(0.1, 3.0) if irregular else None)
+                watch.step(cycle * random.uniform(0.1, 3.0) if irregular else None)
                 if watch.tip.arrived:
                     break
             off = float(np.abs(watch.tip.pose - goal).max())
             setting = f"cycle {1e3 * cycle:g} ms" + (", irregular (0.1 to 3 cycles)" if irregular else "")
             told = f"ends {off:.1g} m off the goal, at rest: {'yes' if watch.tip.resting else 'no'}"
             also = off == 0.0 and bool(watch.tip.arrived)
-            found.append(within(setting, told, watch.worst, 1.0 + 1e-9, "of the limits", also=also))
+            found.append(within(setting, told, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=also))
     return found
 
 
@@ -87,24 +68,24 @@ def _goals(quick: bool) -> list[Finding]:
             ("a new feed at every tick, beyond the limit", flickering_feed),
         )
     ]
-    watch = Watch(1e-3)
+    watch = _watch(1e-3)
     watch.tip.set_goal(np.eye(4), 0.1)
-    watch.tick()
+    watch.step()
     at_once = bool(watch.tip.arrived)
     return [*found, Finding("equal to where it is", "arrived at once" if at_once else "still moving", at_once)]
 
 
 def _driven(name: str, act: Callable[[Watch, int], None], ticks: int) -> Finding:
-    watch = Watch(1e-3)
+    watch = _watch(1e-3)
     for k in range(ticks):
         act(watch, k)
-        watch.tick()
+        watch.step()
     watch.tip.set_goal(_pose(0.05, 0.0, 0.0), 0.25)
     for _ in range(4000):
-        watch.tick()
+        watch.step()
     off = float(np.abs(watch.tip.pose - _pose(0.05, 0.0, 0.0)).max())
     told = f"{watch.tip.failures} plans refused by the planner; the last goal is met to {off:.1g} m"
-    return within(name, told, watch.worst, 1.0 + 1e-9, "of the limits", also=off == 0.0)
+    return within(name, told, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=off == 0.0)
 
 
 CASES = (
