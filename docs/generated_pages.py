@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import pkgutil
 import types
 import typing
 from dataclasses import fields
@@ -16,27 +17,15 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-PACKAGES = (
-    "lwrprobe",
-    "lwrprobe.contracts",
-    "lwrprobe.kinematics",
-    "lwrprobe.trajectory",
-    "lwrprobe.contact",
-    "lwrprobe.mapping",
-    "lwrprobe.collision",
-    "lwrprobe.reconstruction",
-    "lwrprobe.scene",
-    "lwrprobe.evaluation",
-    "lwrprobe.exploration",
-    "lwrprobe.options",
-)
+INTERNAL = ("lwrprobe.bench", "lwrprobe.cli")
+"""Packages whose names are no part of the library's interface."""
 
 
 def write(folder: Path) -> None:
     """Write all generated pages into `folder`; a page that did not change keeps its time stamp."""
     folder.mkdir(exist_ok=True)
     pages = {"command-line": command_line(), "scene-file": scene_file()}
-    pages |= {name: public_names(name) for name in PACKAGES}
+    pages |= {name: public_names(name) for name in packages()}
     for stem, text in pages.items():
         page = folder / f"{stem}.md"
         if not page.is_file() or page.read_text(encoding="utf-8") != text:
@@ -212,18 +201,31 @@ def _cell(text: str | None) -> str:
     return " ".join((text or "").split()).replace("|", "\\|")
 
 
+def packages() -> list[str]:
+    """The library's package and those below it that export names."""
+    below = [f"lwrprobe.{found.name}" for found in pkgutil.iter_modules(import_module("lwrprobe").__path__)]
+    return ["lwrprobe", *(n for n in below if n not in INTERNAL and getattr(import_module(n), "__all__", ()))]
+
+
 def public_names(package: str) -> str:
-    """Every name in a package's `__all__`, for autodoc to describe."""
+    """Every name in a package's `__all__`, for autodoc to describe; where another package describes it, a link."""
     module = import_module(package)
+    others = {name for other in packages()[1:] if other != package for name in import_module(other).__all__}
     lines = [f"# {package}", "", f"```{{eval-rst}}\n.. automodule:: {package}\n   :no-members:\n"]
-    for name in sorted(getattr(module, "__all__", ()), key=str.lower):
-        lines += _directive(package, name, getattr(module, name))
-    return "\n".join([*lines, "```"]) + "\n"
+    names = sorted(module.__all__, key=str.lower)
+    for name in names:
+        if package != "lwrprobe" or name not in others:
+            lines += _directive(package, name, getattr(module, name))
+    lines += ["```"]
+    if package == "lwrprobe":
+        lines += ["", "Also exported, and described in their own packages:"]
+        lines += [", ".join(f"`{name}`" for name in names if name in others) + "."]
+    return "\n".join(lines) + "\n"
 
 
 def _directive(package: str, name: str, thing: Any) -> list[str]:
     if isinstance(thing, types.ModuleType):
-        return ["", f"``{name}``: the package :doc:`{thing.__name__}`"]
+        return []
     if isinstance(thing, type):
         return ["", f".. autoclass:: {package}.{name}"]
     if callable(thing):

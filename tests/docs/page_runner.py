@@ -36,7 +36,7 @@ _FOLDERS = ".", "docs", "docs/how-to", "docs/explanation", "docs/reference", "ex
 PAGES = [page for folder in _FOLDERS for page in sorted((ROOT / folder).glob("*.md"))]
 _FENCE = re.compile(r"^```(\w*) ?([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _WORDS = {"python": r"|file=\S+", "toml": r"|file=\S+", "bash": r"|parse-only", "text": r"|output"}
-_SCRIPTS = "scripts/run.py", "scripts/test.py", "scripts/docs.py"
+_RUN = "scripts/run.py"
 
 
 @dataclass(slots=True, frozen=True)
@@ -99,7 +99,7 @@ class PageRunner:
 
     def _shell(self, words: list[str]) -> None:
         program, *arguments = words
-        if words[:2] == ["python3", "scripts/run.py"]:
+        if words[:2] == ["python3", _RUN]:
             program, arguments = "lwrprobe", words[2:]
         if words[:2] == ["pip", "install"]:
             install(words[2])
@@ -122,15 +122,15 @@ def lines(text: str) -> list[list[str]]:
 
 def check_line(words: list[str]) -> None:
     """Check a command without running it: program, subcommand, options, scene and settings."""
-    if words[0] == "python3" and words[1] in _SCRIPTS:
-        assert (ROOT / words[1]).is_file()
-        if words[1] == _SCRIPTS[0]:
+    if words[0] == "python3":
+        assert (ROOT / words[1]).is_file(), f"{words[1]}: no such file"
+        if words[1] == _RUN:
             check_line(["lwrprobe", *words[2:]])
         return
     if words[:2] == ["pip", "install"]:
         check_requirement(words[2])
         return
-    assert words[0] == "lwrprobe", f"{shlex.join(words)}: a command that the tests do not know"
+    assert Path(words[0]).name == "lwrprobe", f"{shlex.join(words)}: a command that the tests do not know"
     command, arguments = typer.main.get_command(app), words[1:]
     while hasattr(command, "commands"):
         assert arguments[0] in command.commands, f"{shlex.join(words)}: no command {arguments[0]!r}"
