@@ -1,6 +1,7 @@
 """Metrics on cases whose answers are known by hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,8 @@ from lwrprobe.evaluation import (
 from lwrprobe.scene import load_scene
 
 RADIUS, LOWEST, PITCH = 0.005, 0.006, 0.010
+UP = np.array([[0.0, 0.0, 1.0]])
+NOTHING = np.empty((0, 3))
 
 
 @pytest.fixture(scope="module")
@@ -86,11 +89,13 @@ def test_bad_arrays_are_refused(block, found):
     with pytest.raises(InputError, match="NaN"):
         surface_error(np.array([[np.nan, 0, 0]]), block)
     with pytest.raises(InputError, match="pitch"):
-        coverage(np.zeros((1, 3)), found, 0.0)
+        coverage(np.zeros((1, 3)), UP, found, 0.0)
     with pytest.raises(InputError, match="contour_speed"):
         lower_bound_time(found, PITCH, 0.0)
+    with pytest.raises(InputError, match="normals"):
+        coverage(np.zeros((2, 3)), UP, found, PITCH)
     with pytest.raises(InputError, match="times"):
-        coverage_over_time(np.zeros((2, 3)), np.zeros(1), np.zeros(1), found, PITCH)
+        coverage_over_time(np.zeros((2, 3)), np.tile(UP, (2, 1)), np.zeros(1), np.zeros(1), found, PITCH)
 
 
 def test_the_sphere_reaches_five_faces_of_a_block_above_its_lowest_height(block):
@@ -131,41 +136,73 @@ def test_the_surface_under_an_overhang_is_reachable_for_the_bare_sphere():
 
 
 def test_coverage_counts_what_lies_near_a_contact(block, found):
-    points, _ = block.sample_surface(6000, seed=5)
-    assert coverage(points, found, PITCH).share == 1.0
-    half = coverage(points[points[:, 0] < 0], found, PITCH)
+    points, normals = block.sample_surface(6000, seed=5)
+    assert coverage(points, normals, found, PITCH).share == 1.0
+    left = points[:, 0] < 0
+    half = coverage(points[left], normals[left], found, PITCH)
     assert half.share == pytest.approx(0.5 + 0.006 * 0.138 / 0.0182, abs=0.01)  # and a stripe of half a pitch + 1 mm
     assert half.share_5mm == pytest.approx(0.5 + 0.005 * 0.188 / 0.0182 - 0.05 * 0.05 * 0, abs=0.03)
-    assert coverage(np.empty((0, 3)), found, PITCH).share == 0.0
-    wide = coverage(np.array([[0.0, 0.0, 0.05]]), found, 0.018)
+    assert coverage(NOTHING, NOTHING, found, PITCH).share == 0.0
+    wide = coverage(np.array([[0.0, 0.0, 0.05]]), UP, found, 0.018)
     assert wide.share == pytest.approx(np.pi * 0.010**2 / 0.0182, rel=0.1)
     assert wide.share_5mm == pytest.approx(np.pi * 0.005**2 / 0.0182, rel=0.25)
     assert json.dumps(wide.as_dict())
 
 
+def test_a_contact_counts_only_for_the_side_that_it_faces():
+    plate = load_scene("thin_plate").solid()
+    found = reach(plate, RADIUS, LOWEST)
+    points, normals = plate.sample_surface(8000, seed=5)
+    assert coverage(points, normals, found, PITCH).share == 1.0
+    thin = int(np.argmin(np.ptp(np.array(plate.bounds()), axis=0)))
+    one = normals[:, thin] > 0.9
+    share = coverage(points[one], normals[one], found, PITCH).share
+    facing = float((found.normals[:, thin] > 0.5).mean())
+    assert facing == pytest.approx(share, abs=0.01)
+    assert share < 0.55
+
+
+@pytest.mark.parametrize(("degrees", "share"), [(0.0, 1.0), (59.0, 1.0), (61.0, 0.0), (180.0, 0.0)])
+def test_a_contact_may_face_up_to_60_degrees_aside(found, degrees, share):
+    top = found.normals[:, 2] > 0.9
+    angle = np.radians(degrees)
+    leaning = np.tile([np.sin(angle), 0.0, np.cos(angle)], (int(top.sum()), 1))
+    on_top = replace(found, points=found.points[top], normals=found.normals[top])
+    assert coverage(on_top.points, leaning, on_top, PITCH).share == share
+
+
+def test_coverage_is_that_of_all_pairs(block, found):
+    points, normals = block.sample_surface(150, seed=9)
+    some = replace(found, points=found.points[::20], normals=found.normals[::20])
+    near = np.linalg.norm(some.points[:, None] - points, axis=2) <= 0.5 * PITCH + 0.001
+    facing = some.normals @ normals.T >= 0.5
+    assert coverage(points, normals, some, PITCH).share == (near & facing).any(axis=1).mean()
+
+
 def test_coverage_inside_an_area_leaves_out_what_the_area_does_not_hold(block, found):
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.0, 0.2, 0.2]))
-    points, _ = block.sample_surface(6000, seed=5)
-    inside = coverage(points[points[:, 0] < 0], found.within(area), PITCH)
+    points, normals = block.sample_surface(6000, seed=5)
+    left = points[:, 0] < 0
+    inside = coverage(points[left], normals[left], found.within(area), PITCH)
     assert inside.share == pytest.approx(1.0, abs=0.001)
     assert inside.reachable_area == pytest.approx(0.0182 / 2, rel=0.02)
 
 
 def test_coverage_of_nothing_is_complete():
     nothing = reach(load_scene("empty").solid(), RADIUS, LOWEST)
-    assert coverage(np.empty((0, 3)), nothing, PITCH).share == 1.0
+    assert coverage(NOTHING, NOTHING, nothing, PITCH).share == 1.0
 
 
 def test_coverage_over_time_ends_at_the_coverage_and_never_falls(block, found):
-    points, _ = block.sample_surface(500, seed=6)
+    points, normals = block.sample_surface(500, seed=6)
     times = np.linspace(0.0, 10.0, len(points))
     at = np.linspace(-1.0, 11.0, 25)
-    share = coverage_over_time(points, times, at, found, PITCH)
+    share = coverage_over_time(points, normals, times, at, found, PITCH)
     assert share[0] == 0.0
     assert (np.diff(share) >= 0).all()
     for time, one in zip(at, share):
-        known = points[times <= time]
-        assert one == pytest.approx(coverage(known, found, PITCH).share, abs=1e-12)
+        known = times <= time
+        assert one == pytest.approx(coverage(points[known], normals[known], found, PITCH).share, abs=1e-12)
 
 
 def test_ends_that_were_missed_are_measured(found):
@@ -286,8 +323,8 @@ def test_a_mesh_or_a_solid_that_cannot_be_compared_is_refused(block):
 def test_metrics_repeat_bit_for_bit(block, found):
     mesh = cuboid([-0.048, -0.025, 0.0], [0.052, 0.025, 0.05])
     assert mesh_error(mesh, block, LOWEST) == mesh_error(mesh, block, LOWEST)
-    points, _ = block.sample_surface(100, 3)
-    assert coverage(points, found, PITCH) == coverage(points, found, PITCH)
+    points, normals = block.sample_surface(100, 3)
+    assert coverage(points, normals, found, PITCH) == coverage(points, normals, found, PITCH)
 
 
 def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
@@ -298,17 +335,17 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     down = np.diag([1.0, -1.0, -1.0])
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.2, 0.2, 0.2]))
     within = reach(block, RADIUS, LOWEST, area, 4000)
-    points, _ = block.sample_surface(8000, seed=2)
-    low = points[(points[:, 2] < 0.0495) & (points[:, 2] > LOWEST)]
-    high = points[points[:, 2] > 0.0185]
+    points, normals = block.sample_surface(8000, seed=2)
+    lowest = (points[:, 2] < 0.01) & (points[:, 2] > LOWEST)
+    high = points[:, 2] > 0.0185
 
-    def share(contacts):
-        return upright_coverage(contacts, within, PITCH, block, [body], down, 0.0)
+    def share(made):
+        return upright_coverage(points[made], normals[made], within, PITCH, block, [body], down, 0.0)
 
     assert share(high) == 1.0
-    assert coverage(high, within, PITCH).share < 1.0
-    assert share(low[low[:, 2] < 0.01]) < 0.2
-    assert upright_coverage(high, within, PITCH, block, [], down, 0.0) < 1.0
+    assert coverage(points[high], normals[high], within, PITCH).share < 1.0
+    assert share(lowest) < 0.2
+    assert upright_coverage(points[high], normals[high], within, PITCH, block, [], down, 0.0) < 1.0
 
 
 def test_the_gap_to_the_nearest_contact_shrinks_as_contacts_come(found):

@@ -160,5 +160,6 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["table_found"]:
         table = summary["table_found"]
         rows.append(("table", f"{table['contacts']} contacts left out: it leans by {table['tilt_deg']:.2f} degrees"))
+    rows += [("warning", sentence) for sentence in summary["warnings"]]
     rows += [("left out", f"{item['stage']}: {item['why']}") for item in summary["left_out"]]
     return rows

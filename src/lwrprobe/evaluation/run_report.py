@@ -150,7 +150,7 @@ class _Page:
         )
 
     def _unknown(self) -> list[str]:
-        """Where the mesh says something that no touch has said."""
+        """Where the mesh says something that no touch has said, and the run's warnings."""
         if self.summary is None:
             return []
         found = []
@@ -170,7 +170,7 @@ class _Page:
         if sides:
             names = ", ".join(side["side"] for side in sides)
             found.append(f"Open border {names}: the object goes on beyond the area, and the mesh is closed there")
-        return found
+        return found + [sentence[:1].upper() + sentence[1:] for sentence in self.summary.warnings]
 
     def _viewer(self) -> str:
         if self.surface is None or len(self.surface.mesh.vertices) > _MOST_VERTICES:

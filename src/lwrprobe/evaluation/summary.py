@@ -47,6 +47,12 @@ class Summary:
     """m, the part of that path in contact."""
     peak_force_n: float | None = None
     """N, largest contact force: the true one in simulation, else the measured one."""
+    true_peak_force_n: float | None = None
+    """N, largest true contact force of anything of the probe: sphere, stick, or both together; None on a real arm."""
+    rejected_share: float | None = None
+    """Share of the samples with a contact that were not accepted: too uncertain, too light, or too early in a touch."""
+    warnings: list[str] = field(default_factory=list)
+    """Sentences on what the result must not be used without knowing."""
     range_used: float | None = None
     """Largest share of the sensor's range that a force or torque component reached, 0 to 1."""
     link_collisions: int | None = None
@@ -64,17 +70,20 @@ class Summary:
     stillness: Table | None = None
     """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm]."""
     coverage: float | None = None
-    """Share of the reachable surface that has a contact within half the line spacing plus 1 mm, 0 to 1."""
+    """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
+    within 60 degrees, 0 to 1."""
     coverage_upright: float | None = None
     """The same of what a probe held upright can reach."""
     coverage_5mm: float | None = None
-    """Share of the reachable surface that has a contact within 5 mm."""
+    """Share of the reachable surface that has a contact within 5 mm which faces the same way."""
     coverage_over_time: list[list[float]] | None = None
     """Rows of (time [s], coverage)."""
     end_errors_mm: list[float | None] | None = None
     """mm, how far the contacts fall short of (+) or pass (-) the object's two ends in x."""
     contact_error_mm: Table | None = None
-    """mm, contact point to true contact point: `median`, `mean`, `rms`, `p95`, `max`."""
+    """mm, accepted contact point to true contact point: `median`, `mean`, `rms`, `p95`, `max`."""
+    contact_error_aligned_mm: Table | None = None
+    """The same after the rigid motion that lays the contacts over the true surface: error of shape, not of place."""
     surface_error_mm: Table | None = None
     """mm, contact point to true surface: `median`, `mean`, `rms`, `p95`, `max`."""
     voxel_error_mm: Table | None = None
@@ -83,8 +92,10 @@ class Summary:
     """Degrees, estimated to true normal: `median`, `mean`, `p95`, `max`."""
     mesh_error_mm: Table | None = None
     """Mesh against the true shape: `method`, lengths in mm, `normals_deg`, `watertight`, `volume_error`, `iou`."""
+    mesh_error_aligned_mm: Table | None = None
+    """The same after the rigid motion that lays the mesh over the true surface."""
     lower_bound_time_s: float | None = None
-    """s, no exploration of this object at this line spacing and speed is faster."""
+    """s, no exploration of this object at this line spacing and speed is faster; free space counts at free speed."""
     lower_bound_descending_s: float | None = None
     """s, the same where the way down to an edge has to be slow enough for the force limit."""
     truth: Table | None = None

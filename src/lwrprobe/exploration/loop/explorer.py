@@ -64,6 +64,7 @@ class Outcome:
     status : `done` or `ended early`
     reason : one sentence
     time : s on the robot's clock
+    touches : samples with a contact, accepted or not
     path, contact_path : m, of the sphere's centre, and the part of it in contact
     peak_force : N, the largest measured
     range_used : largest share of the sensor's range
@@ -77,6 +78,7 @@ class Outcome:
     status: str
     reason: str
     time: float
+    touches: int
     path: float
     contact_path: float
     peak_force: float
@@ -223,6 +225,7 @@ class Explorer:
             status=status,
             reason=reason,
             time=self.time,
+            touches=self._record.touches,
             path=self._record.path,
             contact_path=self._record.contact_path,
             peak_force=self._record.peak_force,

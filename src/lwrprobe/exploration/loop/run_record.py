@@ -25,6 +25,7 @@ class RunRecord:
 
     Attributes
     ----------
+    touches : samples with a contact, accepted or not
     path, contact_path : m, of the sphere's centre, and the part of it in contact
     peak_force, force : N, the largest measured, and the last
     range_used : largest share of the sensor's range so far
@@ -35,6 +36,7 @@ class RunRecord:
         self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
         self.path = self.contact_path = self.peak_force = self.force = self.range_used = 0.0
         self._last: list[float] | None = None
+        self.touches = 0
         self._samples = self._transitions = 0
 
     def note_range(self, wrench: Wrench) -> None:
@@ -45,6 +47,7 @@ class RunRecord:
     def note(self, seen: Observation, tip: np.ndarray, force: float) -> None:
         """One sample: the sphere's centre (3,) m at its instant, and the size of its force [N]."""
         place = tip.tolist()
+        self.touches += seen.contact is not None
         if self._last is not None:
             length = dist(place, self._last)
             self.path += length

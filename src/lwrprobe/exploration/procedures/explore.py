@@ -21,6 +21,7 @@ from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
+from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
@@ -170,6 +171,7 @@ class Exploration:
             write_results(self.out, scene, pipeline, recorder, self.surface, summary)
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
+        summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s = round(sum(self._seconds.values()), 3)
         summary.wall_time_parts_s = {name: round(value, 3) for name, value in self._seconds.items()}
         if self.out is not None:

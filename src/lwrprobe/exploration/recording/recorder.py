@@ -33,6 +33,8 @@ class Recorder:
         self.folder = folder
         self.contacts: list[Contact] = []
         self.sequences: list[int] = []
+        self.accepted = 0
+        """Contacts of this part of the run, those that are withheld or left out afterwards among them."""
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
         if earlier is not None:
             self._take_over(earlier)
@@ -44,6 +46,7 @@ class Recorder:
         """One trusted contact and the wrench sample it comes from."""
         self.contacts.append(contact)
         self.sequences.append(sequence)
+        self.accepted += 1
         if self._contact_file is not None:
             (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
             line = (

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction
+from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction, TriangleMesh
 from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
     Reach,
@@ -22,7 +22,9 @@ from lwrprobe.evaluation import (
     surface_error,
     upright_coverage,
 )
+from lwrprobe.evaluation.align import align
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.loop.explorer import Outcome
 from lwrprobe.exploration.recording.bridged import Bridged, bridged
@@ -31,10 +33,12 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.clearance import STICK
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
+from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
 DEFAULT_SPACING = 0.010
 """m, line spacing that coverage is judged with for a strategy without lines."""
+_ALIGNED_SAMPLES = 1500
 _UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 
@@ -66,6 +70,8 @@ def summarise(
         path_length_m=round(outcome.path, 4),
         contact_path_length_m=round(outcome.contact_path, 4),
         peak_force_n=round(truth.peak_force if truth is not None else outcome.peak_force, 4),
+        true_peak_force_n=round(truth.probe_peak_force, 4) if truth is not None else None,
+        rejected_share=round(1.0 - recorder.accepted / outcome.touches, 4) if outcome.touches else None,
         range_used=round(outcome.range_used, 4),
         link_collisions=truth.link_collisions if truth is not None else None,
         min_clearance_m=round(float(clearance), 5) if np.isfinite(clearance) else None,
@@ -99,14 +105,15 @@ def _against_truth(
 ) -> dict[str, Any]:
     keys = (
         "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
-        "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm", "lower_bound_time_s",
-        "lower_bound_descending_s",
+        "contact_error_aligned_mm", "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
+        "mesh_error_aligned_mm", "lower_bound_time_s", "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
         return found
     actual, lowest, area = truth.scene, scene.area.lower[2], scene.area.as_area()
-    solid, radius = actual.solid(), actual.probe.radius
+    solid: Solid = actual.solid()
+    radius = actual.probe.radius
     everywhere = reach(solid, radius, lowest)
     within = everywhere.within(area)
     found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch), 2)
@@ -141,6 +148,7 @@ def _against_truth(
         true_points = np.array([true.point for true in touches if true is not None])
         true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
+        found["contact_error_aligned_mm"] = _aligned(points[known], true_points, solid)
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
@@ -148,9 +156,20 @@ def _against_truth(
         try:
             error = mesh_error(surface.mesh, solid, lowest).as_dict()
             found["mesh_error_mm"] = {"method": surface.report["method"], **error}
+            moved = align(sample_mesh(surface.mesh, lowest, _ALIGNED_SAMPLES)[0], solid).points(surface.mesh.vertices)
+            error = mesh_error(TriangleMesh(moved, surface.mesh.faces), solid, lowest).as_dict()
+            found["mesh_error_aligned_mm"] = {"method": surface.report["method"], **error}
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
             pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found
+
+
+def _aligned(points: np.ndarray, true_points: np.ndarray, solid: Solid) -> dict[str, float] | None:
+    """Errors of contacts after the rigid motion that lays them over the true surface; None for too few of them."""
+    try:
+        return point_error(align(points, solid).points(points), true_points).as_dict()
+    except InputError:
+        return None
 
 
 def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
@@ -169,6 +188,6 @@ def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float
     """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
     motion = scene.motion
     return lower_bound_time(
-        within, pitch, motion.contour_speed, scene.area.as_area(), motion.approach_speed, motion.acceleration,
+        within, pitch, motion.contour_speed, scene.area.as_area(), motion.free_speed, motion.acceleration,
         descent_speed,
     )  # fmt: skip

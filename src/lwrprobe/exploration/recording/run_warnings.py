@@ -1,0 +1,31 @@
+"""What a run must not leave unsaid: sentences for whoever uses its result."""
+
+from __future__ import annotations
+
+from lwrprobe.evaluation.summary import Summary
+
+REJECTED = 0.10
+"""Share of the touches that may be rejected without a word."""
+LOST = 0.01
+"""The same of the wrench samples that never came."""
+
+
+def run_warnings(summary: Summary, limit: float) -> list[str]:
+    """Sentences on a summary that is otherwise complete; `limit` is the force limit [N]."""
+    found = []
+    share = summary.rejected_share
+    if share is not None and share > REJECTED:
+        found.append(f"{share:.0%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")
+    peak = summary.true_peak_force_n
+    if peak is not None and peak > limit:
+        found.append(f"the probe pressed with up to {peak:.2f} N, the limit is {limit:g} N")
+    if summary.link_collisions:
+        times = "once" if summary.link_collisions == 1 else f"{summary.link_collisions} times"
+        found.append(f"a link behind the stick hit something {times}; the force of that is not known")
+    counters = summary.wrench_counters
+    lost, came = counters.get("lost", 0), counters.get("samples", 0)
+    if lost > LOST * (lost + came):
+        found.append(f"{lost / (lost + came):.1%} of the wrench samples were lost")
+    if summary.unreachable_area:
+        found.append(summary.unreachable_area)
+    return found
