@@ -10,6 +10,8 @@ class TouchGrid:
     """Go above a place, down until there is a contact, up again, then to the next place."""
 
     contract = STRATEGY_CONTRACT
+    line_spacing = None  # no lines
+    trace = ()
 
     def start(self, task):
         self.task = task
