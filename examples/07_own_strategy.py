@@ -10,7 +10,7 @@ SAMPLES = 10  # of each contact; the first three are not stored, the sphere stil
 
 
 class TouchGrid:
-    """Above a place, down until there is contact, hold the force, up again, to the next place."""
+    """Go above a place, down until there is a contact, hold the force, up again, then to the next place."""
 
     def start(self, task):
         self.task = task

@@ -3,7 +3,6 @@
 import numpy as np
 
 from lwrprobe.contracts import Area, Probe, Task
-from lwrprobe.mapping import VoxelMap
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 AREA = Area(np.array([-0.1, -0.1, 0.006]), np.array([0.1, 0.1, 0.06]))
@@ -12,7 +11,6 @@ AREA = Area(np.array([-0.1, -0.1, 0.006]), np.array([0.1, 0.1, 0.06]))
 def task(approach=1.0, stiffness=2e4, lateral=1.0 / 2500.0, axial=1.0 / 1.3e6, links=(), area=AREA):
     return Task(
         area=area,
-        table=0.0,
         probe=Probe(compliance=np.array([lateral, lateral, axial]), links=links),
         orientation=DOWN,
         start=np.array([0.0, -0.1, 0.06]),
@@ -26,5 +24,4 @@ def task(approach=1.0, stiffness=2e4, lateral=1.0 / 2500.0, axial=1.0 / 1.3e6, l
         clearance_threshold=0.003,
         stiffness=stiffness,
         delay=0.015,
-        map=VoxelMap(),
     )

@@ -240,7 +240,7 @@ class Coverage(SkillStrategy):
 
     def turn(self) -> Procedure:
         """To the orientation that is wanted now."""
-        return reorient(self.tip, self.frame, touching=self.tip.trace.last is follow_contour)
+        return reorient(self.tip, self.frame, touching=self.tip.trace.ended is follow_contour)
 
     # Decisions
 
@@ -279,7 +279,7 @@ class Coverage(SkillStrategy):
         """Off the surface that is touched, or back along a line that met nothing."""
         tip = self.tip
         tip.leave()
-        if tip.trace.last is guarded_move and not tip.leaving:
+        if tip.trace.ended is guarded_move and not tip.leaving:
             first = back_along(tip.seen, self.frame.line)
         else:
             normal = tip.normal() if tip.leaving else tip.control.normal
@@ -288,7 +288,7 @@ class Coverage(SkillStrategy):
 
     def _beneath(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""
-        interrupted, normal = self.tip.trace.last, self.tip.control.normal
+        interrupted, normal = self.tip.trace.ended, self.tip.control.normal
         if interrupted is follow_contour and not self.frame.level:
             return bool(normal @ self.frame.line.ahead < 0.0 and normal[Z] < UNDER)
         return interrupted is guarded_move

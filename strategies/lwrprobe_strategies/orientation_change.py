@@ -85,7 +85,7 @@ class OrientationChange(Coverage):
         near, tip = self.tip.seen.clearance, self.tip
         assert near is not None
         away = horizontal(near.on_robot - near.on_map)
-        if tip.trace.last is follow_contour:
+        if tip.trace.ended is follow_contour:
             return horizontal(away + SURFACE_WEIGHT * horizontal(tip.control.normal))
         return horizontal(away + horizontal(-tip.rotation[:, Z]))  # what stands ahead is unknown: lean back from it
 

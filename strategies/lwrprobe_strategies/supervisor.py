@@ -131,20 +131,22 @@ class SkillStrategy(ABC):
 
     def _advance(self, seen: Observation | None) -> Motion:
         trace = self.tip.trace
+        motion: Motion
         try:
+            interruption = self._supervisor.interruption(seen) if seen is not None and trace.running else None
             if seen is None:
-                return next(self._program)
-            interruption = self._supervisor.interruption(seen) if trace.running else None
-            if interruption is None:
-                return self._program.send(seen)
-            trace.event = interruption.event
-            return self._program.throw(interruption)
+                motion = next(self._program)
+            elif interruption is None:
+                motion = self._program.send(seen)
+            else:
+                trace.event = interruption.event
+                motion = self._program.throw(interruption)
         except StopIteration as stop:
-            self._done = stop.value
-        except Interruption as interruption:
-            self._done = Done(f"{interruption} while the strategy did: {trace.state}", complete=False)
-        trace.finish()
-        return self._done
+            motion = self._done = stop.value
+        except Interruption as escaped:
+            motion = self._done = Done(f"{escaped} while the strategy did: {trace.state}", complete=False)
+        trace.settle(finished=self._done is not None)
+        return motion
 
     def progress(self) -> Progress:
         """The skill that runs."""

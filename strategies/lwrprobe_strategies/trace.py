@@ -1,4 +1,4 @@
-"""The run's trace: which skill ran when, and how it ended."""
+"""The run's trace: which skill ran when, and what ended it."""
 
 from __future__ import annotations
 
@@ -15,46 +15,41 @@ class Named(Protocol):
 
 
 class Trace:
-    """Follows the skills as they begin and end; nobody writes a row by hand.
+    """Follows the skills as they begin and end; no row is written by hand.
 
     Attributes
     ----------
-    rows : (time s, skill, event, next skill)
+    rows : (time s, skill, event, next skill), one for each sample after which another skill moves the tip
     time : s, of the latest observation
     running : the skills that run, the innermost last
-    last : the innermost skill that runs, or the one that ran last
-    event : how the last skill ended, or what interrupted the innermost one
+    ended : the skill that ended last
+    event : how it ended, or what interrupted the innermost one
+    state : name of the skill that moves the tip
     """
 
     def __init__(self) -> None:
         self.rows: list[Row] = []
         self.time = 0.0
         self.running: list[Named] = []
+        self.ended: Named | None = None
         self.event = ""
-        self.last: Named | None = None
-
-    @property
-    def state(self) -> str:
-        """Name of `last`."""
-        return self.last.name if self.last is not None else "finished"
+        self.state = ""
+        self._changed = False
 
     def begin(self, skill: Named) -> None:
-        """A skill begins, after the last one or inside it."""
+        """A skill begins, after the last one or inside another."""
         self.running.append(skill)
-        self._to(skill)
+        self._changed = True
 
     def end(self, event: str) -> None:
-        """The innermost skill has ended; the one outside of it goes on, where there is one."""
-        self.running.pop()
-        self.event = event
-        if self.running:
-            self._to(self.running[-1])
+        """The innermost skill has ended."""
+        self.ended, self.event, self._changed = self.running.pop(), event, True
 
-    def finish(self) -> None:
-        """The program has ended."""
-        self._to(None)
-
-    def _to(self, following: Named | None) -> None:
-        before, self.last = self.last, following
-        if before is not None:
-            self.rows.append((self.time, before.name, self.event, self.state))
+    def settle(self, finished: bool = False) -> None:
+        """The program has answered the latest observation, or has ended."""
+        if not (self._changed or finished):
+            return
+        state = "finished" if finished else self.running[-1].name if self.running else "program"
+        if self.state:
+            self.rows.append((self.time, self.state, self.event or "calls", state))
+        self.state, self.event, self._changed = state, "", False

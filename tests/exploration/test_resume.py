@@ -9,6 +9,7 @@ from lwrprobe.contracts import (
     Clearance,
     Contact,
     Done,
+    Doubt,
     FormatError,
     Goal,
     Observation,
@@ -34,13 +35,15 @@ def seen(k: int, force: float = 0.0, **more) -> Observation:
 
 def touching(k: int) -> Observation:
     n = np.array([0.0, 0.6, 0.8])
-    contact = Contact(0.008 * k, np.array([1.0, 2.0, 3.0]), n, 0.8 * n, np.array([4.0, 5.0, 6.0]), 0.7, "imprecise")
+    contact = Contact(0.008 * k, np.array([1.0, 2.0, 3.0]), n, 0.8 * n, np.array([4.0, 5.0, 6.0]), 0.7, Doubt.IMPRECISE)
     near = Clearance(0.01, np.array([7.0, 8.0, 9.0]), np.array([1.5, 2.5, 3.5]), "sensor", 0.02)
     return seen(k, 0.8, contact=contact, clearance=near, goal_reached=True, blocked="out of reach: joint limit")
 
 
 class Counting:
     """Answers with how many observations it was shown, and asks for its reach at every fifth."""
+
+    line_spacing = None
 
     def start(self, task: Task) -> None:
         self.task, self.shown, self.answers, self.trace = task, [], [], []
@@ -59,7 +62,7 @@ class Counting:
 class Room:
     """Stands in for the pipeline and the recorder."""
 
-    sweep = stillness = None
+    sweep = object_motion = None
 
     def __init__(self) -> None:
         self.voxels, self.contacts, self.inserted = self, [], []
@@ -71,8 +74,8 @@ class Room:
 def a_task(**more) -> Task:
     area = Area(np.array([-0.1, -0.1, 0.005]), np.array([0.1, 0.1, 0.06]))
     return Task(
-        area, 0.0, Probe(), np.eye(3), np.array([0.0, 0.0, 0.06]), 0.1, 0.02, 0.03, 1.0, 0.2, 0.8, 3.0, 0.01, 1e5, 0.01,
-        Room(), **more,
+        area, Probe(), np.eye(3), np.array([0.0, 0.0, 0.06]), 0.1, 0.02, 0.03, 1.0, 0.2, 0.8, 3.0, 0.01, 1e5, 0.01,
+        **more,
     )  # fmt: skip
 
 
@@ -103,7 +106,7 @@ def test_a_log_gives_back_what_was_shown(cut_off, tmp_path):
         for name in ("pose", "velocity", "point", "normal", "force", "centre", "on_robot", "on_map"):
             if hasattr(own, name):
                 assert (getattr(mine, name) == getattr(own, name)).all()
-    assert (back.contact.trust, back.contact.reason) == (0.7, "imprecise")
+    assert (back.contact.trust, back.contact.reason) == (0.7, Doubt.IMPRECISE)
     assert (back.clearance.link, back.clearance.required, back.clearance.distance) == ("sensor", 0.02, 0.01)
     assert past.observation(0).contact is None
     assert past.observation(0).clearance is None

@@ -22,7 +22,6 @@ from lwrprobe.contracts.samples import ArmState, ArmStatus, SampleStatus, Wrench
 from lwrprobe.contracts.strategy import (
     STRATEGY_CONTRACT,
     Area,
-    MapView,
     Observation,
     Progress,
     Strategy,
@@ -76,7 +75,6 @@ __all__ = [
     "LeftOut",
     "LinkShape",
     "LwrprobeError",
-    "MapView",
     "MissingExtraError",
     "Motion",
     "Observation",

@@ -1,4 +1,4 @@
-"""What a strategy asks for: a goal to reach, a feed to keep, or the end."""
+"""What a strategy answers: a goal to reach, a velocity to keep, or the end."""
 
 from __future__ import annotations
 
@@ -40,14 +40,12 @@ class Goal:
     ----------
     pose : (4, 4) world frame; a `spatialmath.SE3` is accepted and converted
     speed : m/s, upper bound of the tip's speed on the way
-    turn_rate : rad/s, upper bound of the turning rate, None = the scene's
     reason : a few words for the run's trace
     """
 
     pose: np.ndarray
     speed: float
     reason: str = ""
-    turn_rate: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.pose, np.ndarray):
@@ -60,9 +58,10 @@ class VelocityCommand:
 
     Attributes
     ----------
-    velocity : (3,) m/s, world frame
-    hold : s
-    pose : (4, 4) whose orientation is held or turned to meanwhile, None = keep the present orientation
+    velocity : (3,) m/s, world frame, of the sphere's centre
+    hold : s, after which the tip stops by itself; several samples
+    reason : a few words for the run's trace
+    pose : (4, 4) world frame, whose orientation is held or turned to meanwhile, None = keep the present orientation
     """
 
     velocity: Vector
@@ -75,7 +74,10 @@ class VelocityCommand:
 class Done:
     """The strategy has nothing left to do.
 
-    `complete` is False when it gave up; `reason` is one sentence for the summary.
+    Attributes
+    ----------
+    reason : one sentence for the summary
+    complete : False when it gave up
     """
 
     reason: str

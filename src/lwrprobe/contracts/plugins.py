@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from lwrprobe.contracts.driver import DRIVER_CHANGES
+from lwrprobe.contracts.strategy import STRATEGY_CHANGES
 from lwrprobe.errors import PluginError, UnknownNameError
 
 GROUPS = {
@@ -21,7 +22,7 @@ GROUPS = {
     "reconstructor": "lwrprobe.reconstructors",
 }
 
-_CHANGES: dict[str, dict[int, str]] = {"driver": DRIVER_CHANGES}
+_CHANGES: dict[str, dict[int, str]] = {"driver": DRIVER_CHANGES, "strategy": STRATEGY_CHANGES}
 
 
 @dataclass(slots=True, frozen=True)

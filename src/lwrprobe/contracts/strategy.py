@@ -1,4 +1,4 @@
-"""The strategy's side of the house: what it is told, what it sees, what it answers.
+"""The contract between a strategy and the runner: what a strategy is given, what it is shown, what it answers.
 
 A strategy has no threads, no clock and no I/O: the same observations give the same motions, so that a recorded
 run can be replayed through it.
@@ -7,7 +7,7 @@ run can be replayed through it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,8 +18,14 @@ from lwrprobe.contracts.probe import Probe
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.errors import InputError
 
-STRATEGY_CONTRACT = 1
+STRATEGY_CONTRACT = 2
 """Version of this contract; a strategy states the one it was written for in `contract`."""
+
+STRATEGY_CHANGES = {
+    1: "answer `VelocityCommand` where it answers `Feed`, declare `line_spacing` and `trace`, compare "
+    "`contact.confidence` instead of `contact.trust`, and do without `task.map` and `task.table`",
+}
+"""What to change in a strategy that was written for an older version."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -36,47 +42,35 @@ class Area:
             raise InputError("area", (self.lower.tolist(), self.upper.tolist()), "lower < upper on every axis")
 
 
-class MapView(Protocol):
-    """What a strategy may ask the map: read only."""
-
-    @property
-    def resolution(self) -> float:
-        """m, edge of the smallest voxel."""
-
-    def __len__(self) -> int:
-        """Number of occupied voxels of the smallest size."""
-
-    def occupied(self, point: Vector) -> bool:
-        """True where something was touched."""
-
-    def nearest(self, point: Vector) -> tuple[float, Vector]:
-        """Distance [m] and centre of the nearest occupied voxel; (inf, nan) on an empty map."""
-
-
 @dataclass(slots=True, frozen=True)
 class Task:
     """What is to be explored and within which bounds; handed to `Strategy.start`.
 
+    All coordinates are in the world frame: z points up, the table's top is horizontal.
+
     Attributes
     ----------
-    area : where the tip may go
-    table : m, height below which nothing is to be touched (world z of the table's top)
-    probe : the probe's dimensions
-    orientation : (3, 3) of the tip at the start
+    area : where the sphere's centre may go
+    probe : dimensions and compliance of the probe, and its links in the tip's frame
+    orientation : (3, 3) of the tip at the start; its z axis points along the stick, from the sensor to the sphere
     start : (3,) m, where the tip stands when the strategy takes over
-    free_speed, approach_speed, contour_speed : m/s
-    force_threshold, force_target, force_limit : N; touch is declared, wanted while contouring, never exceeded
-    clearance_threshold : m, below it a collision threatens
-    stiffness : N/m, series stiffness of probe and object as far as known, else an upper bound
-    delay : s, total reaction delay of the loop
+    free_speed : m/s, where nothing can be touched
+    approach_speed : m/s, the most where something may be touched
+    contour_speed : m/s, the most along a surface
+    acceleration : m/s^2, with which the tip brakes
+    force_threshold : N, from which on a contact is declared
+    force_target : N, wanted while a surface is followed
+    force_limit : N, never to be exceeded
+    clearance_threshold : m, distance of a link to what was touched, below which a collision threatens
+    stiffness : N/m, of object and arm in series as far as known, else an upper bound; the probe's comes on top
+    delay : s, from a force at the sphere to the arm's reaction
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
         within its joint limits and without a jump
-    clear : whether on that way no link comes nearer to what has been touched than it may
+    clear : whether on that way no link comes nearer to what was touched than it may
     """
 
     area: Area
-    table: float
     probe: Probe
     orientation: np.ndarray
     start: Vector
@@ -90,7 +84,6 @@ class Task:
     clearance_threshold: float
     stiffness: float
     delay: float
-    map: MapView
     options: Any = None
     reachable: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
     clear: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
@@ -98,18 +91,18 @@ class Task:
 
 @dataclass(slots=True)
 class Observation:
-    """What a strategy sees at one wrench sample.
+    """What a strategy is shown at one wrench sample; all in the world frame.
 
     Attributes
     ----------
     time : s since the start of the run
-    pose : (4, 4) tip in the world frame at the sample's instant
-    velocity : (3,) m/s of the tip
-    force : (3,) N on the sphere in the world frame, bias and gravity removed; zero-mean noise when free
+    pose : (4, 4) of the tip at the sample's instant; its origin is the sphere's centre
+    velocity : (3,) m/s of the tip, as commanded
+    force : (3,) N on the sphere, bias and gravity removed; zero-mean noise when nothing is touched
     contact : the estimated contact, None while the force is below the threshold
-    clearance : nearest link-to-map pair, None while that stage is left out
+    clearance : the nearest pair of a link and what was touched, None where the clearance is not watched
     goal_reached : the last `Goal` has been reached and the tip rests
-    blocked : the last motion could not be carried out (out of reach, joint limit); why, or empty
+    blocked : why the last motion could not be carried out (out of reach, joint limit), or empty
     """
 
     time: float
@@ -124,25 +117,41 @@ class Observation:
 
 @dataclass(slots=True, frozen=True)
 class Progress:
-    """How far a strategy is: for the progress line, never for control."""
+    """How far a strategy is: for the progress line, never for control.
+
+    Attributes
+    ----------
+    doing : a few words
+    covered : share of the work that is done, 0 to 1
+    state : what the strategy does now, in a word or two
+    """
 
     doing: str
     covered: float = 0.0
     state: str = ""
-    notes: dict[str, Any] = field(default_factory=dict)
 
 
 @runtime_checkable
 class Strategy(Protocol):
     """Turns observations into motions.
 
-    `Config` is a dataclass whose fields are the strategy's options (`--set strategy.step=0.005`), `contract` the
-    `STRATEGY_CONTRACT` it was written for. A strategy that has a list `trace` of (time, state, event, next state) finds
-    it in the run's `states.csv`.
+    Attributes
+    ----------
+    Config : a dataclass whose fields are the strategy's options (`--set strategy.step=0.005`)
+    contract : the `STRATEGY_CONTRACT` that the strategy was written for
+    line_spacing : m between neighbouring lines of contacts, from `start` on; None for a strategy without lines.
+        Coverage and reconstruction count with it
+    trace : rows (time s, state, event, next state) so far, written to the run's `states.csv`; may stay empty
     """
 
     Config: ClassVar[type]
     contract: ClassVar[int]
+
+    @property
+    def line_spacing(self) -> float | None: ...
+
+    @property
+    def trace(self) -> Sequence[tuple[float, str, str, str]]: ...
 
     def start(self, task: Task) -> None:
         """Take over: the tip rests at `task.start`, in free space, bias taken."""

@@ -48,6 +48,12 @@ class TrackingFrame:
     sense: float = 1.0
     height: float | None = None
 
+    @classmethod
+    def around(cls, area: Area, sense: float, height: float | None = None) -> TrackingFrame:
+        """A horizontal plane around an object; ends where the area ends in y."""
+        line = Line(Y, 0.0, float(area.lower[Y]), float(area.upper[Y]), float(area.lower[Z]))
+        return cls(line, area, True, sense, height)
+
     def upright(self) -> TrackingFrame:
         """The vertical plane through the same line."""
         return replace(self, level=False)

@@ -1,23 +1,27 @@
 """Compliant motions, one a file; see `skill` for what they have in common."""
 
+from lwrprobe_strategies.skills.find_edge import find_edge
 from lwrprobe_strategies.skills.follow_contour import follow_contour
 from lwrprobe_strategies.skills.guarded_move import guarded_move
 from lwrprobe_strategies.skills.reapproach import reapproach
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.reorient import reorient
 from lwrprobe_strategies.skills.retract import retract
+from lwrprobe_strategies.skills.search import search
 from lwrprobe_strategies.skills.skill import Procedure, Skill, skill
 from lwrprobe_strategies.skills.transit import transit
 
 __all__ = [
     "Procedure",
     "Skill",
+    "find_edge",
     "follow_contour",
     "guarded_move",
     "reapproach",
     "release",
     "reorient",
     "retract",
+    "search",
     "skill",
     "transit",
 ]

@@ -41,7 +41,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
-            yield slide(tip, frame, normal)
+            yield slide(tip, frame, normal, follow_contour.name)
         except Overload:
             overload = True
         finally:
@@ -59,7 +59,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
             return Lost(here - tip.task.probe.radius * normal)
 
 
-def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray) -> VelocityCommand:
+def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str) -> VelocityCommand:
     """Along the tangent, and along the normal (3,) by the force law."""
     seen, task = tip.seen, tip.task
     here, held = seen.pose[:3, 3], seen.pose[:3, :3]
@@ -70,4 +70,4 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray) -> VelocityCommand
     force = max(float(seen.force @ normal), 0.0)
     velocity = tip.control.velocity(normal, force, frame.binormal(), feed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)
-    return VelocityCommand(frame.bounded(here, velocity), reason=follow_contour.name, pose=tip.turn())
+    return VelocityCommand(frame.bounded(here, velocity), reason=reason, pose=tip.turn())

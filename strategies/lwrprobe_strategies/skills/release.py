@@ -18,6 +18,10 @@ RELEASED = 1.25
 def release(tip: Tip, frame: TrackingFrame) -> Procedure:
     """Move along the force until it is near the wanted one.
 
+    Parameters
+    ----------
+    frame : of the contour; the motion stays in its area
+
     Returns
     -------
     Ended.RELEASED, or Ended.LINE_END where the line ends on the way

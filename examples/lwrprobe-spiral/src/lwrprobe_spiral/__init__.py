@@ -1,25 +1,17 @@
-"""A spiral outwards from the first contact."""
+"""A spiral outwards from the first contact: a skill of one's own beside the built-in ones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, pi
+from math import atan2, hypot, pi
 
 import numpy as np
 
-from lwrprobe.contracts import (
-    STRATEGY_CONTRACT,
-    Done,
-    Goal,
-    InputError,
-    Motion,
-    Observation,
-    Progress,
-    Task,
-    VelocityCommand,
-)
-
-UP = np.array([0.0, 0.0, 1.0])
+from lwrprobe.contracts import Done, InputError, Progress, VelocityCommand
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Overload
+from lwrprobe_strategies.skills import Procedure, search, skill
+from lwrprobe_strategies.supervisor import Program, SkillStrategy
+from lwrprobe_strategies.tip import Tip
 
 
 @dataclass(slots=True, frozen=True)
@@ -41,71 +33,47 @@ class SpiralConfig:
                 raise InputError(f"strategy.{name}", getattr(self, name), "a length in metres, between 0 and 1")
 
 
-class Spiral:
-    """Feels its way down in the middle of the area, then slides outwards on a spiral."""
+class Spiral(SkillStrategy):
+    """Touches down in the middle of the area, then slides outwards on a spiral."""
 
     Config = SpiralConfig
-    contract = STRATEGY_CONTRACT
 
-    def start(self, task: Task) -> None:
-        """Take over; the first motion leads over the middle of the area."""
-        self.task = task
-        self.options = task.options
-        self.centre: np.ndarray | None = None
-        self.over_middle = False
-        self.turned = 0.0
-        self.bearing: float | None = None
+    @property
+    def line_spacing(self) -> float | None:
+        """m between two turns."""
+        return float(self.task.options.pitch)
 
-    def step(self, seen: Observation) -> Motion:
-        """Over the middle, down to the first contact, then round."""
-        if self.centre is None and seen.contact is None:
-            return self._look(seen)
-        if self.centre is None:
-            self.centre = seen.pose[:2, 3].copy()
-        arm = seen.pose[:2, 3] - self.centre
-        if self._radius_wanted(arm) > self.options.radius:
-            return Done("the spiral has reached its end")
-        return self._slide(seen, arm)
+    def program(self) -> Program:
+        """Search, then slide."""
+        middle = 0.5 * (self.task.area.lower + self.task.area.upper)
+        if (yield from search(self.tip, [(middle[0], middle[1])])) is not Ended.CONTACT:
+            return Done("nothing under the middle of the area", complete=False)
+        yield from slide_on_spiral(self.tip, self.task.options.pitch, self.task.options.radius)
+        return Done("the spiral has reached its end")
 
     def progress(self) -> Progress:
-        """Share of the radius."""
-        reached = self.options.pitch * self.turned / (2.0 * pi)
-        state = "looking" if self.centre is None else "sliding"
-        return Progress(f"spiral: {state}", min(reached / self.options.radius, 1.0), state)
+        """The skill that runs."""
+        return Progress(f"spiral: {self.tip.trace.state}", 0.0, self.tip.trace.state)
 
-    def _look(self, seen: Observation) -> Motion:
-        area, pose = self.task.area, seen.pose.copy()
-        pose[:3, :3] = self.task.orientation
-        pose[:2, 3] = 0.5 * (area.lower + area.upper)[:2]
-        self.over_middle = self.over_middle or bool(np.abs(pose[:2, 3] - seen.pose[:2, 3]).max() < 1e-4)
-        if not self.over_middle:
-            pose[2, 3] = area.upper[2]
-            return Goal(pose, self.task.free_speed, "over the middle")
-        if seen.pose[2, 3] <= area.lower[2] + 1e-4:
-            return Done("nothing under the middle of the area", complete=False)
-        pose[2, 3] = area.lower[2]
-        return Goal(pose, 0.5 * self.task.approach_speed, "down")
 
-    def _radius_wanted(self, arm: np.ndarray) -> float:
-        if float(arm @ arm) > 1e-8:
-            bearing = atan2(arm[1], arm[0])
-            if self.bearing is not None:
-                self.turned += (bearing - self.bearing + pi) % (2.0 * pi) - pi
-            self.bearing = bearing
-        return self.options.pitch * max(self.turned, 0.0) / (2.0 * pi)
-
-    def _slide(self, seen: Observation, arm: np.ndarray) -> Motion:
-        size = float(np.sqrt(arm @ arm))
-        outward = arm / size if size > 1e-4 else np.array([1.0, 0.0])
-        around = np.array([-outward[1], outward[0]])
-        excess = self._radius_wanted(arm) + 0.5 * self.options.pitch - size
-        course = around + np.clip(excess / self.options.pitch, -1.0, 1.0) * outward
-        normal = seen.contact.normal if seen.contact is not None else UP
-        level = np.array([course[0], course[1], 0.0])
-        tangent = level - (level @ normal) * normal
-        tangent /= max(float(np.sqrt(tangent @ tangent)), 1e-9)
-        force = float(seen.force @ normal)
-        yielding = np.e * self.task.delay * self.task.stiffness
-        press = np.clip((force - self.task.force_target) / yielding, -0.01, 0.02)
-        feed = 0.5 * self.task.contour_speed if seen.contact is not None else 0.0
-        return VelocityCommand(feed * tangent + press * normal, reason="spiral")
+@skill(Overload, CollisionThreat, Blocked)
+def slide_on_spiral(tip: Tip, pitch: float, radius: float) -> Procedure:
+    """Slide outwards around the place where the tip is, at half of the contour speed, until `radius` m are reached."""
+    centre, turned, bearing = tip.here[:2].copy(), 0.0, None
+    while pitch * max(turned, 0.0) / (2.0 * pi) <= radius:
+        x, y = (tip.here[:2] - centre).tolist()
+        size = hypot(x, y)
+        if size > 1e-4:
+            now = atan2(y, x)
+            turned += 0.0 if bearing is None else (now - bearing + pi) % (2.0 * pi) - pi
+            bearing = now
+        out = np.array([x, y]) / size if size > 1e-4 else np.array([1.0, 0.0])
+        excess = pitch * max(turned, 0.0) / (2.0 * pi) + 0.5 * pitch - size
+        course = np.array([-out[1], out[0]]) + np.clip(excess / pitch, -1.0, 1.0) * out
+        binormal = (course[1] / hypot(*course), -course[0] / hypot(*course), 0.0)
+        normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
+        force = max(float(tip.seen.force @ normal), 0.0)
+        feed = 0.5 * tip.task.contour_speed if tip.seen.contact is not None else 0.0
+        velocity = tip.control.velocity(normal, force, binormal, feed, tip.seen.pose[:3, :3], tip.period)
+        yield VelocityCommand(velocity, reason=slide_on_spiral.name)
+    return Ended.ARRIVED

@@ -162,7 +162,6 @@ class Explorer:
         pose = pipeline.trajectory.pose
         return Task(
             area=pipeline.area,
-            table=scene.table.height,
             probe=pipeline.probe,
             orientation=pose[:3, :3].copy(),
             start=pose[:3, 3].copy(),
@@ -176,7 +175,6 @@ class Explorer:
             clearance_threshold=scene.clearance.threshold,
             stiffness=scene.contact.stiffness,
             delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate),
-            map=pipeline.voxels,
             options=pipeline.options,
             reachable=self._request.reachable,
             clear=self._request.clear,

@@ -46,7 +46,7 @@ class MotionRequest:
             trajectory.stop()
         elif isinstance(motion, Goal):
             if self._permitted(motion.pose):
-                trajectory.set_goal(motion.pose, motion.speed, motion.turn_rate)
+                trajectory.set_goal(motion.pose, motion.speed)
         else:
             if not urgent:
                 ahead = trajectory.pose.copy()

@@ -1,0 +1,309 @@
+"""Each skill against analytic surfaces, without robot and simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_surface import FakeSurface, box, hole, plane, step
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lwrprobe.contracts import Clearance, Done
+from lwrprobe_strategies.outcomes import CollisionThreat, Ended, Lost
+from lwrprobe_strategies.planning.lean import UP, turned
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import (
+    find_edge,
+    follow_contour,
+    guarded_move,
+    reapproach,
+    release,
+    reorient,
+    retract,
+    search,
+    transit,
+)
+from lwrprobe_strategies.supervisor import SkillStrategy
+from strategy_task import AREA, DOWN, task
+
+TASK = replace(task(approach=0.03), free_speed=0.1, delay=0.01)
+RADIUS = TASK.probe.radius
+LINE = Line(1, 0.0, -0.08, 0.08, 0.006)
+FRAME = TrackingFrame(LINE, AREA)
+SOFT = 2000.0
+
+
+class OneSkill(SkillStrategy):
+    """Runs what a test writes, and keeps how it ended."""
+
+    def __init__(self, body):
+        self.body, self.end = body, None
+
+    def program(self):
+        self.end = yield from self.body(self.tip)
+        return Done("over")
+
+
+def run(body, surface, samples=4000, change=None):
+    """The strategy after its skill has ended, and the surface; a skill that does not end fails the test."""
+    strategy = OneSkill(body)
+    strategy.start(replace(surface.task, start=surface.place.copy()))
+    seen = surface.look()
+    for k in range(samples):
+        if change is not None:
+            change(k, surface)
+            seen = surface.look()
+        motion = strategy.step(seen)
+        if isinstance(motion, Done):
+            return strategy, motion
+        seen = surface.obey(motion)
+    raise AssertionError(f"still {strategy.tip.trace.state} after {samples} samples")
+
+
+def over(distance, place, **more):
+    return FakeSurface(distance, TASK, place, stiffness=SOFT, **more)
+
+
+def down_then(after):
+    """Touch down first; `after` is what follows."""
+
+    def body(tip):
+        end = yield from guarded_move(tip, tip.here - [0.0, 0.0, 0.05])
+        assert end is Ended.CONTACT
+        return (yield from after(tip))
+
+    return body
+
+
+def nothing():
+    return None
+
+
+def test_a_transit_goes_through_its_waypoints_in_turn():
+    path = [Waypoint(np.array([0.0, 0.0, 0.05])), Waypoint(np.array([0.02, 0.0, 0.05]), Pace.GUARDED)]
+    surface = over(plane(), [0.0, -0.05, 0.05])
+    strategy, _ = run(lambda tip: transit(tip, path), surface)
+    assert strategy.end is Ended.ARRIVED
+    assert surface.place == pytest.approx([0.02, 0.0, 0.05], abs=3e-4)
+    assert surface.fastest <= TASK.free_speed * 1.001
+
+
+def test_a_transit_ends_where_something_is_touched():
+    path = [Waypoint(np.array([0.0, 0.0, 0.0]), Pace.GUARDED)]
+    strategy, _ = run(lambda tip: transit(tip, path), over(plane(), [0.0, 0.0, 0.05]))
+    assert strategy.end is Ended.CONTACT
+    assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, 1.0])
+
+
+def test_a_transit_leaves_what_is_touched_even_when_the_force_is_overlarge():
+    def body(tip):
+        tip.leave()
+        return (yield from transit(tip, [Waypoint(np.array([0.0, 0.0, 0.05]))]))
+
+    surface = over(plane(), [0.0, 0.0, 0.02 + RADIUS - 0.0013])
+    strategy = OneSkill(body)
+    strategy.start(TASK)
+    strategy.tip.observe(surface.look())
+    strategy.tip.leave()
+    assert surface.look().force[2] > 2.5
+    seen = surface.look()
+    for _ in range(200):
+        motion = strategy.step(seen)
+        if isinstance(motion, Done):
+            break
+        seen = surface.obey(motion)
+    assert strategy.end is Ended.ARRIVED
+
+
+def test_a_guarded_move_ends_at_a_contact_below_the_force_limit_or_at_its_end():
+    surface = over(plane(), [0.0, 0.0, 0.05])
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
+    assert strategy.end is Ended.CONTACT
+    assert surface.peak < TASK.force_limit
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.05, 0.05])), over(plane(), [0.0, 0.0, 0.05]))
+    assert strategy.end is Ended.NO_CONTACT
+
+
+def test_a_contour_follows_a_plane_to_the_line_s_end_at_the_wanted_force():
+    surface = over(plane(), [0.0, -0.05, 0.03])
+    strategy, _ = run(down_then(lambda tip: follow_contour(tip, FRAME, nothing)), surface)
+    assert strategy.end is Ended.LINE_END
+    assert surface.place[1] >= LINE.end - 1e-4
+    assert np.linalg.norm(surface.look().force) == pytest.approx(TASK.force_target, rel=0.1)
+    assert surface.peak < TASK.force_limit
+
+
+def test_a_contour_climbs_the_wall_behind_an_inner_edge():
+    surface = over(step(), [0.0, -0.03, 0.035])
+    high = lambda: Ended.EDGE if surface.place[2] > 0.035 else None  # noqa: E731
+    strategy, _ = run(down_then(lambda tip: follow_contour(tip, FRAME, high)), surface)
+    assert strategy.end is Ended.EDGE
+    assert surface.place[1] == pytest.approx(-RADIUS, abs=1e-3), "up the wall"
+    assert surface.peak < TASK.force_limit
+
+
+@pytest.mark.parametrize("distance", [box(), hole()], ids=["edge", "hole"])
+def test_a_contact_lost_at_an_edge_is_found_again_around_it(distance):
+    def body(tip):
+        end = yield from follow_contour(tip, FRAME, lambda: Ended.TABLE if tip.here[2] < 0.01 else None)
+        while isinstance(end, Lost):
+            assert abs(end.point[2] - 0.02) < 2e-3, "the point touched last lies on the edge"
+            end = yield from reapproach(tip, FRAME, end.point, 0.025)
+            if end is Ended.CONTACT:
+                end = yield from follow_contour(tip, FRAME, lambda: Ended.TABLE if tip.here[2] < 0.01 else None)
+        return end
+
+    surface = over(distance, [0.0, -0.025, 0.03])
+    strategy, _ = run(down_then(body), surface)
+    assert strategy.end is Ended.TABLE
+    assert surface.peak < TASK.force_limit
+
+
+def test_a_lost_contact_is_given_up_after_its_distance():
+    def body(tip):
+        tip.control.begin(np.array([0.0, 0.0, 1.0]))
+        return (yield from reapproach(tip, FRAME, tip.here - [0.0, 0.0, RADIUS], 0.01))
+
+    surface = over(plane(-1.0), [0.0, 0.0, 0.05])
+    strategy, _ = run(body, surface)
+    assert strategy.end is Ended.NOTHING_FOUND
+
+
+def test_an_overlarge_force_is_released_and_the_contour_goes_on():
+    def push(k, surface):
+        if k == 300:
+            surface.place[2] -= 0.001
+
+    surface = over(plane(), [0.0, -0.05, 0.03])
+    strategy, _ = run(down_then(lambda tip: follow_contour(tip, FRAME, nothing)), surface, change=push)
+    assert strategy.end is Ended.LINE_END
+    events = [row[1:] for row in strategy.trace]
+    assert ("follow contour", "overlarge force", "release") in events
+    assert ("release", "force released", "follow contour") in events
+
+
+def test_release_alone_ends_near_the_wanted_force():
+    def body(tip):
+        tip.control.begin(np.array([0.0, 0.0, 1.0]))
+        return (yield from release(tip, FRAME))
+
+    surface = over(plane(), [0.0, 0.0, 0.02 + RADIUS - 0.0012])
+    strategy, _ = run(body, surface)
+    assert strategy.end is Ended.RELEASED
+    assert np.linalg.norm(surface.look().force) <= 1.25 * TASK.force_target
+
+
+def test_a_retraction_covers_its_distance():
+    surface = over(plane(-1.0), [0.0, 0.0, 0.03])
+    strategy, _ = run(lambda tip: retract(tip, FRAME, np.array([1.0, 0.0, 1.0]), 0.01), surface)
+    assert strategy.end is Ended.RETRACTED
+    moved = surface.place - [0.0, 0.0, 0.03]
+    assert np.linalg.norm(moved) == pytest.approx(0.01, abs=5e-4)
+
+
+@pytest.mark.parametrize("touching", [True, False])
+def test_a_turn_ends_in_the_wanted_orientation_and_keeps_the_contact(touching):
+    wanted = turned(UP, np.array([1.0, 0.0, 0.0]), 0.2) @ DOWN
+
+    def body(tip):
+        tip.rotation = wanted
+        return (yield from reorient(tip, FRAME, touching))
+
+    height = 0.02 + RADIUS - TASK.force_target / SOFT if touching else 0.04
+    surface = over(plane(), [0.0, 0.0, height])
+    strategy, _ = run(body, surface)
+    assert strategy.end is (Ended.TURNED if touching else Ended.ARRIVED)
+    np.testing.assert_allclose(surface.rotation, wanted)
+
+
+def test_an_edge_is_found_and_still_touched():
+    surface = over(box(), [0.0, 0.0, 0.03])
+    strategy, _ = run(down_then(lambda tip: find_edge(tip, 0, 1.0)), surface)
+    assert strategy.end is Ended.EDGE
+    assert surface.place[0] > 0.05
+    assert np.linalg.norm(surface.look().force) > TASK.force_threshold
+    strategy, _ = run(down_then(lambda tip: find_edge(tip, 0, 1.0)), over(plane(), [0.0, 0.0, 0.03]))
+    assert strategy.end is Ended.LINE_END
+
+
+def test_a_search_goes_on_until_something_is_there():
+    places = [(0.08, 0.0), (0.07, 0.0), (0.0, 0.0)]
+    strategy, _ = run(lambda tip: search(tip, places), over(box(), [0.0, 0.0, 0.05]))
+    assert strategy.end is Ended.CONTACT
+    assert strategy.tip.here[0] == pytest.approx(0.0, abs=1e-3)
+    strategy, _ = run(lambda tip: search(tip, places[:2]), over(box(), [0.0, 0.0, 0.05]))
+    assert strategy.end is Ended.NOTHING_FOUND
+
+
+# Interruptions
+
+
+def near(distance):
+    return Clearance(distance, np.zeros(3), np.zeros(3), "sensor", 0.003)
+
+
+def test_a_threat_is_raised_once_until_it_comes_nearer():
+    raised = []
+
+    def body(tip):
+        while True:
+            try:
+                return (yield from guarded_move(tip, np.array([0.0, 0.09, 0.05])))
+            except CollisionThreat:
+                raised.append(tip.trace.time)
+
+    def approach(k, surface):
+        surface.clearance = near(0.01 if k < 20 else 0.0025 if k < 40 else 0.001)
+
+    strategy, _ = run(body, over(plane(), [0.0, 0.0, 0.05]), change=approach)
+    assert strategy.end is Ended.NO_CONTACT
+    assert len(raised) == 2
+
+
+def test_an_interruption_that_nobody_handles_ends_the_strategy_with_its_name():
+    def block(k, surface):
+        surface.blocked = "out of reach" if k > 10 else ""
+
+    _, done = run(
+        lambda tip: guarded_move(tip, np.array([0.0, 0.09, 0.05])), over(plane(), [0.0, 0.0, 0.05]), change=block
+    )
+    assert not done.complete
+    assert done.reason == "cannot move on while the strategy did: guarded move"
+
+
+def test_a_contour_that_does_not_come_on_is_jammed():
+    surface = over(plane(), [0.0, -0.05, 0.03])
+
+    def hold(k, surface):
+        if k > 300:
+            surface.place[1] = 0.0
+
+    _, done = run(down_then(lambda tip: follow_contour(tip, FRAME, nothing)), surface, change=hold)
+    assert done.reason == "no progress while the strategy did: follow contour"
+
+
+# For any surface and force: a skill ends, and never asks for more than its limits
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    slope=st.floats(-0.6, 0.6), noise=st.floats(0.0, 0.05), shift=st.floats(-0.002, 0.002),
+    stiffness=st.floats(300.0, 4000.0), delay=st.floats(0.005, 0.02),
+)  # fmt: skip
+def test_a_contour_ends_and_keeps_its_limits_on_any_moving_noisy_slope(slope, noise, shift, stiffness, delay):
+    out = np.array([0.0, -np.sin(slope), np.cos(slope)])
+    limits = replace(TASK, stiffness=max(stiffness, 1000.0), delay=delay)
+    surface = FakeSurface(
+        lambda p: float(out @ (p - [0.0, 0.0, 0.03])), limits, [0.0, -0.02, 0.075], noise, shift, stiffness
+    )  # fmt: skip
+
+    def body(tip):
+        end = yield from guarded_move(tip, np.array([0.0, -0.02, -0.05]))
+        if end is not Ended.CONTACT:
+            return end
+        return (yield from follow_contour(tip, FRAME, lambda: Ended.TABLE if tip.here[2] < 0.0 else None))
+
+    strategy, done = run(body, surface, samples=20000)  # each motion is checked against the limits
+    assert strategy.end is not None or not done.complete
