@@ -79,7 +79,8 @@ def explore(
         from lwrprobe.exploration.safety.confirm import Confirm
 
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
-        summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
+        with line.compilation():
+            summary = run(loaded, folder, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
     finish(summary, folder, as_json, quiet)
 
 
