@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 if TYPE_CHECKING:
     from lwrprobe.exploration.loop.explorer import ProgressSnapshot
+
+
+KERNELS = 403
+"""Kernels that an exploration of the scene `block` compiles with an empty cache (`lwrprobe bench start`)."""
 
 
 class ProgressDisplay(Protocol):
@@ -50,6 +57,7 @@ class ProgressLine:
             transient=True,
         )
         self._task: Any = None
+        self._exploring = False
 
     def __enter__(self) -> Self:
         return self
@@ -59,16 +67,33 @@ class ProgressLine:
 
     def tell(self, sentence: str) -> None:
         """A new phase."""
-        self._bar.stop()
+        self._clear()
         self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
+
+    def compiled(self, count: int, seconds: float, total: int | None) -> None:
+        """So many kernels have been compiled in so many seconds, of `total` as far as that is known."""
+        if self._exploring:  # the bar shows the exploration
+            return
+        self._show(compilation_text(count, seconds, total), count, total or max(count, KERNELS), "")
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
         """Where the exploration stands."""
+        if not self._exploring:
+            self._clear()
+            self._exploring = True
+        self._show(f"{snapshot.progress.doing:<34}", snapshot.progress.covered, 1.0, _facts(snapshot))
+
+    def _show(self, text: str, completed: float, total: float, facts: str) -> None:
         if self._task is None:
-            self._task = self._bar.add_task("", total=1.0, facts="")
+            self._task = self._bar.add_task("", total=total, facts="")
             self._bar.start()
-        doing = f"{snapshot.progress.doing:<34}"
-        self._bar.update(self._task, completed=snapshot.progress.covered, description=doing, facts=_facts(snapshot))
+        self._bar.update(self._task, completed=completed, total=total, description=text, facts=facts)
+
+    def _clear(self) -> None:
+        self._bar.stop()
+        if self._task is not None:
+            self._bar.remove_task(self._task)
+        self._task, self._exploring = None, False
 
 
 class NotebookProgress:
@@ -86,6 +111,10 @@ class NotebookProgress:
     def tell(self, sentence: str) -> None:
         """A new phase."""
         self._show(f"<i>{escape(sentence)}</i>")
+
+    def compiled(self, count: int, seconds: float, total: int | None) -> None:
+        """So many kernels have been compiled in so many seconds, of `total` as far as that is known."""
+        self._show(f"<i>{compilation_text(count, seconds, total)}</i>")
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
         """Where the exploration stands."""
@@ -107,3 +136,33 @@ def _facts(snapshot: ProgressSnapshot) -> str:
         f"{snapshot.contacts} contacts  {snapshot.force:4.2f} N  "
         f"robot {snapshot.time:6.1f} s  wall {snapshot.wall:5.1f} s"
     )
+
+
+@contextmanager
+def compilation_shown(display: ProgressDisplay) -> Iterator[None]:
+    """Call the display's `compiled`, where it has one, for each kernel that is compiled while the block runs."""
+    compiled: Callable[[int, float, int | None], None] | None = getattr(display, "compiled", None)
+    if compiled is None:
+        yield
+        return
+    # these load numba, which a command with a wrong argument does without
+    from lwrprobe.compiled.disk_cache import loads
+    from lwrprobe.compiled.pipeline import on_compilation
+
+    start, count = time.monotonic(), 0
+
+    def show(name: str) -> None:
+        nonlocal count
+        count += 1
+        compiled(count, time.monotonic() - start, KERNELS if not loads else None)
+
+    with on_compilation(show):
+        yield
+
+
+def compilation_text(count: int, seconds: float, total: int | None) -> str:
+    """How far the compilation is; `total` is None where part of it was on the disk: how many are missing is unknown."""
+    if total is None or count >= total:
+        return f"compiling kernels: {count}"
+    left = seconds / count * (total - count)
+    return f"compiling kernels: {count} of about {total}, about {left:.0f} s left"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,7 +17,7 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.runs.own_strategy import OwnStrategy, StrategyLike, choose_own
-from lwrprobe.runs.progress import ProgressDisplay, progress_display
+from lwrprobe.runs.progress import ProgressDisplay, compilation_shown, progress_display
 from lwrprobe.runs.run import Contacts, Run
 from lwrprobe.scene import Scene, load_scene
 
@@ -85,14 +86,16 @@ class Session:
         self._display = progress_display(not progress) if isinstance(progress, bool) else progress
         self._exploration: Exploration | None = None
         self._steps: Iterator[Observation] = iter(())
+        self._shown = ExitStack()
         self._entered = False
 
     def __enter__(self) -> Self:
         if self._entered:
             raise InputError("session", "begun already", "a new Session for each exploration")
         self._entered = True
-        self._display.__enter__()
-        try:
+        with ExitStack() as shown:
+            shown.enter_context(self._display)
+            shown.enter_context(compilation_shown(self._display))
             self._exploration = Exploration(
                 self.scene,
                 self._out,
@@ -103,15 +106,13 @@ class Session:
                 confirm=self._confirm,
             )
             self._exploration.__enter__()
-        except BaseException as error:
-            self._display.__exit__(type(error), error, error.__traceback__)
-            raise
+            self._shown = shown.pop_all()
         self._steps = iter(self._exploration)
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._begun.close()
-        self._display.__exit__(kind, error, trace)
+        self._shown.__exit__(kind, error, trace)
 
     def __iter__(self) -> Iterator[Observation]:
         """Go on sample by sample until the strategy is done or the run has ended early."""
