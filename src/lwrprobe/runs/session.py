@@ -39,8 +39,8 @@ class Session:
     Parameters
     ----------
     scene : a built-in name, a scene file, or a `Scene`
-    strategy : name of a plug-in; or a class or an object with `start(task)` and `step(observation)`; or a function of an
-        `Observation` that returns a `Goal`, `VelocityCommand` or `Done`. None = the scene's
+    strategy : name of a plug-in; or a class or an object with `start(task)` and `step(observation)`; or a function of
+        an `Observation` that returns a `Goal`, `VelocityCommand` or `Done`. None = the scene's
     seed : of everything random, None = the scene's
     settings : keys of the scene file: `{"probe.radius": 0.004}`, or `["probe.radius=0.004"]`
     profile : settings laid over the scene: a built-in profile (`thesis`) or a file
