@@ -44,7 +44,8 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
     kind = encodings[default if encoding is None else encoding]
     if len(mesh.faces) == 0 and kind == "obj":
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
-    content: Any = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
+    content = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
+    assert not isinstance(content, dict), "the formats of WRITERS are bytes or text"
     partial = path.with_name(path.name + ".part")
     partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
     os.replace(partial, path)
