@@ -25,7 +25,7 @@ SYSTEMS = {
 }
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 OLDER = {
-    "manylinux_2_28": ("manylinux_2_27", "manylinux_2_17", "manylinux2014"),
+    "manylinux_2_28": ("manylinux_2_27", "manylinux_2_26", "manylinux_2_24", "manylinux_2_17", "manylinux2014"),
     "macosx_14_0": ("macosx_13_0", "macosx_12_0", "macosx_11_0", "macosx_10_9"),
 }
 """What a wheel may be built for and still be installed: pip takes a list, and derives none from a name."""
@@ -54,39 +54,43 @@ def dependencies() -> list[str]:
 
 def pinned(package: str) -> str:
     for line in (environment.ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines():
-        if line.partition("==")[0].lower().replace("_", "-") == package.lower().replace("_", "-"):
+        if plain(line.partition("==")[0]) == plain(package):
             return line.strip()
     sys.exit(f"constraints.txt has no version of {package}")
 
 
 def without_wheel(packages: list[str], tag: str, version: str) -> list[str]:
-    """Those that have no wheel; asked one by one only where they do not all have one."""
-    if have_wheels(packages, tag, version):
-        return []
-    return [package for package in packages if not have_wheels([package], tag, version)]
+    """Those that have no wheel; pip names one at a time, and is asked for the rest again."""
+    missing: list[str] = []
+    while True:
+        sought = [package for package in packages if package not in missing]
+        error = asked_for(sought, tag, version)
+        if not error:
+            return missing
+        named = re.search(r"No matching distribution found for ([\w.-]+)==", error)
+        lacking = [package for package in sought if named and plain(package) == plain(named[1])]
+        if not lacking:
+            sys.exit(error)
+        missing += lacking
 
 
-def have_wheels(packages: list[str], tag: str, version: str) -> bool:
-    """Whether pip finds a wheel of each for another system than this one."""
+def plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def asked_for(packages: list[str], tag: str, version: str) -> str:
+    """pip's error when it is asked for wheels for another system than this one; empty when there is each."""
     base = next((base for base in OLDER if tag.startswith(base)), None)
     tags = [tag, *(tag.replace(base, older, 1) for older in OLDER.get(base or "", ()))]
-    command = [
-        str(environment.PYTHON),
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--dry-run",
-        "--no-deps",
-        "--ignore-installed",
-    ]
-    command += ["--only-binary", ":all:", "--implementation", "cp", "--python-version", version]
+    command = [str(environment.PYTHON), "-m", "pip", "install", "--quiet", "--dry-run", "--no-deps"]
+    command += ["--ignore-installed", "--only-binary", ":all:", "--implementation", "cp", "--python-version", version]
     command += ["--target", str(environment.VENV / "nowhere")]
     command += [option for one in tags for option in ("--platform", one)]
     if base and base.startswith("macosx"):
         command += ["--platform", tag.replace("arm64", "universal2").replace("x86_64", "universal2")]
         command += ["--platform", "macosx_10_9_universal2"]
-    return subprocess.run([*command, *map(pinned, packages)], capture_output=True).returncode == 0
+    done = subprocess.run([*command, *map(pinned, packages)], capture_output=True, text=True)
+    return done.stderr if done.returncode else ""
 
 
 if __name__ == "__main__":
