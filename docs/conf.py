@@ -19,6 +19,7 @@ release = lwrprobe.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
+default_role = "code"
 myst_heading_anchors = 3
 myst_enable_extensions = ["colon_fence"]
 

@@ -165,7 +165,7 @@ def test_the_wheels_hold_the_packages_and_nothing_of_the_tests(clean, tmp_path):
 
 
 def test_the_page_for_authors_holds_word_for_word(clean, tmp_path):
-    blocks = re.findall(r"```\n(pip install .*?)```", PAGE.read_text(), re.DOTALL)
+    blocks = re.findall(r"```(?:bash)?\n(pip install .*?)```", PAGE.read_text(), re.DOTALL)
     install, listing, explore = blocks[0].strip().splitlines()
     assert install == "pip install ./lwrprobe-spiral"  # the fixture's second wheel is that folder's
     assert [wheel.name.split("-")[0] for wheel in clean.wheels] == ["lwrprobe", "lwrprobe_spiral"]
