@@ -81,7 +81,7 @@ def plain(name: str) -> str:
 def asked_for(packages: list[str], tag: str, version: str) -> str:
     """pip's error when it is asked for wheels for another system than this one; empty when there is each."""
     base = next((base for base in OLDER if tag.startswith(base)), None)
-    tags = [tag, *(tag.replace(base, older, 1) for older in OLDER.get(base or "", ()))]
+    tags = [tag] if base is None else [tag, *(tag.replace(base, older, 1) for older in OLDER[base])]
     command = [str(environment.PYTHON), "-m", "pip", "install", "--quiet", "--dry-run", "--no-deps"]
     command += ["--ignore-installed", "--only-binary", ":all:", "--implementation", "cp", "--python-version", version]
     command += ["--target", str(environment.VENV / "nowhere")]

@@ -4,9 +4,9 @@
     python3 scripts/compare_checkouts.py OTHER [--scene NAME ...] [--strategy NAME ...] [--seed N] [--out FOLDER]
 
 OTHER is another checkout with a `.venv` of its own. A pair of runs is made one after the other, this checkout first and
-the other first in turn, so that a busy machine slows both down alike. The table has, for each scene and strategy, whether
-`contacts.csv` is the same, and the strategy's median time a sample in both, in microseconds. Exit status 1 when anything
-differs or a run fails.
+the other first in turn, so that a busy machine slows both down alike. The table has, for each scene and strategy,
+whether `contacts.csv` is the same, and the strategy's median time a sample in both, in microseconds. Exit status 1 when
+anything differs or a run fails.
 """
 
 from __future__ import annotations

@@ -266,7 +266,7 @@ class _Page:
         """Coverage and errors against the robot's time."""
         record, instants, scene = self.run.record, self.run.times, self.run.scene
         found = reach(solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES // 2)
-        if not len(found.points):
+        if not len(found.points) or record.normals is None:
             return []
         times = np.linspace(0.0, float(instants.max()), 41)[1:]
         covered = 100.0 * coverage_over_time(
