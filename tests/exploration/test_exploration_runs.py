@@ -149,15 +149,16 @@ def test_nothing_there_is_no_failure(tmp_path):
 def test_a_failing_strategy_is_named_and_its_data_kept(tmp_path, monkeypatch):
     from lwrprobe_strategies.grid_version import GridVersion
 
-    contour, calls = GridVersion._contour, []
+    step, touched = GridVersion.step, []
 
     def fail(self, seen):
-        calls.append(seen)
-        if len(calls) > 20:
+        if seen.contact is not None:
+            touched.append(seen)
+        if len(touched) > 40:
             raise ZeroDivisionError("made up")
-        return contour(self, seen)
+        return step(self, seen)
 
-    monkeypatch.setattr(GridVersion, "_contour", fail)
+    monkeypatch.setattr(GridVersion, "step", fail)
     summary = explore(load_scene("cylinder_vertical", SHORT), tmp_path)
     assert summary["status"] == "ended early"
     assert "grid_version" in summary["reason"]
