@@ -50,6 +50,10 @@ def command_line() -> str:
 
 
 def _leaves(path: str, command: Any) -> list[tuple[str, Any]]:
+    from lwrprobe.contracts.plugins import load, names
+
+    if path == "emulate":
+        return [(f"emulate {name}", typer.main.get_command(load("emulator", name).app)) for name in names("emulator")]
     below = getattr(command, "commands", None)
     if below is None:
         return [(path, command)]
