@@ -80,7 +80,7 @@ def _value(parameter: Any) -> str:
     if isinstance(kind, type) and issubclass(kind, Enum):
         return ", ".join(f"`{member.value}`" for member in kind)
     text = _type_text(kind)
-    if parameter.default not in (None, [], ()) and not callable(parameter.default):
+    if parameter.default not in (None, "", [], ()) and not callable(parameter.default):
         text += f", default `{parameter.default}`"
     return text
 
