@@ -50,6 +50,10 @@ def command_line() -> str:
 
 
 def _leaves(path: str, command: Any) -> list[tuple[str, Any]]:
+    from lwrprobe.contracts.plugins import load, names
+
+    if path == "emulate":
+        return [(f"emulate {name}", typer.main.get_command(load("emulator", name).app)) for name in names("emulator")]
     below = getattr(command, "commands", None)
     if below is None:
         return [(path, command)]
@@ -76,7 +80,7 @@ def _value(parameter: Any) -> str:
     if isinstance(kind, type) and issubclass(kind, Enum):
         return ", ".join(f"`{member.value}`" for member in kind)
     text = _type_text(kind)
-    if parameter.default not in (None, [], ()) and not callable(parameter.default):
+    if parameter.default not in (None, "", [], ()) and not callable(parameter.default):
         text += f", default `{parameter.default}`"
     return text
 

@@ -9,7 +9,7 @@ ring = np.column_stack([0.025 * np.cos(angle), 0.025 * np.sin(angle), np.full(20
 
 voxels = VoxelMap(resolution=0.002)
 voxels.insert(ring)
-voxels.carve(np.array([-0.06, 0.04, 0.031]), np.array([0.06, 0.04, 0.031]), radius=0.005)
+voxels.carve_path(np.array([[-0.06, 0.04, 0.031], [0.06, 0.04, 0.031]]), radius=0.005)
 print(len(voxels), "occupied and", voxels.free_count(), "free voxels of 2 mm")
 
 distance, centre = voxels.nearest(np.array([0.0, 0.03, 0.031]))

@@ -131,13 +131,13 @@ def check_line(words: list[str]) -> None:
         check_requirement(words[2])
         return
     assert Path(words[0]).name == "lwrprobe", f"{shlex.join(words)}: a command that the tests do not know"
+    if words[1] == "emulate":
+        check_emulator(*words[2:])
+        return
     command, arguments = typer.main.get_command(app), words[1:]
     while hasattr(command, "commands"):
         assert arguments[0] in command.commands, f"{shlex.join(words)}: no command {arguments[0]!r}"
         command, arguments = command.commands[arguments[0]], arguments[1:]
-    if command.name == "emulate":
-        check_emulator(*arguments)
-        return
     given = command.make_context(command.name, list(arguments)).params
     if "scene" in given and not str(given["scene"]).startswith("my_"):
         load_scene(given["scene"], given.get("settings") or [], given.get("profile"))
