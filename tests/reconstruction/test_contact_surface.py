@@ -9,7 +9,7 @@ import pytest
 from lwrprobe.bench.sampled_lines import sample_lines, voxelised
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation import mesh_error
-from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.clusters import cluster, supported
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
 from lwrprobe.reconstruction.touches import line_pitch, prepare
@@ -264,6 +264,61 @@ def test_normals_that_were_turned_over_are_outvoted(scenes):
     assert result.report["left_out"] >= 0.9 * turned.sum()
     assert surface(record).report["left_out"] == 0
     assert error(result.mesh, solid).mean < 0.2 * error(convex_hull(record.points), solid).mean
+
+
+def test_noisy_normals_do_not_hollow_out_a_block(scenes):
+    """Some of the walls' normals lean down by chance, on both sides: there is no underside between them."""
+    solid, record = scenes("block")
+    points, true = np.repeat(record.points, 8, axis=0), np.repeat(record.normals, 8, axis=0)  # as dense as a run's
+    normals = true + 0.1 * np.random.default_rng(3).normal(size=true.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert (normals[np.abs(true[:, 2]) < 0.2, 2] < -0.14).sum() > 200
+    found = error(surface(replace(record, points=points, normals=normals)).mesh, solid)
+    assert abs(found.volume_error) < 0.01
+    assert found.mean < 3e-4
+
+
+@pytest.mark.parametrize("lean", [-0.6, -0.95])
+def test_two_false_contacts_from_below_change_nothing(lean):
+    """A touch of the stick taken for one of the sphere looks down in the middle of a wall or of the top."""
+    solid = Solid.from_shapes(
+        [Box(shape="box", size=(0.06, 0.05, 0.05), at=Pose(xyz=(0.0, 0.0, 0.025), rpy_deg=(0.0, 0.0, 25.0)))]
+    )
+    record = sample_lines(solid, 0.01)
+    plain = error(surface(record).mesh, solid)
+    for rows in (np.abs(record.normals[:, 2]) < 0.1, record.normals[:, 2] > 0.9):
+        rows = np.flatnonzero(rows & (record.points[:, 2] > 0.015))
+        chosen = np.random.default_rng(1).choice(rows, 2, replace=False)
+        side = record.normals[chosen] * (1.0, 1.0, 0.0) + (0.01, 0.0, 0.0)
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        normals = record.normals.copy()
+        normals[chosen] = np.sqrt(1.0 - lean**2) * side + (0.0, 0.0, lean)
+        found = error(surface(replace(record, normals=normals)).mesh, solid)
+        assert found.mean < 1.05 * plain.mean
+        assert found.hausdorff < 1.2 * plain.hausdorff
+
+
+def test_a_claim_needs_neighbours_that_share_it():
+    """Two that agree convince, one does not; nor do three among twenty that face alike and say otherwise."""
+    side = np.array([1.0, 0.0, 0.0])
+
+    def kept(claiming, others):
+        claims = np.arange(claiming + others) < claiming
+        points, normals = (
+            np.linspace(0.0, 1e-3, len(claims))[:, None] * [0.0, 1.0, 0.0],
+            np.tile(side, (len(claims), 1)),
+        )
+        return supported(claims, claims, points, normals, np.ones(len(claims)), 2e-3).tolist()
+
+    assert kept(2, 0) == [True] * 2
+    assert kept(1, 0) == [False]
+    assert kept(3, 9) == [True] * 3 + [False] * 9
+    assert not any(kept(3, 20))
+    yes = np.ones(3, bool)
+    assert not supported(yes, yes, 0.01 * np.eye(3), np.tile(side, (3, 1)), np.ones(3), 2e-3).any()  # too far apart
+    assert not supported(yes, yes, np.zeros((3, 3)), np.eye(3), np.ones(3), 2e-3).any()  # facing apart
+    doubted = supported(yes, yes, np.zeros((3, 3)), np.tile(side, (3, 1)), np.full(3, 0.4), 2e-3)
+    assert not doubted.any()
 
 
 def test_both_sides_of_a_thin_plate_stay(scenes):

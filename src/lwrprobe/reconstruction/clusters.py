@@ -21,6 +21,9 @@ _OUTVOTED = 3.0
 _WALL = 8
 """Pairs that make a wall: fewer are chance."""
 
+_MIN_SUPPORT, _MIN_SHARE = 1.5, 0.25
+"""Weight, and share of the weight around it, below which what a contact and its like say is chance."""
+
 _PORTION = 50_000
 """Points between two looks at the progress callback."""
 
@@ -77,6 +80,24 @@ def outvoted(clusters: Clusters, feet: np.ndarray, reach: float) -> np.ndarray:
         own += np.bincount(pairs[:, here], weight * (facing > _WITH), minlength=len(feet))
         against += np.bincount(pairs[:, here], weight * (facing < -_WITH), minlength=len(feet))
     return against > _OUTVOTED * own
+
+
+def supported(
+    claims: np.ndarray, alike: np.ndarray, points: np.ndarray, normals: np.ndarray, weight: np.ndarray, reach: float
+) -> np.ndarray:
+    """(n,) bool: the claims (n,) bool that contacts around them share, which are those in `alike` (n,) bool.
+
+    They must hold a quarter of the weight of all that was touched within `reach` m and faces about the same way, and
+    be more than one contact: a single noisy normal proves nothing.
+    """
+    from scipy.spatial import cKDTree
+
+    kept = np.zeros(len(points), dtype=bool)
+    for i, near in zip(np.flatnonzero(claims), cKDTree(points).query_ball_point(points[claims], reach)):
+        same_way = np.array(near)[normals[near] @ normals[i] > _AGREEMENT]
+        agreeing = weight[same_way] @ alike[same_way]
+        kept[i] = agreeing >= max(_MIN_SUPPORT, _MIN_SHARE * weight[same_way].sum())
+    return kept
 
 
 def thinnest_wall(clusters: Clusters, feet: np.ndarray, reach: float) -> float:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
-from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, thinnest_wall
+from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.distance_kernels import (
     corner_lists,
@@ -31,6 +31,7 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 
+_FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, and of those that bear it out
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _MOST_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
@@ -82,8 +83,9 @@ class ContactSurface:
         touches = work.run("prepare", lambda: prepare(record, 0.5 * (self.config.step or 0.004)))
         pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
         pitch = max(pitch, touches.radius)
-        clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
         given = len(touches.points)
+        touches = _without_lone_undersides(touches)
+        clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
         touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
@@ -164,6 +166,18 @@ class _Work:
         }
 
 
+def _without_lone_undersides(touches: Touches) -> Touches:
+    """Without contacts from below that no neighbour shares: the stick touched, or the normal is wrong."""
+    height = touches.normals[:, 2]
+    down, alike = height < _FROM_BELOW, height < _LEANS
+    good = ~down | supported(down, alike, touches.points, touches.normals, touches.trust, touches.radius)
+    return _chosen(touches, good)
+
+
+def _chosen(touches: Touches, rows: np.ndarray) -> Touches:
+    return replace(touches, points=touches.points[rows], normals=touches.normals[rows], trust=touches.trust[rows])
+
+
 def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Touches, Clusters]:
     """Without contacts whose normals contradict all that was touched around them: one would open a hole."""
     feet = clusters.points - touches.radius * clusters.normals
@@ -173,7 +187,7 @@ def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Tou
     kept = good[clusters.label]
     number = np.cumsum(good) - 1
     return (
-        replace(touches, points=touches.points[kept], normals=touches.normals[kept], trust=touches.trust[kept]),
+        _chosen(touches, kept),
         Clusters(clusters.points[good], clusters.normals[good], clusters.weight[good], number[clusters.label[kept]]),
     )
 

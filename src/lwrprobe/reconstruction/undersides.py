@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.reconstruction.clusters import Clusters, cluster
+from lwrprobe.reconstruction.clusters import Clusters, cluster, supported
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.touches import Touches
 
@@ -29,7 +29,8 @@ def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> Hermi
 
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines.
     """
-    low = np.flatnonzero(touches.normals[:, 2] < 0.7 * _DOWN)
+    down = touches.normals[:, 2] < 0.7 * _DOWN
+    low = np.flatnonzero(supported(down, down, touches.points, touches.normals, touches.trust, touches.radius))
     low = low[:: len(low) // _MOST + 1]
     if len(low) < 2:
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
