@@ -9,6 +9,8 @@ import textwrap
 
 import pytest
 
+from lwrprobe.compiled.disk_cache import IndexFile
+
 CALLEE = """
 from lwrprobe.compiled import allocation_free_kernel
 
@@ -47,6 +49,23 @@ print(json.dumps({"got": got, "compiled": len(compiled)}))
 """
 
 
+WRITER = """
+import sys, time
+from pathlib import Path
+from lwrprobe.compiled.disk_cache import IndexFile
+
+folder, me = Path(sys.argv[1]), int(sys.argv[2])
+index = IndexFile(str(folder), "kernel", "stamp")
+Path(folder, f"ready{me}").touch()
+while len(list(folder.glob("ready*"))) < 4:
+    time.sleep(0.001)
+for k in range(40):
+    index.save((me, k), (me, k))
+    found = index.load((me, k))
+    assert found == (me, k), f"saved {(me, k)}, found {found}"
+"""
+
+
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "callee_kernels.py").write_text(textwrap.dedent(CALLEE))
@@ -72,6 +91,18 @@ def expected():
     """The numbers that Python computes: the sum of 0 to 3 is 6, with the weights `weight` and 2."""
     kinds, shapes, weights = ("f8", "f4", "i8", "i4"), (4, (2, 2)), (1, 0.5)
     return {repr((k, s, w)): 6.0 * (w + 2) for k in kinds for s in shapes for w in weights}
+
+
+def test_entries_saved_at_once_by_several_processes_keep_their_keys(tmp_path):
+    writers = [
+        subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), str(me)], text=True, stderr=subprocess.PIPE)
+        for me in range(4)
+    ]
+    for writer in writers:
+        assert (writer.communicate(timeout=300)[1], writer.returncode) == ("", 0)
+    index = IndexFile(str(tmp_path), "kernel", "stamp")
+    for key in ((me, k) for me in range(4) for k in range(40)):
+        assert index.load(key) == key
 
 
 def test_cold_processes_at_once_leave_a_cache_that_is_right(folder):

@@ -32,10 +32,12 @@ def make_safe(dispatcher: Any) -> None:
     base = getattr(getattr(store, "_impl", None), "filename_base", None)
     if base is not None and hasattr(store, "_cache_file"):
         folder = str(store.cache_path)
-        store._cache_file = _LockedFile(folder, base, _state(dispatcher.py_func.__module__))
+        store._cache_file = IndexFile(folder, base, _state(dispatcher.py_func.__module__))
 
 
-class _LockedFile(IndexDataCacheFile):
+class IndexFile(IndexDataCacheFile):
+    """Index and data files of one kernel; a lock on the folder is held while they are read or written."""
+
     def save(self, key: Any, data: Any) -> None:
         with _locked(self._cache_path):
             super().save(key, data)
