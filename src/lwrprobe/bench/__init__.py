@@ -15,5 +15,6 @@ BENCHES: dict[str, str] = {
     "faults": "lwrprobe.bench.faults",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
+    "start": "lwrprobe.bench.start",
     "reconstruction": "lwrprobe.bench.reconstruction",
 }

@@ -79,6 +79,15 @@ class Summary:
 
 
 SUMMARIES = {
+    "start": Summary(
+        "Processor time",
+        (),
+        "An exploration was started with an empty kernel cache, and once more with the cache that this left behind.",
+        lambda f: (
+            f"The cold start took {f.cell('Processor time', 'cold', 'processor s')} s of processor time, the warm one "
+            f"{f.cell('Processor time', 'warm', 'processor s')} s."
+        ),
+    ),
     "kinematics": Summary(
         "Tracking",
         (),

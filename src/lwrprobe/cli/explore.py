@@ -79,7 +79,8 @@ def explore(
         from lwrprobe.runs.explore import explore as run
 
         asking = Confirm(confirm, line.tell) if confirm > 0 else None
-        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
+        with line.compilation():
+            found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
     finish(found.summary.as_dict(), folder, as_json, quiet)
 
 

@@ -24,11 +24,14 @@ from numba.core.caching import IndexDataCacheFile
 
 LOCK_NAME = "kernels.lock"
 
+loads: list[str] = []
+"""Index files of the specialisations that this process took from the disk."""
+
 
 def make_safe(dispatcher: Any) -> None:
     """Give a kernel's cache the lock and the stamp of this module."""
     # These attributes are private to numba; without them its own cache works, only less carefully.
-    store = getattr(dispatcher, "_cache", None)
+    store: Any = getattr(dispatcher, "_cache", None)
     base = getattr(getattr(store, "_impl", None), "filename_base", None)
     if base is not None and hasattr(store, "_cache_file"):
         folder = str(store.cache_path)
@@ -46,7 +49,10 @@ class IndexFile(IndexDataCacheFile):
         if not Path(self._index_path).exists():
             return None
         with _locked(self._cache_path):
-            return super().load(key)
+            found = super().load(key)
+        if found is not None:
+            loads.append(self._index_path)
+        return found
 
     def flush(self) -> None:
         with _locked(self._cache_path):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -33,6 +36,10 @@ def progress_display(quiet: bool = False) -> ProgressDisplay:
     return NotebookProgress() if in_notebook and not quiet else ProgressLine(quiet)
 
 
+KERNELS = 403
+"""Kernels that `lwrprobe explore block` compiles with an empty cache, as `on_compilation` counted them."""
+
+
 class ProgressLine:
     """For a terminal, on standard error: a bar with contacts, force and time; standard output stays for results."""
 
@@ -59,12 +66,42 @@ class ProgressLine:
 
     def tell(self, sentence: str) -> None:
         """A new phase."""
-        self._bar.stop()
+        self._clear()
         self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
+
+    def _clear(self) -> None:
+        self._bar.stop()
+        for task in self._bar.task_ids:
+            self._bar.remove_task(task)
+        self._task = None
+
+    @contextmanager
+    def compilation(self) -> Iterator[None]:
+        """Show how many kernels have been compiled, while the block runs."""
+        from lwrprobe.compiled.disk_cache import loads
+        from lwrprobe.compiled.pipeline import on_compilation
+
+        start, count = time.monotonic(), 0
+        task: Any = None
+
+        def show(name: str) -> None:
+            nonlocal count, task
+            count += 1
+            if self._task is not None:  # the bar shows the exploration
+                return
+            if task not in self._bar.task_ids:
+                task = self._bar.add_task("", total=KERNELS, facts="")
+            self._bar.start()
+            text = compilation_text(count, time.monotonic() - start, KERNELS if not loads else None)
+            self._bar.update(task, completed=count, description=text)
+
+        with on_compilation(show):
+            yield
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
         """Where the exploration stands."""
         if self._task is None:
+            self._clear()
             self._task = self._bar.add_task("", total=1.0, facts="")
             self._bar.start()
         doing = f"{snapshot.progress.doing:<34}"
@@ -107,3 +144,11 @@ def _facts(snapshot: ProgressSnapshot) -> str:
         f"{snapshot.contacts} contacts  {snapshot.force:4.2f} N  "
         f"robot {snapshot.time:6.1f} s  wall {snapshot.wall:5.1f} s"
     )
+
+
+def compilation_text(count: int, seconds: float, total: int | None) -> str:
+    """How far the compilation is. `total` is None where part of it was on the disk: how many are missing is unknown."""
+    if total is None or count >= total:
+        return f"compiling kernels: {count}"
+    left = seconds / count * (total - count)
+    return f"compiling kernels: {count} of about {total}, about {left:.0f} s left"
