@@ -9,7 +9,6 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
 from lwrprobe.bench.report import BenchReport, Table
@@ -95,8 +94,7 @@ def measure(scene: str, folder: str) -> dict[str, Any]:
     for kind in ("numba:run_pass", "numba:llvm_lock"):
         event.register(kind, clock)
     with on_compilation(kernels.append):
-        from lwrprobe.exploration.procedures.explore import explore
-        from lwrprobe.scene import load_scene
+        from lwrprobe.runs.explore import explore
 
-        explore(load_scene(scene, ["run.seed=7"]), Path(folder))
+        explore(scene, seed=7, out=folder, progress=False)
     return {"total": time.process_time(), "kernels": len(kernels), "parts": dict(seconds)}
