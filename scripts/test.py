@@ -28,11 +28,11 @@ def main() -> None:
     arguments = [str(Path(a).resolve()) if Path(a).exists() else a for a in sys.argv[1:]]
     os.chdir(environment.ROOT)
     _compile_kernels()
-    os.execv(environment.PYTHON, [str(environment.PYTHON), "-m", "pytest", *SIDE_BY_SIDE, *arguments])
+    environment.hand_over([str(environment.PYTHON), "-m", "pytest", *SIDE_BY_SIDE, *arguments])
 
 
 def _compile_kernels() -> None:
-    """In a fresh clone once, before several processes would each compile the same kernels."""
+    """In a fresh clone once: several processes may compile into one cache, but each would compile the same kernels."""
     if any((environment.ROOT / "src").rglob("*.nbi")) or not (environment.ROOT / "src").is_dir():
         return
     print("[set-up] compiling the kernels", file=sys.stderr, flush=True)
