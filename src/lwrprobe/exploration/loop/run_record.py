@@ -57,7 +57,7 @@ class RunRecord:
         self.peak_force = max(self.peak_force, force)
         self.force = force
         self._samples += 1
-        trace = getattr(self._strategy, "trace", ())
+        trace = self._strategy.trace
         if len(trace) > self._transitions:
             for step in trace[self._transitions :]:
                 self._recorder.transition(*step)

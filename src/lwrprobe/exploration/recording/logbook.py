@@ -135,12 +135,12 @@ class Logged:
     @property
     def line_spacing(self) -> float | None:
         """The strategy's own."""
-        return getattr(self.strategy, "line_spacing", None)
+        return self.strategy.line_spacing
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
         """The strategy's own."""
-        return getattr(self.strategy, "trace", ())
+        return self.strategy.trace
 
     def start(self, task: Task) -> None:
         """Take over, and ask through the log."""
