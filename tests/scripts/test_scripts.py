@@ -88,6 +88,15 @@ def test_check_runs_the_steps_it_is_asked_for(copy):
     assert "allowed: lint, types, docs" in call(copy, "check.py", "lnit").stderr
 
 
+def test_docs_builds_the_site_with_warnings_as_errors(copy, tmp_path):
+    ready(copy, "docs")
+    done = call(copy, "docs.py", "-E", folder=tmp_path)
+    assert done.returncode == 0
+    assert "-m sphinx -b html --fail-on-warning" in done.stdout
+    assert f"-E docs docs/_build in {copy}" in done.stdout
+    assert "the site is in docs/_build/index.html" in done.stdout
+
+
 def test_any_complete_setup_serves_run(copy):
     ready(copy, "test")
     assert "[set-up]" not in call(copy, "run.py", "--version").stderr

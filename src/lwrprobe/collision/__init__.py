@@ -1,4 +1,4 @@
-"""Clearance between the robot's links and what must not be touched."""
+"""Clearance: the distance between the robot's links and the map, the table, meshes and each other."""
 
 from lwrprobe.collision.clearance import ClearanceQuery
 from lwrprobe.collision.link_rows import NO_FRAMES

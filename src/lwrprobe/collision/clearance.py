@@ -1,4 +1,4 @@
-"""How near the robot's links are to what was touched, to each other, to the table and to known meshes."""
+"""Distance between the robot's links and the map, the table, known meshes and each other."""
 
 from __future__ import annotations
 

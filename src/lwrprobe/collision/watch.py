@@ -22,7 +22,7 @@ TABLE = "table"
 
 @dataclass(frozen=True, slots=True)
 class LinkGroup:
-    """Links that keep one distance: from the map's voxels, unless it is said from what else.
+    """Links that keep one distance, from the voxels of the map unless stated otherwise.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The bias at the start of a run, when nobody knows whether the probe touches something."""
+"""The bias at the start of a run, when it is unknown whether the probe is in contact."""
 
 from __future__ import annotations
 

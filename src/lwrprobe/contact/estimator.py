@@ -17,7 +17,7 @@ from lwrprobe.contracts.contact import RELIABLE_FROM, Doubt
 from lwrprobe.contracts.samples import Vector
 
 TRUSTED: Final = RELIABLE_FROM
-"""A contact whose trust is below this must not enter the map."""
+"""A contact whose confidence is below this must not enter the map."""
 
 REASONS: Final = tuple(Doubt)
 """Why a contact is trusted little, in the order of the kernels' reasons. *near-zero force* is one under
@@ -36,11 +36,11 @@ class Settings:
     max_friction : largest friction coefficient thought possible
     trusted_error : rad, expected error of the normal at which a contact is just trusted
     lever_error : m, how well the sphere's centre is known in the sensor frame (see `check_probe`)
-    zero_error : N, how far the zero of a force axis may have wandered since the bias was taken; torque axes in
+    zero_error : N, how far the zero of a force axis may have drifted since the bias was taken; torque axes in
         proportion to the resolutions
     indentation : m/N, of the object under the sphere; the point is given where the surface lies without force
     speed_noise : m/s, standard deviation of the velocity's components (`fused`)
-    hidden_compliance : m/N, of whatever yields and is not in the centre's velocity (`fused`)
+    hidden_compliance : m/N, of all compliance that the centre's velocity does not show (`fused`)
     """
 
     noise: WrenchNoise | None = None
@@ -72,8 +72,8 @@ class Estimator(Protocol):
     def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
         """The contact of one conditioned wrench; never raises, never NaN, trust 0 and a reason when there is none.
 
-        A contact without trust still has a normal, along the force, for whoever has to give way to it; the zero vector
-        where there is no force at all.
+        A contact with confidence 0 still has a normal along the force, along which the tip can yield; it is the zero
+        vector where there is no force.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class Estimator(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget what earlier samples have taught about the surface (a jump to another place)."""
+        """Forget what earlier samples showed of the surface, before a jump to another place."""
 
     def set_indentation(self, compliance: float) -> None:
         """m/N of the object under the sphere from now on (`Settings.indentation`); raises InputError."""
@@ -173,22 +173,22 @@ class Given:
         return self.row
 
     def contact(self, out: np.ndarray, reason: int) -> Contact:
-        """The kernels' output for it in the house's words."""
+        """The kernels' output as a `Contact`."""
         trust = out.item(kernels.O_TRUST)
         time = self.row.item(kernels.I_TIME)
         return Contact(time, out[0:3], out[3:6], out[6:9], self._centre.copy(), trust, REASONS[reason])
 
 
 class FusedEstimator:
-    """Both estimators with their noise models, friction learnt while sliding, and the last normals as prior.
+    """Both single-sample estimators with their noise models, friction estimated while sliding, and previous normals.
 
-    Sources, each a quadratic form in the normal weighted by its variance (see `fused_kernels`): the wrench axis; the
-    motion, perpendicular to the normal while the surface is followed; friction, which opposes the slip, so that
-    force, slip and normal lie in one plane; the friction angle, learnt by a scalar Kalman filter; the last normal,
-    carried on as it turned of late. Motion and friction are used only while the wrench axis does not contradict them
-    (chi-squared, one sample and running mean): a probe that sticks does not slide. While it slides, the normal is
-    known without torque, and what the torque shows beyond it is learnt as the wandering of the sensor's zero, which
-    a long lever magnifies: 10 mN at 50 mm turn the wrench axis of 1 N by 6 degrees.
+    Each source is a quadratic form in the normal, weighted by its variance (see `fused_kernels`): the wrench axis; the
+    velocity, which is perpendicular to the normal while the sphere slides; friction, which opposes the slip, so that
+    force, slip and normal lie in one plane; the friction angle, estimated by a scalar Kalman filter; the previous
+    normal, extrapolated with its recent rate of turn. Velocity and friction are used only while the wrench axis does
+    not contradict them (chi-squared test, one sample and running mean), because a probe that sticks does not slide.
+    While the sphere slides, the normal is known without the torque. The remaining torque is then attributed to the
+    drift of the sensor's zero, which a long lever magnifies: 10 mN at 50 mm turn the wrench axis of 1 N by 6 degrees.
     """
 
     name = "fused"
@@ -215,7 +215,7 @@ class FusedEstimator:
         return self._given.contact(out, reason)
 
     def reset(self) -> None:
-        """Forget the surface; what was learnt of friction stays."""
+        """Forget the surface; keep the estimate of the friction."""
         self._state[fused_kernels.S_BEGUN] = 0.0
 
     def set_indentation(self, compliance: float) -> None:
@@ -224,7 +224,7 @@ class FusedEstimator:
 
     @property
     def friction(self) -> tuple[float, float]:
-        """Friction coefficient as learnt so far and its standard deviation."""
+        """Friction coefficient as estimated so far, and its standard deviation."""
         state = self._state
         return float(state[fused_kernels.S_FRICTION]), float(np.sqrt(state[fused_kernels.S_FRICTION_VAR]))
 

@@ -1,4 +1,4 @@
-"""What hangs on the sensor: identified once, then taken off every reading."""
+"""The payload of the sensor (stick and sphere): identified once, then subtracted from every reading."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def identify_payload(samples: Sequence[WrenchSample], rotations: Sequence[np.nda
 
     Linear least squares: `f = b_f + m g` gives mass and force bias, `t = b_t - [g]x (m c)` moment and torque bias,
     with g the gravity vector in the sensor frame. One sample an orientation; several at the same one are averaged
-    by the fit. The centre of mass is zero where the mass is too small to tell (under a milligram).
+    by the fit. The centre of mass is zero where the mass is too small (under a milligram).
 
     Parameters
     ----------

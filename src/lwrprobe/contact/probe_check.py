@@ -15,7 +15,7 @@ _ROUNDS = 20
 
 @dataclass(slots=True, frozen=True)
 class ProbeCheck:
-    """What touches on a sphere of known radius tell of the probe.
+    """Dimensions of the probe that follow from contacts on a sphere of known radius.
 
     Attributes
     ----------

@@ -30,16 +30,16 @@ DISCERNIBLE = 0.5
 
 
 class TouchIdentification:
-    """Collects how far the tip goes and how much force that takes, touch by touch.
+    """Collects travel and force of each touch and fits the stiffness of the object.
 
-    During a touch the nominal centre moves along the normal by what the probe, the arm and the object give way; the
-    probe's share is known (`Deflection.along`), what is left over force is the object's. The fits of several touches
-    are weighted by their variances. A stiff object is pressed to the full force within one or two samples: then there
-    is nothing to fit, and the dent is too small to matter.
+    During a touch the nominal centre moves along the normal by the deflection of probe, arm and object. The share of
+    the probe is known (`Deflection.along`); the rest divided by the force is the compliance of the object. The fits of
+    several touches are weighted by their variances. On a stiff object the full force is reached within one or two
+    samples; then there is nothing to fit, and the indentation is negligible.
 
     Parameters
     ----------
-    bend : the probe's own give
+    bend : the probe's own deflection
     threshold : N, above it a touch is declared
     normal_error : rad, how wrong the contacts' normals may be: a sphere that slides on seems to sink in by that share
     """
@@ -57,7 +57,7 @@ class TouchIdentification:
 
     @property
     def settled(self) -> bool:
-        """The first touch has been judged."""
+        """Whether the first touch has been evaluated."""
         return self._looked_at > 0
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
@@ -111,12 +111,12 @@ class TouchIdentification:
 def series_compliance(
     times: Vector, ways: Vector, forces: Vector, aside: Vector | None = None, normal_error: float = 0.0
 ) -> tuple[float, float] | None:
-    """m/N of everything in series and its standard deviation, from a press; None where it cannot be told.
+    """m/N of everything in series and its standard deviation, from a press; None where it is not determined.
 
-    Least squares on `x = x0 + c F - d v + e s`: the speed's share is the surface's damping and whatever time the force
-    is off the way, that of the way `aside` is the angle by which the normal is wrong, held near zero by `normal_error`
-    rad. Where force and speed go in step, as under a first-order force law, the speed is left out. Times, ways
-    (pressing positive, and along the surface) and forces are (n,) in s, m, N.
+    Least squares on `x = x0 + c F - d v + e s`. The term in speed covers the damping of the surface and a time offset
+    between force and position. The term in `aside`, the path along the surface, covers the error of the normal, held
+    near zero by `normal_error` rad. Where force and speed are proportional, as under a first-order force law, the
+    speed is left out. Times, paths (positive when pressing, and along the surface) and forces are (n,) in s, m, N.
     """
     if len(times) < FEWEST or np.ptp(forces) <= 0.0 or (np.diff(times) <= 0.0).any():
         return None

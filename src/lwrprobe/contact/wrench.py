@@ -23,7 +23,7 @@ _NOT_USABLE: Final = int(UNUSABLE | UNCONFIRMED | SampleStatus.SATURATED)  # fla
 
 @dataclass(slots=True)
 class Wrench:
-    """What acts on the probe by contact alone: bias, payload and faults of the stream dealt with.
+    """The wrench of the contact alone: bias and payload are subtracted, faults of the stream are handled.
 
     Attributes
     ----------
@@ -33,7 +33,8 @@ class Wrench:
     world_force : (3,) N, the same force in the world frame
     sequence : of the sample
     status : flags of `SampleStatus`, and `UNCONFIRMED`
-    zeroing : how often the conditioner has moved its zero so far; what was learnt of the old zero no longer holds
+    zeroing : how often the conditioner has moved its zero so far; estimates that depend on the old zero are then
+        invalid
     """
 
     time: float

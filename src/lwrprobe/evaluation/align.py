@@ -1,4 +1,4 @@
-"""A rigid motion that lays one shape over the true one, for meshes and clouds from another frame."""
+"""Rigid alignment of a mesh or a cloud with the true shape."""
 
 from __future__ import annotations
 

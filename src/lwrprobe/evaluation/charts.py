@@ -14,7 +14,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 16.0, 18.0, 44.0
 
 @dataclass(slots=True, frozen=True)
 class Line:
-    """x and y (n,), the name in the legend, the colour's letter; dots instead of a line where asked for."""
+    """x and y (n,), the name in the legend, the colour's letter; dots instead of a line if requested."""
 
     x: np.ndarray
     y: np.ndarray

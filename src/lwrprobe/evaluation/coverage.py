@@ -111,8 +111,8 @@ def gap_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found
 def end_errors(contacts: np.ndarray, normals: np.ndarray, found: Reach, axis: int = 0) -> tuple[float, float]:
     """m by which the contacts fall short of (positive) or pass (negative) the reachable surface's two ends on an axis.
 
-    A contact (n, 3) counts for the end that its normal (n, 3) faces within 45 degrees: what has been felt from its side
-    alone has not been found. Infinite without such a contact.
+    A contact (n, 3) counts for the end that its normal (n, 3) faces within 45 degrees: contacts on the sides alone
+    do not determine an end. Infinite without such a contact.
     """
     contacts, normals = rows("contacts", contacts), rows("normals", normals)
     if not len(contacts) or not len(found.points):

@@ -32,7 +32,7 @@ def lower_bound_time(
     With `area`, the stripes that pass the object by are added, at `free_speed` m/s, and with `acceleration` m/s^2 the
     stop and start at both ends of every line, 2 v/a a line. With `descent_speed`, m/s, half of what is steeper than
     45 degrees is counted at that speed: a line over an object leads down one of two walls, stick first towards a foot
-    that nobody has felt yet, and how fast that may be follows from the force limit.
+    that was not touched before, and the force limit gives the speed for that.
     """
     for name, value in (
         ("contour_speed", contour_speed),

@@ -36,7 +36,7 @@ _SAMPLES = 4000
 def write_report(folder: str | Path, surface: Reconstruction | None = None) -> Path:
     """Write `report.html` into a run folder and return its path.
 
-    `surface` is the run's mesh where it is at hand; otherwise it is made again with the scene's method. Raises
+    `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method. Raises
     FormatError for a folder that is no run's.
     """
     run = read_run(folder)

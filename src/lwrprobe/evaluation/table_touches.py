@@ -1,4 +1,4 @@
-"""A table that is not where it was said to be is touched too: it is found among the contacts, and left out."""
+"""Finds contacts with a table that is not where the scene puts it, and leaves them out."""
 
 from __future__ import annotations
 

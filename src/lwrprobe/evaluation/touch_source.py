@@ -18,7 +18,7 @@ MAPS = (".bt", ".ot")
 def read_touches(path: str | Path, probe_radius: float | None = None, table: float | None = None) -> TouchRecord:
     """A record from a run folder, a cloud (.pcd, .ply, .csv; normals are used where it has them) or a map (.bt, .ot).
 
-    `probe_radius` and `table` [m] are for files that cannot tell; a run folder knows both. A cloud's field `trust`
+    `probe_radius` and `table` [m] are for files that do not contain them; a run folder does. A cloud's field `trust`
     is used. Raises FormatError for broken files and UnknownNameError for an unknown ending.
     """
     path = Path(path)

@@ -1,4 +1,4 @@
-"""Serial arms: forward kinematics, Jacobians, inverse kinematics, and what a path or an area asks of an arm."""
+"""Serial arms: forward kinematics, Jacobians, inverse kinematics, straight paths and workspaces."""
 
 from lwrprobe.kinematics.models import iiwa14, lwr4, panda, puma560, robot_by_name, ur5e
 from lwrprobe.kinematics.path import FollowReport, follow, straight_line

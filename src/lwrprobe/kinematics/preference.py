@@ -18,7 +18,7 @@ class Preference:
     near_posture : weight of staying near it
     off_limits : weight of leaving joint limits that are nearer than `zone`
     off_singularity : weight of growing manipulability (Yoshikawa 1985)
-    zone : rad (lengths of the arm, for prismatic joints) from a limit within which it is felt
+    zone : rad (lengths of the arm, for prismatic joints) from a joint limit within which the preference acts
     pace : rad that one call of `track` moves a joint for it at most; 0 switches the preference off
     """
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class IKStatus(IntEnum):
     """How a search for joint values ended; 0 is success.
 
-    UNREACHABLE: beyond the arm's reach; LIMITED: held back by joint limits; BUDGET: stopped before it could tell;
+    UNREACHABLE: beyond the arm's reach; LIMITED: held back by joint limits; BUDGET: stopped at the iteration limit;
     JUMP: only with a larger joint jump than allowed; INVALID: no rigid motion, or no number.
     """
 
@@ -47,7 +47,7 @@ class IKResult:
     status : see `IKStatus`
     q : (n,) the solution, else the joint values of the nearest pose found
     tip : (4, 4) of the tip at q
-    position_error, rotation_error : m and rad between `tip` and what was asked for
+    position_error, rotation_error : m and rad between `tip` and the requested pose
     short_by : m that the tip falls short of it, 0 when converged
     iterations : steps of damped least squares; 0 where the closed form alone was enough
     branch : signs of elbow, shoulder and wrist bend (joints 4, 2, 6) of a spherical-roll-spherical arm, else None
@@ -93,7 +93,7 @@ class IKSolver:
     """Joint values for poses of one robot's tip; one solver a thread.
 
     Damped least squares with an active set of joint limits; arms with spherical shoulder and wrist, recognised from
-    their DH table, also have a closed form for cold starts, as a rescue, and to tell what cannot be reached.
+    their DH table, also have a closed form for cold starts, as a fallback, and to detect poses out of reach.
 
     Parameters
     ----------

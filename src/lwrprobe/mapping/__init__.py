@@ -1,4 +1,4 @@
-"""The map: voxels that were touched or swept free, and the files they travel in."""
+"""The voxel map of occupied and free space, and its files."""
 
 from lwrprobe.mapping.map_file import describe, to_cloud
 from lwrprobe.mapping.swept_sphere import SweptSphere

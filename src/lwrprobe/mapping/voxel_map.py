@@ -1,4 +1,4 @@
-"""What touching has taught about space: occupied, free, unknown voxels."""
+"""The voxel map: occupied, free and unknown space."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Leaves:
 class VoxelMap:
     """Occupied and free voxels on OctoMap's grid: 2^16 voxels an axis, centred on the world's origin.
 
-    A voxel that was touched stays occupied, whatever is carved; a voxel counts as free when the sphere has swept all of
+    An occupied voxel stays occupied when the sphere sweeps it later. A voxel is free when the sphere has swept all of
     it. Insertion and look-up walk the last levels of a 64-tree in compiled code.
 
     Parameters

@@ -1,4 +1,4 @@
-"""A growing set of voxels: the flat array of a bit tree and its room."""
+"""A growing set of voxels: the flat array of a bit tree and its capacity."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class VoxelSet:
         kernels.clear(self.words, resolution)
 
     def grow(self) -> None:
-        """Double the room; raises InputError where the tree would need more than `MOST_WORDS`."""
+        """Double the capacity; raises InputError where the tree would need more than `MOST_WORDS`."""
         if self.words.size >= MOST_WORDS:
             raise InputError("map", f"{self.words.size * 8 >> 20} MiB of voxels", f"at most {MOST_WORDS * 8 >> 20} MiB")
         words = np.empty(2 * self.words.size, np.int64)

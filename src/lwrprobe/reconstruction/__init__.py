@@ -1,4 +1,4 @@
-"""From touches to a mesh: reconstructors, their files and fits."""
+"""Reconstruction: from contacts to a mesh, mesh files, and fits of simple shapes."""
 
 from lwrprobe.reconstruction.reconstruct import reconstruct, record_from_cloud
 

@@ -21,7 +21,7 @@ Hermite = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None) -> TriangleMesh:
     """Closed manifold where `values` (nx, ny, nz) change sign, negative inside; `values` is mended in place.
 
-    `hermite` knows better than linear interpolation where the edges are crossed, and in which direction. Raises
+    `hermite` gives better crossings of the edges than linear interpolation, and their normals. Raises
     InputError when nothing is inside or the inside reaches the grid's border.
     """
     _check_border(values)

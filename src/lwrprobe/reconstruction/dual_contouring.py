@@ -1,4 +1,4 @@
-"""Dual contouring (Ju, Losasso, Schaefer, Warren, SIGGRAPH 2002): the mesh's topology, whatever places its vertices.
+"""Dual contouring (Ju, Losasso, Schaefer, Warren, SIGGRAPH 2002): topology of the mesh; the caller places its vertices.
 
 Each crossed grid edge gives one quadrangle between the four cells around it. A cell has one vertex for each sheet of
 surface that passes through it (Nielson, Dual marching cubes, IEEE Visualization 2004), so that the result is closed.

@@ -2,7 +2,7 @@
 
 Lines leave gaps: the object ends, or a wall stands, somewhere between the last line that touched and the first
 that did not. There the surface is bounded on both sides. Without any other hint it is put half way; but when the
-last line's normals lean towards the gap, how far the surface has dropped since the line before tells whether a sharp
+last line's normals lean towards the gap, the drop of the surface since the line before shows whether a sharp
 edge (the sphere rolls over it: an arc of its own radius) or a rounding has begun, and where it will end.
 """
 

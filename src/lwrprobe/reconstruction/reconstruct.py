@@ -19,7 +19,7 @@ def reconstruct(
 ) -> Reconstruction:
     """Reconstruct with the plug-in `method` and its options.
 
-    `progress` is told the stage and its share done by methods that take long; an error that it raises, or a
+    `progress` is called with the stage and its share done by methods that take long; an error that it raises, or a
     keyboard interrupt, ends the work. Raises UnknownNameError for an unknown method or option, InputError for a
     record that carries no surface.
     """

@@ -33,7 +33,7 @@ DIRECTIONS = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 @dataclass(slots=True, frozen=True)
 class Registration(RigidMotion):
-    """The motion that lays one run's touches over another's, and how well.
+    """The rigid motion that aligns the contacts of one run with those of another, and its residual.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Registration(RigidMotion):
 
 
 def register(moving: TouchRecord, fixed: TouchRecord, on_table: bool) -> Registration:
-    """The small motion that lays `moving` over `fixed`; with `on_table` a shift on the table and a turn about z.
+    """A small rigid motion that aligns `moving` with `fixed`; with `on_table` a shift on the table and a turn about z.
 
     Shifts up to about 10 mm and turns of a few degrees are found. Raises InputError naming a record without normals or
     touches.

@@ -1,8 +1,8 @@
 """The edges and corners of a solid, found once when it is made.
 
 Each pair of surfaces that can meet gives a line, a circle or a general curve. Where another surface crosses it the
-curve is cut; each stretch is then judged by membership around its middle: it bounds the solid as a convex or a
-concave edge, or not at all. Free ends of edges are the corners.
+curve is cut. Membership tests around the middle of each piece decide whether it is a convex edge of the solid, a
+concave one, or none. Free ends of edges are the corners.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Table `[safety]`: the bounds that hold whatever the strategy asks for."""
+"""Table `[safety]`: bounds that hold for every command of a strategy."""
 
 from __future__ import annotations
 

@@ -209,7 +209,7 @@ class MotionTable(Table):
 
 
 class ContactTable(Table):
-    """How touch is told from noise, and which forces are wanted."""
+    """Contact detection and estimation, and the forces of the force control."""
 
     estimator: Literal["force_direction", "wrench_axis", "fused"] = "fused"
     """Contact estimator."""
@@ -220,7 +220,7 @@ class ContactTable(Table):
     target: Length = 0.8
     """N, wanted while contouring."""
     limit: Length = 3.0
-    """N, never to be exceeded; above it the tip yields whatever the strategy asks for."""
+    """N, never to be exceeded; above it the tip yields whatever the strategy commands."""
     delay: NonNegative | None = None
     """s, total reaction delay of the loop; left out, it is put together from sensor, cycle and jerk."""
     stiffness: Length = 20_000.0
@@ -251,8 +251,8 @@ class ClearanceTable(Table):
     threshold: Length = 0.003
     """m, below it a collision threatens: for everything behind the stick."""
     stick_threshold: Length = 0.0001
-    """m, the same for the stick, which is near by design and whose touch is felt: on an oblique wall a voxel's corner
-    comes as near as 0.2 mm while the sphere touches."""
+    """m, the same for the stick, which is near by design; the sensor detects its contacts. On an oblique wall a voxel's
+    corner comes as near as 0.2 mm while the sphere touches."""
     links: Literal["probe", "arm"] = "probe"
     """Watch the probe's shapes, or the arm's own links too, and all of them also against the table and each other."""
 
@@ -312,7 +312,7 @@ class Scene(Table):
     drivers: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Tables `[drivers.<name>]`: each driver plug-in's own options, checked by the plug-in."""
     objects: tuple[Shape, ...] = Field(default=(), alias="object", strict=False)
-    """Tables `[[object]]`: what is to be found."""
+    """Tables `[[object]]`: the objects on the table."""
     table: GroundTable = GroundTable()
     area: AreaTable = AreaTable()
     motion: MotionTable = MotionTable()

@@ -36,7 +36,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
 
     A `[truth]` that moves the objects widens the area (`actual_scene.with_room`).
 
-    Raises SceneError for whatever is wrong with the content and UnknownNameError for a name that is neither built in
+    Raises SceneError for wrong content and UnknownNameError for a name that is neither built in
     nor a file.
     """
     if isinstance(scene, Scene):

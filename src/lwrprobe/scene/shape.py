@@ -77,7 +77,7 @@ class Ball(Table):
 
 
 class Blend(ShapeTable):
-    """A smooth body: balls that melt into one another, and dents pressed into them.
+    """A smooth union of balls, less a smooth union of other balls (`dents`).
 
     With d_i the signed distance to ball i and k the smoothing length, the body is the set where
     s(p) = -k log sum exp(-d_i/k) is negative; each dent b turns s into k log(exp(s/k) + exp(-d_b/k)).

@@ -140,7 +140,7 @@ class CartesianTrajectory:
         return self._begin()
 
     def scale(self, factor: float) -> int:
-        """Bring the speeds of this and later motions to `factor` (0 .. 1] of those asked for, inside the limits."""
+        """Bring the speeds of this and later motions to `factor` (0 .. 1] of the requested ones, inside the limits."""
         if not 0.0 < factor <= 1.0:
             raise InputError("factor", factor, "a number above 0, up to 1")
         if factor == self._factor:
@@ -150,12 +150,12 @@ class CartesianTrajectory:
 
     @property
     def factor(self) -> float:
-        """What the speeds asked for are scaled by."""
+        """Factor by which the requested speeds are scaled."""
         return self._factor
 
     @property
     def asked(self) -> tuple[float, float]:
-        """Speed [m/s] and turning rate [rad/s] asked for, not above the limits, before they are scaled."""
+        """Requested speed [m/s] and turning rate [rad/s], not above the limits, before scaling."""
         return self._asked
 
     @property
@@ -165,7 +165,7 @@ class CartesianTrajectory:
 
     @property
     def stopping_time(self) -> float:
-        """s that a stop from the speeds asked for takes at most, in position or orientation."""
+        """s, longest duration of a stop from the requested speeds, in position or orientation."""
         limits = self.limits
         return max(
             float(k.ramp_time(self._asked[0], limits.acceleration, limits.jerk)),
@@ -175,8 +175,8 @@ class CartesianTrajectory:
     def preview(self, seconds: float, poses: np.ndarray, pace: np.ndarray) -> None:
         """Write the poses (m, 4, 4) of the present plan at m even steps from now to `seconds` ahead.
 
-        `pace` (m,) gets the speed or turning rate there over the one asked for, the larger of both. Where the plan
-        is yet to be made anew (after a bend or a brake) it shows what the present one would do.
+        `pace` (m,) receives the ratio of speed or turning rate to the requested one, the larger of both. Where the plan
+        is still to be replaced (after a bend or a brake), the present one is extrapolated.
         """
         k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, pace)
 
@@ -202,8 +202,10 @@ class CartesianTrajectory:
 
     @property
     def course(self) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Plan, state, the time on the plan now, and when something else than going on is due: as
-        `cartesian_kernels.advance` takes them. Whoever evaluates the plan in a kernel of his own tells `come_to`."""
+        """Plan, state, time on the plan, and time of the next event, as `cartesian_kernels.advance` takes them.
+
+        A caller that evaluates the plan in its own kernel reports the new time to `come_to`.
+        """
         return self._plan, self._state, self._time, self._event
 
     def come_to(self, time: float) -> int:
