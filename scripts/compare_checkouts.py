@@ -3,16 +3,17 @@
 
     python3 scripts/compare_checkouts.py OTHER [--scene NAME ...] [--strategy NAME ...] [--seed N] [--out FOLDER]
 
-OTHER is another checkout with a `.venv` of its own. A pair of runs is made one after the other, this checkout first and
-the other first in turn, so that a busy machine slows both down alike. The table has, for each scene and strategy,
-whether `contacts.csv` is the same, and the strategy's median time a sample in both, in microseconds. Exit status 1 when
-anything differs or a run fails.
+OTHER is another checkout with a `.venv` of its own. The two runs of a pair are made one after the other, and the order
+changes from pair to pair, so that a busy machine slows both checkouts down alike. For each scene and strategy the table
+says whether `contacts.csv` is the same, and gives the median time a sample of the strategy in both, in us. The exit
+status is 1 when anything differs or a run fails.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -41,7 +42,9 @@ def explore(checkout: Path, scene: str, strategy: str, seed: int, out: Path) -> 
     """One run in a checkout; its folder stays in `out`."""
     command = [str(checkout / ".venv" / "bin" / "lwrprobe"), "explore", scene, "--strategy", strategy]
     command += ["--seed", str(seed), "--out", str(out), "--quiet"]
-    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True)
+    sources = os.pathsep.join(str(checkout / folder) for folder in ("src", "drivers", "strategies"))
+    environment = os.environ | {"PYTHONPATH": sources}  # its own sources, wherever its installation points
+    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, env=environment)
     contacts, summary = out / "contacts.csv", out / "summary.json"
     if done.returncode not in (0, 2) or not contacts.is_file() or not summary.is_file():
         print(f"{checkout}: {scene}, {strategy}: {done.stderr.strip()[-300:]}", file=sys.stderr)

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "how-to" / "write-your-own-strategy.md"
-SOURCES = (ROOT / "src", ROOT / "drivers", ROOT / "strategies", ROOT / "examples" / "lwrprobe-spiral" / "src")
+SOURCES = (ROOT / "src", ROOT / "drivers", ROOT / "strategies", ROOT / "examples" / "lwrprobe-edges" / "src")
 
 FAULTY = '''
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ def link_declared(name, packages, done):
 def clean(request, tmp_path_factory):
     wheels = tmp_path_factory.mktemp("wheels")
     build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", wheels]
-    subprocess.run([*build, ROOT, ROOT / "examples" / "lwrprobe-spiral"], check=True, timeout=300)
+    subprocess.run([*build, ROOT, ROOT / "examples" / "lwrprobe-edges"], check=True, timeout=300)
     folder = request.config.cache.mkdir("wheels") / "env"
     shutil.rmtree(folder, ignore_errors=True)
     venv.create(folder, with_pip=False, symlinks=True)
@@ -165,30 +165,30 @@ def test_the_wheels_hold_the_packages_and_nothing_of_the_tests(clean, tmp_path):
 
 
 def test_the_page_for_authors_holds_word_for_word(clean, tmp_path):
-    blocks = re.findall(r"```(?:bash)?\n(pip install .*?)```", PAGE.read_text(), re.DOTALL)
+    blocks = re.findall(r"```bash\n(pip install .*?)```", PAGE.read_text(), re.DOTALL)
     install, listing, explore = blocks[0].strip().splitlines()
-    assert install == "pip install ./lwrprobe-spiral"  # the fixture's second wheel is that folder's
-    assert [wheel.name.split("-")[0] for wheel in clean.wheels] == ["lwrprobe", "lwrprobe_spiral"]
+    assert install == "pip install ./lwrprobe-edges"  # the fixture's second wheel is that folder's
+    assert [wheel.name.split("-")[0] for wheel in clean.wheels] == ["lwrprobe", "lwrprobe_edges"]
     listed = clean.run(*listing.split(), cwd=tmp_path)
-    assert re.search(r"^spiral +A spiral|^spiral +Feels", listed.stdout, re.MULTILINE), listed.stdout
-    assert "[lwrprobe-spiral 0.1.0]" in listed.stdout
-    done = clean.run(*explore.split(), "--set", "strategy.radius=0.006", "--json", cwd=tmp_path)
+    assert re.search(r"^edges +Touches down", listed.stdout, re.MULTILINE), listed.stdout
+    assert "[lwrprobe-edges 0.1.0]" in listed.stdout
+    done = clean.run(*explore.split(), "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout.splitlines()[-1])
     assert summary["status"] == "done"
     assert summary["contacts"] > 100
     assert summary["link_collisions"] == 0
     assert summary["surface_error_mm"]["median"] < 0.3
-    assert json.loads((tmp_path / "runs" / "sphere" / "summary.json").read_text()) == summary
+    assert json.loads((tmp_path / "runs" / "block" / "summary.json").read_text()) == summary
 
 
 def test_a_misspelt_option_of_the_plugin_is_refused_by_name(clean, tmp_path):
     told = clean.run(
-        "lwrprobe", "explore", "sphere", "--strategy", "spiral", "--set", "strategy.pich=0.003", cwd=tmp_path
+        "lwrprobe", "explore", "block", "--strategy", "edges", "--set", "strategy.closd=0.003", cwd=tmp_path
     )
     assert told.returncode == 2
-    assert "pich" in told.stderr
-    assert "did you mean 'pitch'" in told.stderr
+    assert "closd" in told.stderr
+    assert "did you mean 'closed'" in told.stderr
 
 
 def test_a_broken_plugin_is_listed_with_its_reason_and_takes_nothing_down(clean, plugin, tmp_path):
@@ -196,7 +196,7 @@ def test_a_broken_plugin_is_listed_with_its_reason_and_takes_nothing_down(clean,
     listed = clean.run("lwrprobe", "list", "strategies", cwd=tmp_path)
     assert listed.returncode == 0
     assert re.search(r"^broken +BROKEN: ModuleNotFoundError: No module named 'unobtainium'", listed.stdout, re.M)
-    assert {"grid_version", "surface_contour", "orientation_change", "spiral"} <= set(listed.stdout.split())
+    assert {"grid_version", "surface_contour", "orientation_change", "edges"} <= set(listed.stdout.split())
     told = clean.run("lwrprobe", "doctor", cwd=tmp_path)
     assert "unobtainium" in told.stdout + told.stderr
     used = clean.run("lwrprobe", "explore", "sphere", "--strategy", "broken", cwd=tmp_path)

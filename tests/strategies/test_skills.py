@@ -307,3 +307,26 @@ def test_a_contour_ends_and_keeps_its_limits_on_any_moving_noisy_slope(slope, no
 
     strategy, done = run(body, surface, samples=20000)  # each motion is checked against the limits
     assert strategy.end is not None or not done.complete
+
+
+def test_a_new_program_shown_the_same_observations_answers_the_same():
+    """What a resumed run relies on: a generator cannot be stored, but it can be led to the same place again."""
+    surface = over(step(), [0.0, -0.03, 0.035], noise=0.02)
+    high = lambda: Ended.EDGE if surface.place[2] > 0.03 else None  # noqa: E731
+    body = down_then(lambda tip: follow_contour(tip, FRAME, high))
+    first, again = OneSkill(body), OneSkill(body)
+    begin = replace(surface.task, start=surface.place.copy())
+    first.start(begin)
+    shown, answers, seen = [], [], surface.look()
+    while not answers or not isinstance(answers[-1], Done):
+        shown.append((seen, surface.place.copy()))
+        answers.append(first.step(seen))
+        seen = surface.obey(answers[-1])
+    again.start(begin)
+    for (observation, place), answer in zip(shown, answers, strict=True):
+        surface.place = place
+        repeated = again.step(observation)
+        assert type(repeated) is type(answer)
+        for name in ("velocity", "speed", "reason"):
+            assert np.array_equal(getattr(repeated, name, None), getattr(answer, name, None))
+    assert list(again.trace) == list(first.trace)

@@ -188,15 +188,6 @@ SUMMARIES = {
             f"{f.count('What the run does', 'ended', 'goes on')}."
         ),
     ),
-    "start": Summary(
-        "Processor time",
-        (),
-        "A scene was explored once with an empty kernel cache and once after that.",
-        lambda f: (
-            f"The whole process took {f.cell('Processor time', 'cold', 'processor s')} s of processor time with the empty "
-            f"cache and {f.cell('Processor time', 'warm', 'processor s')} s after that."
-        ),
-    ),
     "loop": Summary(
         "Compute, jitter",
         (),

@@ -20,6 +20,7 @@ from lwrprobe.contracts.motion import Done, Goal, Motion, VelocityCommand, as_po
 from lwrprobe.contracts.probe import LinkShape, Probe
 from lwrprobe.contracts.samples import ArmState, ArmStatus, SampleStatus, WrenchSample
 from lwrprobe.contracts.strategy import (
+    STRATEGY_CHANGES,
     STRATEGY_CONTRACT,
     Area,
     Observation,
@@ -52,6 +53,7 @@ from lwrprobe.errors import (
 __all__ = [
     "DRIVER_CONTRACT",
     "RECONSTRUCTOR_CONTRACT",
+    "STRATEGY_CHANGES",
     "STRATEGY_CONTRACT",
     "Area",
     "Arm",
@@ -99,3 +101,10 @@ __all__ = [
     "WrenchSample",
     "as_pose",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """A name that an older strategy contract had: the sentence that says what to change, as an ImportError."""
+    if name in ("Feed", "MapView"):
+        raise ImportError(f"{name} was part of strategy contract 1; to change the strategy: {STRATEGY_CHANGES[1]}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
