@@ -1,4 +1,4 @@
-"""Textbook forms of the contact room's kernels, and a generator of true contact wrenches."""
+"""Textbook forms of the contact kernels, and a generator of true contact wrenches."""
 
 from __future__ import annotations
 
