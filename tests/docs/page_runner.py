@@ -32,8 +32,8 @@ from lwrprobe.contracts.plugins import load, names
 from lwrprobe.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-_FOLDERS = ".", "docs", "docs/how-to", "docs/explanation", "docs/reference", "examples/lwrprobe-spiral"
-PAGES = [page for folder in _FOLDERS for page in sorted((ROOT / folder).glob("*.md"))]
+_FOLDERS = ".", "docs", "docs/how-to", "docs/explanation", "docs/reference", "examples/*"
+PAGES = [page for folder in _FOLDERS for page in sorted(ROOT.glob(f"{folder}/*.md"))]
 _FENCE = re.compile(r"^```(\w*) ?([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _WORDS = {"python": r"|file=\S+", "toml": r"|file=\S+", "bash": r"|parse-only", "text": r"|output"}
 _RUN = "scripts/run.py"
