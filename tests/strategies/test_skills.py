@@ -161,6 +161,29 @@ def test_a_contact_lost_at_an_edge_is_found_again_around_it(distance):
     assert surface.peak < TASK.force_limit
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_level_contour_goes_around_a_corner(sense):
+    def beyond():
+        return Ended.EDGE if surface.place[0] < 0.02 else None
+
+    def body(tip):
+        frame = TrackingFrame.around(AREA, sense, 0.015)
+        end = yield from guarded_move(tip, np.array([0.0, 0.0, 0.015]))
+        while end is Ended.CONTACT:
+            end = yield from follow_contour(tip, frame, beyond)
+            if isinstance(end, Lost):
+                assert end.point == pytest.approx([0.05, -0.03 * sense, 0.015], abs=2e-3), "the corner"
+                end = yield from reapproach(tip, frame, end.point, 0.03)
+        return end
+
+    surface = over(box(), [0.08, 0.0, 0.015])
+    strategy, _ = run(body, surface)
+    assert strategy.end is Ended.EDGE
+    assert surface.place[1] == pytest.approx(-sense * (0.03 + RADIUS), abs=1e-3), "on the next side"
+    assert surface.place[2] == pytest.approx(0.015, abs=1e-4)
+    assert surface.peak < TASK.force_limit
+
+
 def test_a_lost_contact_is_given_up_after_its_distance():
     def body(tip):
         tip.control.begin(np.array([0.0, 0.0, 1.0]))

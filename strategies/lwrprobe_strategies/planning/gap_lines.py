@@ -90,7 +90,7 @@ def near_sides(
     for x in np.unique(contacts[~np.isnan(contacts[:, 9]), 9]):
         own = contacts[contacts[:, 9] == x]
         over = own[own[:, 8] > OVER]
-        # The far side was felt as far down as the links allow; no lower than that goes the near one.
+        # The far side was followed as far down as the links allow; no lower than that goes the near one.
         met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
         if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
             continue

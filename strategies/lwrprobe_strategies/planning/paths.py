@@ -111,7 +111,7 @@ def path_to(
 def _known_column(memory: ContactMemory, start: np.ndarray, axis: int) -> np.ndarray | None:
     """(3,) m, a place beside the start (3,) of a line, where the probe has stood: above it nothing is.
 
-    The cheapest of them all, counting what is left to be felt from there; None where none is of use.
+    The cheapest of them all, counting what is left to be driven slowly from there; None where none is of use.
     """
     way, aside = memory.trail(), 1 - axis
     stood = way[np.abs(way[:, axis] - start[axis]) < BORDER, :3]
