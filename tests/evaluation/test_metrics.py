@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import Area, InputError, LinkShape, TriangleMesh
 from lwrprobe.evaluation import (
+    aligned_point_error,
     coverage,
     coverage_over_time,
     deviation,
@@ -55,6 +57,19 @@ def test_point_errors_are_distances_in_millimetres():
     error = point_error(estimated, true)
     assert error.as_dict() == {"median": 2.0, "mean": 2.2, "rms": pytest.approx(2.79285), "p95": 4.6, "max": 5.0}
     assert error.count == 5
+
+
+def test_aligned_errors_leave_out_a_rigid_motion_and_nothing_else():
+    rng = np.random.default_rng(3)
+    true, noise = rng.uniform(-0.05, 0.05, (400, 3)), 1e-4 * rng.normal(size=(400, 3))
+    turn, aside = Rotation.from_euler("xyz", [3.0, -2.0, 5.0], degrees=True), np.array([0.01, 0.02, -0.03])
+    assert aligned_point_error(turn.apply(true) + aside, true).max < 1e-12
+    moved = aligned_point_error(turn.apply(true + noise) + aside, true)
+    assert moved.rms == pytest.approx(aligned_point_error(true + noise, true).rms, rel=1e-9)
+    assert moved.rms < point_error(true + noise, true).rms
+    assert moved.rms == pytest.approx(np.sqrt(3) * 1e-4, rel=0.1)
+    assert aligned_point_error(1.01 * true, true).max > 2e-4  # another size is no motion
+    assert aligned_point_error(true[:2], true[:2] + 0.01).max == 0.0
 
 
 def test_surface_errors_count_on_both_sides(block):

@@ -38,7 +38,7 @@ def block(tmp_path_factory):
     return explore(load_scene("block", ["run.seed=7"]), folder), folder
 
 
-def test_block_is_felt_from_all_sides_in_twice_the_least_time(block):
+def test_block_is_touched_on_all_sides_in_little_more_than_twice_the_least_time(block):
     summary, _ = block
     assert summary["status"] == "done"
     assert summary["link_collisions"] == 0
@@ -48,7 +48,14 @@ def test_block_is_felt_from_all_sides_in_twice_the_least_time(block):
     assert summary["contact_error_mm"]["median"] <= 0.15
     assert summary["contact_error_mm"]["p95"] <= 0.5
     assert max(map(abs, summary["end_errors_mm"])) <= 0.3
-    assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_time_s"]
+    assert summary["sim_time_s"] <= 2.25 * summary["lower_bound_time_s"]
+    assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_descending_s"]
+    assert summary["true_peak_force_n"] >= summary["peak_force_n"]
+    assert summary["rejected_share"] <= 0.05
+    assert summary["warnings"] == []
+    assert summary["truth"] == {"profile": "ideal"}
+    assert summary["contact_error_aligned_mm"]["rms"] <= summary["contact_error_mm"]["rms"]
+    assert summary["mesh_error_aligned_mm"]["mean"] == pytest.approx(summary["mesh_error_mm"]["mean"], abs=0.01)
     assert summary["mesh_error_mm"]["method"] == "contact_surface"
     assert summary["mesh_error_mm"]["mean"] <= 1.0
     assert (summary["bridged"], summary["open_borders"]) == ([], [])

@@ -113,15 +113,39 @@ def test_both_faces_of_a_thin_plate_are_no_contradiction():
     assert monitor.moved_since is None
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("lean", [-0.29, -0.17])
+def test_a_normal_that_the_force_denies_is_a_sensor_that_disagrees_and_no_movement(friction, lean):
+    """A sensor whose torque is wrong turns the normals against the slide; the force stays in its cone."""
+    monitor = watch()
+    leaning = np.array([0.0, np.sin(lean), np.cos(lean)])
+    force = 0.8 * (UP - friction * np.array([0.0, 1.0, 0.0]))
+    for k, place in enumerate(along((0, -0.03, 0), (0, 0.03, 0))):
+        contact = Contact(0.008 * k, place - RADIUS * leaning, leaning, force, place)
+        monitor.see(0.008 * k, place, force, contact)
+    assert monitor.moved_since is None
+    told = monitor.report()["torque_disagreement"]
+    assert told == (pytest.approx(np.sin(-lean), abs=0.02) if lean < -0.2 else pytest.approx(0.169, abs=0.01))
+
+
+def test_normals_that_are_right_tell_of_no_disagreement():
+    monitor = watch()
+    for k, place in enumerate([*along((0, -0.03, 0), (0, 0.03, 0)), *along((0, 0.03, 0), (0, -0.03, 0))]):
+        touch(monitor, 0.008 * k, place, UP, 0.1)
+    assert monitor.report()["torque_disagreement"] == 0.0
+
+
 def test_the_force_direction_alone_is_given_more_room():
+    """Without a normal free of friction, a lean by friction is not even a disagreement."""
+
     def slide(**options):
         monitor = watch(**options)
         for k, place in enumerate(along((0, -0.02, 0), (0, 0.02, 0))):
             touch(monitor, 0.008 * k, place, UP, tilt=-0.29)  # friction 0.3, for which the normal is not corrected
+        return monitor.report()["torque_disagreement"]
 
-    slide(knows_friction=False)
-    with pytest.raises(ObjectMoved):
-        slide()
+    assert slide(knows_friction=False) == 0.0
+    assert slide(knows_friction=True) > 0.2
 
 
 def test_the_kernel_agrees_with_its_definition():

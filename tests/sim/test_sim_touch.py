@@ -34,6 +34,7 @@ def test_the_stick_bends_sideways_by_force_over_lateral_stiffness():
     force = 5e-4 / (1 / 1e5 + 1 / 2500)
     assert rig.force == pytest.approx([0.0, -force, 0.0], rel=1e-9, abs=1e-12)
     assert rig.centre[1] == pytest.approx(SIDE + 5e-4 - force / 2500, abs=1e-12)
+    assert rig.world.state[kernels.PROBE_PEAK] == rig.world.state[kernels.PEAK] > 0.9 * force
 
 
 def test_joints_give_way_by_the_transposed_jacobian():
@@ -193,6 +194,7 @@ def test_the_stick_is_felt_and_its_torque_gives_it_away():
     lever = rig.wrench[3] / rig.wrench[1]
     assert 0.05 - 0.028 < -lever < 0.05 - 0.0099  # far above the sphere, whose lever is 0.045 .. 0.055
     assert rig.world.state[kernels.PEAK] == 0.0
+    assert rig.world.state[kernels.PROBE_PEAK] >= 1.0 - 1e-9  # of anything of the probe
     assert rig.world.state[kernels.RECORD_NEW + 12] == 0.0
 
 

@@ -179,6 +179,24 @@ SUMMARIES = {
         "Stiff and extreme cases were run, each with several settings.",
         lambda f: f"{f.count('Cases', 'outcome', 'pass')} cases pass.",
     ),
+    "reality": Summary(
+        "One departure at a time",
+        (
+            "the world differs by",
+            "status",
+            "peak N",
+            "contact median mm",
+            "contact p95 mm",
+            "mesh mean mm",
+            "coverage",
+            "warnings",
+        ),
+        "The simulated world was made to differ from what the scene says of it, one departure at a time.",
+        lambda f: (
+            f"Runs that came to their end: {f.measured('status done')}; runs in which the probe pressed with at most "
+            f"3 N: {f.measured('true peak')}."
+        ),
+    ),
     "faults": Summary(
         "What the run does",
         ("fault", "ended", "exit code", "moved on mm", "peak N", "touches", "sentence"),

@@ -10,7 +10,14 @@ from lwrprobe.evaluation.coverage import (
 )
 from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
 from lwrprobe.evaluation.mesh_error import MeshError, deviation, face_deviation, is_watertight, mesh_error
-from lwrprobe.evaluation.point_error import NormalError, PointError, normal_error, point_error, surface_error
+from lwrprobe.evaluation.point_error import (
+    NormalError,
+    PointError,
+    aligned_point_error,
+    normal_error,
+    point_error,
+    surface_error,
+)
 from lwrprobe.evaluation.reach import Reach, reach
 
 __all__ = [
@@ -19,6 +26,7 @@ __all__ = [
     "NormalError",
     "PointError",
     "Reach",
+    "aligned_point_error",
     "coverage",
     "coverage_over_time",
     "deviation",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,26 @@ def point_error(estimated: np.ndarray, true: np.ndarray) -> PointError:
     if len(estimated) != len(true):
         raise InputError("true", true.shape, f"as many points as were estimated, {len(estimated)}")
     return _spread(np.linalg.norm(estimated - true, axis=1))
+
+
+def aligned_point_error(estimated: np.ndarray, true: np.ndarray) -> PointError:
+    """`point_error` after the rigid motion of the estimated points that makes it smallest in least squares (Kabsch).
+
+    What is left is the error of the shape, without that of its place.
+    """
+    estimated, true = rows("estimated", estimated), rows("true", true)
+    if len(estimated) != len(true):
+        raise InputError("true", true.shape, f"as many points as were estimated, {len(estimated)}")
+    if len(estimated) < 3:
+        return _spread(np.zeros(len(estimated)))
+    from scipy.spatial.transform import Rotation
+
+    middle, aim = estimated.mean(axis=0), true.mean(axis=0)
+    spread = estimated - middle
+    with warnings.catch_warnings():  # points on one line leave the turn about it open, which changes no distance
+        warnings.simplefilter("ignore", UserWarning)
+        turn, _ = Rotation.align_vectors(true - aim, spread)
+    return point_error(turn.apply(spread) + aim, true)
 
 
 def surface_error(points: np.ndarray, solid: Solid) -> PointError:

@@ -68,7 +68,8 @@ class Summary:
     open_borders: list[Table] = field(default_factory=list)
     """Sides of the area where the object continues: `side`, `contacts`, `box_mm` [mm, lower and upper corner]."""
     stillness: Table | None = None
-    """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm]."""
+    """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm];
+    `torque_disagreement`: slope at which the way led into the surface by the torque and not by the force."""
     coverage: float | None = None
     """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
     within 60 degrees, 0 to 1."""
@@ -83,7 +84,7 @@ class Summary:
     contact_error_mm: Table | None = None
     """mm, accepted contact point to true contact point: `median`, `mean`, `rms`, `p95`, `max`."""
     contact_error_aligned_mm: Table | None = None
-    """The same after the rigid motion that lays the contacts over the true surface: error of shape, not of place."""
+    """The same after the rigid motion that makes it smallest in least squares: the error of shape, not of place."""
     surface_error_mm: Table | None = None
     """mm, contact point to true surface: `median`, `mean`, `rms`, `p95`, `max`."""
     voxel_error_mm: Table | None = None

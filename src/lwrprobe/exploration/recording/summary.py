@@ -11,6 +11,7 @@ from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction,
 from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
     Reach,
+    aligned_point_error,
     coverage,
     coverage_over_time,
     end_errors,
@@ -148,7 +149,7 @@ def _against_truth(
         true_points = np.array([true.point for true in touches if true is not None])
         true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
-        found["contact_error_aligned_mm"] = _aligned(points[known], true_points, solid)
+        found["contact_error_aligned_mm"] = aligned_point_error(points[known], true_points).as_dict()
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
@@ -162,14 +163,6 @@ def _against_truth(
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
             pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found
-
-
-def _aligned(points: np.ndarray, true_points: np.ndarray, solid: Solid) -> dict[str, float] | None:
-    """Errors of contacts after the rigid motion that lays them over the true surface; None for too few of them."""
-    try:
-        return point_error(align(points, solid).points(points), true_points).as_dict()
-    except InputError:
-        return None
 
 
 def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:

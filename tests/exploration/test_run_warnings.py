@@ -1,0 +1,46 @@
+"""Sentences that a run leaves with its figures, and the metrics that they rest on."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.evaluation.summary import Summary
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.recording.run_warnings import run_warnings
+from lwrprobe.scene import load_scene
+
+FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrench_counters={"samples": 1000, "lost": 5})
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({}, None),
+        ({"rejected_share": 0.10}, None),
+        ({"rejected_share": 0.49}, "49% of the touches were rejected"),
+        ({"rejected_share": None, "true_peak_force_n": None, "link_collisions": None}, None),
+        ({"true_peak_force_n": 3.7}, "up to 3.70 N, the limit is 3 N"),
+        ({"stillness": {"torque_disagreement": 0.18}}, "torque and force disagree by 18%"),
+        ({"stillness": {"torque_disagreement": 0.0}}, None),
+        ({"link_collisions": 2}, "hit something 2 times"),
+        ({"wrench_counters": {"samples": 900, "lost": 100}}, "10.0% of the wrench samples were lost"),
+        ({"unreachable_area": "out of reach: 3 of 70 places of the area"}, "out of reach: 3 of 70"),
+    ],
+)
+def test_each_figure_that_is_not_fine_makes_one_sentence(changed, sentence):
+    found = run_warnings(Summary(**{**FINE, **changed}), 3.0)
+    assert len(found) == (sentence is not None)
+    assert sentence is None or sentence in found[0]
+
+
+def test_an_arm_that_follows_late_has_touches_rejected_and_says_so(tmp_path):
+    """Contacts that are not accepted are counted; the share is that of the recorded path."""
+    settings = ["run.seed=7", "run.time_limit=40.0", "truth.arm_delay_ms=14"]
+    summary = explore(load_scene("block", settings), tmp_path)
+    trace = np.loadtxt(tmp_path / "trace.csv", delimiter=",", skiprows=1, usecols=range(6))
+    touching = 5.0 * float(trace[:, 5].sum())  # every fifth sample has a row
+    accepted = len(np.loadtxt(tmp_path / "contacts.csv", delimiter=",", skiprows=1))
+    assert summary["rejected_share"] == pytest.approx(1.0 - accepted / touching, abs=0.03)
+    assert summary["rejected_share"] > 0.10
+    assert any("rejected" in sentence for sentence in summary["warnings"])
+    page = (tmp_path / "report.html").read_text()
+    assert "of the touches were rejected" in page
