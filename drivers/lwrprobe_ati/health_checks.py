@@ -108,5 +108,5 @@ def _device(setup: Setup, record: Record) -> list[HealthCheck]:
             "calibration", f"{calibration.number} of transducer {calibration.transducer}: {named}; matrix by {who}"
         ),
         HealthCheck("range", f"{limits[0]:g} {limits[1]:g} {limits[2]:g} N, {1000.0 * limits[3]:g} N·mm"),
-        HealthCheck("firmware", setup.firmware),
+        HealthCheck("firmware", setup.firmware or "not reported"),
     ]

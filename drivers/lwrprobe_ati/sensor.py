@@ -12,7 +12,7 @@ from lwrprobe.contracts.address import as_address
 from lwrprobe_ati import shutdown_hook
 from lwrprobe_ati.config import AtiConfig
 from lwrprobe_ati.console import Console
-from lwrprobe_ati.setup import Setup, set_bias, set_up
+from lwrprobe_ati.setup import Setup, set_up, take_bias
 from lwrprobe_ati.stream import Stream
 from lwrprobe_ati.wire import Command, encode_command
 
@@ -91,7 +91,7 @@ class AtiSensor:
         self._streaming()
         if not self._console.is_open:
             self._open_console()
-        set_bias(self._console, self.config.transducer, True)
+        take_bias(self._console, self.config.transducer)
         self._heard = self._valid_from = time.monotonic()
 
     def stop(self) -> None:

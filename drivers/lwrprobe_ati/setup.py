@@ -13,7 +13,7 @@ from lwrprobe_ati.console import Console
 
 @dataclass(slots=True, frozen=True)
 class Setup:
-    """What the device has confirmed."""
+    """What the device has confirmed; `firmware` is empty where it does not say."""
 
     calibration: Calibration
     firmware: str
@@ -28,9 +28,14 @@ def set_up(console: Console, config: AtiConfig) -> Setup:
     return Setup(_choose_calibration(console, config), firmware)
 
 
-def set_bias(console: Console, transducer: int, on: bool) -> None:
-    """Let the device subtract its present reading from now on, or no longer."""
-    console.ask(f"bias {transducer} {'on' if on else 'off'}", r"Bias")
+def take_bias(console: Console, transducer: int) -> None:
+    """Let the device subtract its present reading from now on.
+
+    The reply to the command is not specified, so the table that `bias` prints is read back: it has a line for each
+    biased channel. Raises DeviceRefused where the transducer is not in it.
+    """
+    console.ask(f"bias {transducer} on", "")
+    _ask(console, "bias", rf"^\s*{transducer}\s+\d+\s+(?:ON|OFF)\b")
 
 
 def _ask(console: Console, command: str, pattern: str) -> re.Match[str]:
@@ -41,7 +46,11 @@ def _ask(console: Console, command: str, pattern: str) -> re.Match[str]:
 
 
 def _firmware(console: Console) -> str:
-    return _ask(console, "versions", r"^Firmware\s+(\S+)")[1]
+    """For display only: a device that does not know `versions` can be used all the same."""
+    try:
+        return _ask(console, "versions", r"^Firmware\s+(\S+)")[1]
+    except DeviceRefused:
+        return ""
 
 
 def _set_rate(console: Console, config: AtiConfig) -> None:

@@ -70,6 +70,8 @@ class Answering:
         self._following = False
         self._braking = False
         self._silent = True
+        self._quiet_since = time.monotonic()
+        self._misses_before: int | None = None
         self._controller = controller
         self._runner = runner
 
@@ -91,7 +93,7 @@ class Answering:
             size, peer = self._controller.recvfrom_into(buffer)
         except BlockingIOError:
             self._obey()
-            return self._fall_silent()
+            return self._fall_silent(time.monotonic())
         arrival = time.monotonic()
         newest, steps = None, 0
         while True:
@@ -106,7 +108,10 @@ class Answering:
                 break
         self._obey()
         if newest is not None:
+            self._quiet_since = arrival
             self._answer(newest, steps, arrival, source, raw)
+        elif arrival - self._quiet_since > self.config.silence:
+            self._fall_silent(arrival)  # datagrams come, but none of them is a measurement of the controller's
 
     def _obey(self) -> None:
         """Carry out what the runner has sent meanwhile."""
@@ -149,6 +154,10 @@ class Answering:
 
     def _answer(self, measurement: Measurement, steps: int, arrival: float, peer: tuple[str, int], raw: bytes) -> None:
         late = self._reflects_late(measurement)
+        if (
+            self._misses_before is None or measurement.misses < self._misses_before
+        ):  # the controller began to count anew
+            self._misses_before = measurement.misses
         self._cycles += steps
         if self._silent or not measurement.commandable:
             self._mirror(measurement)
@@ -180,7 +189,7 @@ class Answering:
     def _mirror(self, measurement: Measurement) -> None:
         """Answer with the controller's own set point, so that taking over is free of a jump."""
         if self._following:
-            self._lose(_why_lost(measurement))
+            self._lose(_why_lost(measurement, measurement.misses - (self._misses_before or 0)))
         self._set_point = None
         self._ramp.rest_at(measurement.set_point)
 
@@ -213,13 +222,14 @@ class Answering:
         self.traffic.late_answers += late
         return late
 
-    def _fall_silent(self) -> None:
+    def _fall_silent(self, now: float) -> None:
+        self._quiet_since = now
         if not self._silent:
             self._silent = True
             self.packets.forget()
             if self._following:
                 self._lose(silence_of(self.config))
-        self._tell(m.SILENCE)
+        self._tell(m.pack_silence(self.traffic))
 
     def _lose(self, why: str) -> None:
         """Command mode has ended by itself: forget the motion and make sure that nothing restarts unasked."""
@@ -269,11 +279,11 @@ def drives_of(measurement: Measurement) -> str:
     return f"{power}, drive errors 0x{measurement.error:04x}" + (f" ({', '.join(faulty)})" if faulty else "")
 
 
-def _why_lost(measurement: Measurement) -> str:
+def _why_lost(measurement: Measurement, misses: int) -> str:
     now = "monitor mode" if measurement.state != State.CMD else "command mode without drives"
     return (
         f"the controller left command mode: now {now}, {drives_of(measurement)}, quality {measurement.quality.name}, "
-        f"{measurement.misses} answers missed"
+        f"{misses} answers missed since this connection was opened"
     )
 
 

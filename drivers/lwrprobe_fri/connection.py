@@ -246,6 +246,7 @@ class Connection:
             case m.ARRIVAL:
                 self._note(m.Report.unpacked(packet))
             case m.SILENCE:
+                self._traffic = m.unpack_silence(packet)
                 self._silent = True
             case m.LOSS:
                 take_overs, why = m.unpack_loss(packet)
@@ -292,7 +293,7 @@ class Connection:
 
     def _timeout_error(self, otherwise: str, timeout: float) -> DriverError:
         traffic = self._traffic
-        heard = f"{traffic.foreign} datagrams came from others, {traffic.malformed} were malformed"
+        heard = f"{traffic.foreign} datagrams came from other addresses, {traffic.malformed} were malformed"
         if self._silent or self._latest is None:
             where = f"from {self.config.remote} at {self.config.bind}"
             return ConnectionLost(f"{otherwise} {where} within {timeout:g} s; {heard}")

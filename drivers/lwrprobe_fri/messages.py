@@ -15,6 +15,7 @@ SET_POINT, REQUEST, TAKE_OVER, LET_GO = b"p", b"r", b"t", b"g"
 _REPORT = struct.Struct("<c ?? Q Q Q I d d 7d 12Q")
 _SET_POINT = struct.Struct("<c 7d 7d")
 _LOSS = struct.Struct("<c I")
+_SILENCE = struct.Struct("<c 12Q")
 LARGEST = 4096
 
 
@@ -101,6 +102,15 @@ def pack_set_point(joints: tuple[float, ...], velocity: tuple[float, ...]) -> by
 def unpack_set_point(packet: bytes) -> tuple[tuple[float, ...], tuple[float, ...]]:
     words = _SET_POINT.unpack(packet)
     return words[1:8], words[8:]
+
+
+def pack_silence(traffic: Traffic) -> bytes:
+    """No measurement has come for a while; what has come instead is in the counts."""
+    return _SILENCE.pack(SILENCE, *traffic.as_tuple())
+
+
+def unpack_silence(packet: bytes) -> Traffic:
+    return Traffic(*_SILENCE.unpack(packet)[1:])
 
 
 def pack_loss(take_overs: int, why: str) -> bytes:

@@ -141,6 +141,31 @@ def test_tare_removes_the_load():
         assert after[0].sequence > 5
 
 
+def test_device_that_knows_neither_versions_nor_the_heading_of_the_bias_table():
+    with bench() as (sensor, device):
+        answer = device.console._answer
+
+        def other_firmware(line):
+            if line.startswith("versions"):
+                return ["Error: unknown command"]
+            return [row for row in answer(line) if "Bias" not in row]
+
+        device.console._answer = other_firmware
+        sensor.open()
+        assert sensor.setup.firmware == ""
+        sensor.tare()
+        assert np.abs([s.force for s in collect(sensor, 20)]).max() < 0.02
+
+
+def test_bias_that_the_device_does_not_take_is_refused():
+    with bench() as (sensor, device):
+        sensor.open()
+        answer = device.console._answer
+        device.console._answer = lambda line: ["OK"] if line == "bias 2 on" else answer(line)
+        with pytest.raises(DeviceRefused, match="'bias' was answered with: Tr Ch Pwr"):
+            sensor.tare()
+
+
 @pytest.mark.parametrize("fault", ["pieces=0.001", "chatter=0.02", "pieces=0.001,chatter=0.05"])
 def test_console_in_pieces_and_with_chatter(fault):
     with bench() as (sensor, device):
@@ -310,7 +335,7 @@ def test_serial_number_is_checked():
 def test_refusal_of_the_device_is_quoted():
     with bench() as (sensor, device):
         device.console._answer = lambda line: ["Error: out of order"]
-        with pytest.raises(DeviceRefused, match="'versions' was answered with: Error: out of order"):
+        with pytest.raises(DeviceRefused, match="'rate 125 16' was answered with: Error: out of order"):
             sensor.open()
         assert not device.streaming
 

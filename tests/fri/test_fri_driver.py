@@ -286,6 +286,31 @@ def test_only_the_configured_peer_is_listened_to():
         assert arm.traffic.repeated == 0
 
 
+@pytest.mark.parametrize("pause", [0.002, 0.2])
+def test_a_wrong_address_of_the_controller_is_seen_from_what_came_instead(pause):
+    """Datagrams of another peer, more and less often than the driver's patience: the error counts them."""
+    host, port = "127.0.0.1", free_port()
+    config = FriConfig(f"{host}:{port}", "127.0.0.2:49939", connect_timeout=1.5, silence=0.1)
+    arm = FriDriver(DriverContext(config, None)).arm()
+    stop = threading.Event()
+
+    def send():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            while not stop.wait(pause):
+                stranger.sendto(b"x" * 16, (host, port))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        with pytest.raises(
+            ConnectionLost, match=r"no measurement came .*; [1-9]\d* datagrams came from other addresses"
+        ):
+            arm.connect()
+    finally:
+        stop.set()
+        sender.join()
+
+
 def test_corrupted_line_yields_typed_errors_alone():
     """The wire has no checksum: a changed command may trip the controller, but the driver neither hangs nor dies."""
     with bench() as (arm, emulator):
