@@ -85,12 +85,13 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     scenes = asked.words("scenes", SOURCE_SCENES[:1] if quick else SOURCE_SCENES)
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
     count = asked.count("count", 1 if quick else 5)
+    rows, profiles = _rows(asked, quick), _profiles(asked, quick)
     report = BenchReport("reality", "A world that differs from its scene")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
-    single = [_single(row, draw) for row in _rows(asked, quick) for draw in range(1, 1 + (count if row.drawn else 1))]
+    single = [_single(row, draw) for row in rows for draw in range(1, 1 + (count if row.drawn else 1))]
     whole = [
         _whole(scene, strategy, profile, seed)
-        for profile, scene, strategy, seed in product(_profiles(asked, quick), scenes, strategies, range(1, 1 + count))
+        for profile, scene, strategy, seed in product(profiles, scenes, strategies, range(1, 1 + count))
     ]
     if single:
         title = f"One departure at a time, {SOURCE_SCENES[0]}, {STRATEGIES[0]}, seed {SEED}"
