@@ -80,12 +80,14 @@ class Summary:
 
 SUMMARIES = {
     "start": Summary(
-        "Processor time",
-        (),
+        "Time of exploring",
+        ("start", "wall s", "processor s", "of it second process", "kernels"),
         "An exploration was started with an empty kernel cache, and once more with the cache that this left behind.",
         lambda f: (
-            f"The cold start took {f.cell('Processor time', 'cold', 'processor s')} s of processor time, the warm one "
-            f"{f.cell('Processor time', 'warm', 'processor s')} s."
+            f"The cold start took {f.cell('Time of exploring', 'cold', 'wall s')} s and "
+            f"{f.cell('Time of exploring', 'cold', 'processor s')} s of processor time, the warm one "
+            f"{f.cell('Time of exploring', 'warm', 'wall s')} s and "
+            f"{f.cell('Time of exploring', 'warm', 'processor s')} s."
         ),
     ),
     "kinematics": Summary(

@@ -38,6 +38,12 @@ def make_safe(dispatcher: Any) -> None:
         store._cache_file = IndexFile(folder, base, _state(dispatcher.py_func.__module__))
 
 
+def is_stored(dispatcher: Any) -> bool:
+    """Whether the disk has a specialisation of a kernel; True where nothing can be said about it."""
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    return not isinstance(file, IndexFile) or file.holds_any()
+
+
 class IndexFile(IndexDataCacheFile):
     """Index and data files of one kernel; a lock on the folder is held while they are read or written."""
 
@@ -53,6 +59,13 @@ class IndexFile(IndexDataCacheFile):
         if found is not None:
             loads.append(self._index_path)
         return found
+
+    def holds_any(self) -> bool:
+        """Whether there is an entry for the kernel as it is now."""
+        if not Path(self._index_path).exists():
+            return False
+        with _locked(self._cache_path):
+            return bool(self._load_index())
 
     def flush(self) -> None:
         with _locked(self._cache_path):

@@ -4,7 +4,15 @@ from lwrprobe.contact.agreed_bias import AgreedBias, agreed_bias
 from lwrprobe.contact.conditioner import BiasOutcome, Counters, WrenchConditioner
 from lwrprobe.contact.deflection import Compliance, Deflection, identify_compliance
 from lwrprobe.contact.drift import BiasChange, DriftWatch
-from lwrprobe.contact.estimator import ESTIMATORS, REASONS, TRUSTED, Estimator, Settings, make_estimator
+from lwrprobe.contact.estimator import (
+    ESTIMATORS,
+    REASONS,
+    TRUSTED,
+    Estimator,
+    Settings,
+    check_estimator,
+    make_estimator,
+)
 from lwrprobe.contact.limit_cycle import LimitCycle
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
@@ -37,6 +45,7 @@ __all__ = [
     "WrenchConditioner",
     "WrenchNoise",
     "agreed_bias",
+    "check_estimator",
     "check_probe",
     "identify_compliance",
     "identify_payload",

@@ -121,9 +121,14 @@ class SampleEstimator:
 def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
     """The estimator of that name; raises UnknownNameError listing the known ones."""
     settings = Settings() if settings is None else settings
+    check_estimator(name)
+    return ESTIMATORS[name](probe, settings)
+
+
+def check_estimator(name: str) -> None:
+    """Raises UnknownNameError listing the known estimators, without the kernels that making one takes."""
     if name not in ESTIMATORS:
         raise UnknownNameError("contact.estimator", name, ESTIMATORS)
-    return ESTIMATORS[name](probe, settings)
 
 
 def as_indentation(compliance: float) -> float:

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from lwrprobe.exploration.loop.explorer import ProgressSnapshot
 
 
-KERNELS = 403
-"""Kernels that an exploration of the scene `block` compiles with an empty cache (`lwrprobe bench start`)."""
+KERNELS = {True: 252, False: 403}
+"""Kernels that an exploration of the scene `block` compiles with an empty cache, with a second process and without one
+(`lwrprobe bench start`)."""
 
 
 class ProgressDisplay(Protocol):
@@ -74,7 +75,7 @@ class ProgressLine:
         """So many kernels have been compiled in so many seconds, of `total` as far as that is known."""
         if self._exploring:  # the bar shows the exploration
             return
-        self._show(compilation_text(count, seconds, total), count, total or max(count, KERNELS), "")
+        self._show(compilation_text(count, seconds, total), count, total or max(count, KERNELS[True]), "")
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
         """Where the exploration stands."""
@@ -148,13 +149,14 @@ def compilation_shown(display: ProgressDisplay) -> Iterator[None]:
     # these load numba, which a command with a wrong argument does without
     from lwrprobe.compiled.disk_cache import loads
     from lwrprobe.compiled.pipeline import on_compilation
+    from lwrprobe.exploration.procedures.compile_ahead import cores
 
     start, count = time.monotonic(), 0
 
     def show(name: str) -> None:
         nonlocal count
         count += 1
-        compiled(count, time.monotonic() - start, KERNELS if not loads else None)
+        compiled(count, time.monotonic() - start, KERNELS[cores() > 1] if not loads else None)
 
     with on_compilation(show):
         yield

@@ -9,6 +9,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import Any, Self
 
+from lwrprobe.compiled.pipeline import collector_paused
 from lwrprobe.contracts import LeftOut, LwrprobeError, Observation, Reconstruction, TouchRecord
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
@@ -16,6 +17,7 @@ from lwrprobe.evaluation.table_touches import find_table
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
+from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -73,9 +75,23 @@ class Exploration:
         confirm: Confirm | None = None,
         earlier: RunFolder | None = None,
     ) -> None:
-        begin = perf_counter()
         self.scene, self.out, self._tell, self._earlier = scene, out, tell, earlier
-        choices = choices or choose(scene)
+        self._ahead = CompileAhead.where_it_pays(scene)
+        try:
+            with collector_paused():
+                self._prepare(realtime, watch, choices or choose(scene), confirm)
+        except BaseException:
+            self._end_ahead()
+            raise
+        self._stack = ExitStack()
+        self._observations: Generator[Observation, None, None] | None = None
+        self._began = perf_counter()
+        self.surface: Reconstruction | None = None
+        self._summary: Summary | None = None
+
+    def _prepare(self, realtime: bool, watch: WatchFunction | None, choices: Choices, confirm: Confirm | None) -> None:
+        begin = perf_counter()
+        scene, out, tell, earlier = self.scene, self.out, self._tell, self._earlier
         robot = robot_of(scene)
         self._start = pose, q = start_posture(scene, robot)
         self._beyond = unreachable_part(scene, robot, pose, q)
@@ -88,6 +104,8 @@ class Exploration:
 
         tell("loading kernels; the first time they are compiled, which takes about a minute")
         begin = perf_counter()
+        if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
+            warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
         self._devices = Devices.assemble(scene, scene.run.seed, realtime, q)
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
@@ -101,18 +119,14 @@ class Exploration:
             self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
         self._contacts_before = len(self.recorder.contacts)
         self._seconds["compile"] = perf_counter() - begin
-        self._stack = ExitStack()
-        self._observations: Generator[Observation, None, None] | None = None
-        self._began = perf_counter()
-        self.surface: Reconstruction | None = None
-        self._summary: Summary | None = None
 
     def __enter__(self) -> Self:
         begin = perf_counter()
         with ExitStack() as stack:
             stack.enter_context(settled_memory())
             stack.enter_context(self._devices)
-            self._make_ready()
+            with collector_paused():
+                self._make_ready()
             self._stack = stack.pop_all()
         self._seconds["compile"] += perf_counter() - begin
         self._tell("exploring")
@@ -120,6 +134,8 @@ class Exploration:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is not None:
+            self._end_ahead()
         self.close()
 
     def __iter__(self) -> Iterator[Observation]:
@@ -146,6 +162,17 @@ class Exploration:
         if self._summary is not None:
             return self._summary
         self.close()
+        try:
+            if self._ahead is not None and self._ahead.running:
+                self._tell("waiting for kernels that are being compiled")
+                self._ahead.wait()
+            with collector_paused():
+                self._summary = self._evaluate()
+        finally:
+            self._end_ahead()
+        return self._summary
+
+    def _evaluate(self) -> Summary:
         scene, pipeline, recorder, outcome = self.scene, self.pipeline, self.recorder, self.explorer.outcome
         assert outcome is not None
         begin = perf_counter()
@@ -182,8 +209,11 @@ class Exploration:
 
             self._tell("writing the report")
             write_report(self.out, self.surface)
-        self._summary = summary
         return summary
+
+    def _end_ahead(self) -> None:
+        if self._ahead is not None:
+            self._ahead.close()
 
     @property
     def _elapsed(self) -> float:

@@ -8,7 +8,7 @@ from math import cos
 
 import numpy as np
 
-from lwrprobe.contact import Deflection, Estimator, WrenchConditioner, make_estimator
+from lwrprobe.contact import Deflection, Estimator, WrenchConditioner, check_estimator, make_estimator
 from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
@@ -114,7 +114,7 @@ def choose(
     What is given stands in for the plug-in that the scene names: `strategy` makes one, which finds `options` in its
     task. Raises UnknownNameError, PluginError or InputError.
     """
-    make_estimator(scene.contact.estimator, scene.probe.as_probe())
+    check_estimator(scene.contact.estimator)
     if strategy is None:
         name = scene.strategy.name
         strategy = plugin = load("strategy", name, STRATEGY_CONTRACT)
@@ -122,10 +122,14 @@ def choose(
     if reconstructor is not None:
         given = reconstructor
         return Choices(strategy, options, lambda config: given, None)
+    return Choices(strategy, options, *named_reconstructor(scene))
+
+
+def named_reconstructor(scene: Scene) -> tuple[Callable[[object], Reconstructor], object]:
+    """What makes the scene's reconstructor from its options, and these; raises as `choose` does."""
     method = scene.reconstruction.method
     plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
-    table = configure(plugin.Config, scene.reconstruction.options, f"reconstruction {method}")
-    return Choices(strategy, options, plugin, table)
+    return plugin, configure(plugin.Config, scene.reconstruction.options, f"reconstruction {method}")
 
 
 def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeline:
