@@ -47,6 +47,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.tables = [Table(f"Time of exploring {scene}", columns, rows)]
     report.data = {"starts": starts}
     report.notes = [
+        "wall s: longer by whatever else the machine is doing; processor s is the figure to compare",
         "processor s: of both processes, exploration and reconstruction included",
         "the difference of the two rows is what compilation costs",
         "second process: compiles late kernels where there are two cores or more; Windows does not report its time",
