@@ -52,7 +52,7 @@ def respond(b, at, step):
 
 @kernel
 def breaks_loose(b):
-    """True when the resting object gives way to PUSH; MODE then says how."""
+    """Whether PUSH moves the resting object; MODE then holds how."""
     force, limit = _generalised(b), b[GRIP] * _weight(b)
     size = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     side, tips = _overturned(b, 0.0, 0.0)
@@ -72,7 +72,7 @@ def breaks_loose(b):
 
 @kernel
 def move(b, v, step):
-    """The object one step on under PUSH; its pose into `v`. Returns a bound of how far any of its points has moved."""
+    """Advance the object one step under PUSH; its pose into `v`. Returns an upper bound of the motion of its points."""
     moved = 0.0
     if b[MODE] == SLIDING:
         moved = _slide(b, step)
@@ -171,7 +171,7 @@ def _outward(b, side):
 
 @kernel
 def _overturned(b, pull_x, pull_y):
-    """The side over which the upright object is tipped the most, and the share of what it can bear (> 1 tips).
+    """The side with the largest ratio of tipping to holding torque of the upright object, and that ratio (> 1 tips).
 
     `pull` is the force that accelerates it: its reaction in the middle holds the object down.
     """

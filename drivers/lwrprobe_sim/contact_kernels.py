@@ -1,10 +1,10 @@
 """The contact step: several elastic contacts with Coulomb friction behind one common compliance.
 
-Whatever carries the sphere (stick, joints, inertia) appears in one time step as an affine law: the sphere's centre
-goes to `free + G f`, with f the sum of the contact forces and G a symmetric 3x3 compliance, which may be zero
-(rigid) in any direction. Each contact is a spring and a damper along its normal, pressing only, and along its
-tangent a spring that slips at the friction limit. All forces are taken at the end of the step (backward Euler), so
-that no stiffness and no damping can make the step unstable and no energy is created.
+Stick, joints and inertia behind the sphere appear in one time step as an affine law: the sphere's centre goes to
+`free + G f`, with f the sum of the contact forces and G a symmetric 3x3 compliance, which may be zero (rigid) in any
+direction. Each contact is a spring and a damper along its normal, pressing only, and along its tangent a spring that
+slips at the friction limit. All forces are taken at the end of the step (backward Euler), so that no stiffness and no
+damping can make the step unstable and no energy is created.
 
 A contact is one row of a (n, WIDTH) array, columns as named below.
 """
@@ -29,15 +29,15 @@ FORCE = 18  # 3, out: on the probe [N]
 PRESS = 21  # out: normal part of the force [N]
 SLIP = 22  # speed of slip [m/s]; in: of the last step, out: of this one
 LIMIT = 23  # friction coefficient in force in this step
-CEILING = 24  # friction force that slips, where held fixed while the normal force is sought [N]; < 0: LIMIT * PRESS
+FIXED_LIMIT = 24  # friction limit that is held fixed while the normal force is computed [N]; < 0: LIMIT * PRESS
 RADIUS = 25  # of the round body that touches [m]
-ASIDE = 26  # sine of the angle about the normal by which friction lies beside what opposes the slip
+FRICTION_SINE = 26  # sine of the angle about the normal between friction and the opposite of the slip
 WIDTH = 27
 
-_SHARE = 1e-9
-_ROUNDING = 1e-13
-_ROUNDS = 60
-_TURNS = 20
+_TOLERANCE = 1e-9  # relative to the free displacement
+_ROUNDING = 1e-13  # m, residual that only rounding is left in
+_ITERATIONS = 60  # of Newton's method
+_FIXED_POINT_ITERATIONS = 20  # of the friction limits
 
 
 @kernel
@@ -55,7 +55,7 @@ def contact_force(c, i, x0, x1, x2, step):
     c[i, FORCE] = press * n0
     c[i, FORCE + 1] = press * n1
     c[i, FORCE + 2] = press * n2
-    limit = c[i, LIMIT] * press if c[i, CEILING] < 0.0 else c[i, CEILING]
+    limit = c[i, LIMIT] * press if c[i, FIXED_LIMIT] < 0.0 else c[i, FIXED_LIMIT]
     if limit <= 0.0 or press <= 0.0:
         return True
     s0 = c[i, BRISTLE] + a * (x0 - along * n0)
@@ -64,8 +64,8 @@ def contact_force(c, i, x0, x1, x2, step):
     stretch = math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
     slipping = c[i, SHEAR] * stretch > limit
     grip = limit / stretch if slipping else c[i, SHEAR]
-    if c[i, ASIDE] != 0.0:
-        s0, s1, s2 = turned(n0, n1, n2, s0, s1, s2, c[i, ASIDE])
+    if c[i, FRICTION_SINE] != 0.0:
+        s0, s1, s2 = turned(n0, n1, n2, s0, s1, s2, c[i, FRICTION_SINE])
     c[i, FORCE] -= grip * s0
     c[i, FORCE + 1] -= grip * s1
     c[i, FORCE + 2] -= grip * s2
@@ -96,8 +96,8 @@ def add_tangent_stiffness(c, i, x0, x1, x2, step, out):
     a2 = c[i, LEVER] * c[i, LEVER]
     n0, n1, n2 = c[i, NORMAL], c[i, NORMAL + 1], c[i, NORMAL + 2]
     k = a2 * (c[i, STIFFNESS] + c[i, DAMPING] / step)
-    mu = c[i, LIMIT] if c[i, CEILING] < 0.0 else 0.0
-    limit = mu * press if c[i, CEILING] < 0.0 else c[i, CEILING]
+    mu = c[i, LIMIT] if c[i, FIXED_LIMIT] < 0.0 else 0.0
+    limit = mu * press if c[i, FIXED_LIMIT] < 0.0 else c[i, FIXED_LIMIT]
     grip = 0.0
     t0 = t1 = t2 = 0.0
     if limit > 0.0:
@@ -152,10 +152,10 @@ def balance(c, count, free, compliance, step, x, scratch):
     """
     tangent = scratch[0:3]
     r = scratch[3]
-    # relative, since a step of a microsecond moves a free mass by less than any fixed length one could allow
-    goal = _SHARE * math.sqrt(free[0] * free[0] + free[1] * free[1] + free[2] * free[2])
+    # relative: in a step of a microsecond a free mass moves less than any fixed tolerance
+    goal = _TOLERANCE * math.sqrt(free[0] * free[0] + free[1] * free[1] + free[2] * free[2])
     size = residual(c, count, free, compliance, x[0], x[1], x[2], step, r)
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         if size <= goal:
             return 1
         before = size
@@ -210,25 +210,26 @@ def newton_direction(tangent, compliance, r):
 
 
 @kernel
-def balance_in_turns(c, count, free, compliance, step, x, scratch):
-    """`balance` where sliding would raise the normal force without end (a steep, one-sided compliance jams).
+def balance_with_fixed_limits(c, count, free, compliance, step, x, scratch):
+    """`balance` for a carrier on which sliding raises the normal force without bound (jamming).
 
-    Normal and friction force are sought in turns: each friction limit is held fixed at what the last turn's normal
-    force allows, which leaves a monotone problem that always has one answer. The answer balances and takes energy
-    out even where the turns do not meet, but its friction then belongs to the normal force of the turn before.
+    A fixed-point iteration over the friction limits. Each iteration holds them at the friction coefficient times the
+    last normal force, which leaves a monotone problem with exactly one solution. The solution is in balance and
+    dissipates energy even if the iteration does not converge; its friction then belongs to the normal force of the
+    iteration before.
     """
     x[:] = 0.0
     for i in range(count):
-        c[i, CEILING] = 0.0
+        c[i, FIXED_LIMIT] = 0.0
     done = 0
-    for _ in range(_TURNS):
+    for _ in range(_FIXED_POINT_ITERATIONS):
         done = balance(c, count, free, compliance, step, x, scratch)
         change = 0.0
         for i in range(count):
             contact_force(c, i, x[0], x[1], x[2], step)
             wanted = c[i, LIMIT] * c[i, PRESS]
-            change = max(change, abs(wanted - c[i, CEILING]) - 1e-9 * wanted)
-            c[i, CEILING] = 0.5 * (wanted + c[i, CEILING])
+            change = max(change, abs(wanted - c[i, FIXED_LIMIT]) - 1e-9 * wanted)
+            c[i, FIXED_LIMIT] = 0.5 * (wanted + c[i, FIXED_LIMIT])
         if change < 1e-12:
             break
     return done
@@ -236,36 +237,37 @@ def balance_in_turns(c, count, free, compliance, step, x, scratch):
 
 @kernel
 def settle(c, count, free, compliance, step, slow, x, scratch):
-    """Balance with the friction coefficient that each contact has earned; returns 1, 2 when in turns, 0 unbalanced.
+    """Balance with static or sliding friction at each contact.
 
-    A contact that slipped slower than `slow` [m/s] in the last step holds up to STATIC; once it gives way it falls to
-    SLIDING. That is Stribeck's curve with two branches, and gives stick-slip behind any compliance.
+    A contact that slipped slower than `slow` [m/s] in the last step holds up to STATIC; once it slips it has SLIDING.
+    This is a Stribeck curve with two branches, and gives stick-slip with any compliance. Returns 1 if balanced, 2 if
+    only with fixed friction limits, 0 if not balanced.
     """
-    breaking = False
+    may_slip = False
     for i in range(count):
         holds = c[i, SLIP] < slow
-        c[i, CEILING] = -1.0
+        c[i, FIXED_LIMIT] = -1.0
         c[i, LIMIT] = c[i, STATIC] if holds else c[i, SLIDING]
-        breaking = breaking or (holds and c[i, STATIC] > c[i, SLIDING])
+        may_slip = may_slip or (holds and c[i, STATIC] > c[i, SLIDING])
     done = balance(c, count, free, compliance, step, x, scratch)
-    if breaking:
-        broke = False
+    if may_slip:
+        slips = False
         for i in range(count):
             if c[i, LIMIT] > c[i, SLIDING] and contact_force(c, i, x[0], x[1], x[2], step):
                 c[i, LIMIT] = c[i, SLIDING]
-                broke = True
-        if broke:
+                slips = True
+        if slips:
             done = balance(c, count, free, compliance, step, x, scratch)
     if done == 0:
-        done = 2 * balance_in_turns(c, count, free, compliance, step, x, scratch)
+        done = 2 * balance_with_fixed_limits(c, count, free, compliance, step, x, scratch)
     for i in range(count):
-        _conclude(c, i, x, step)
+        _update_row(c, i, x, step)
     return done
 
 
 @kernel
-def _conclude(c, i, x, step):
-    """Row `i` as it is at x: centre, gap, and of the bristle what its force holds; the rest has slipped."""
+def _update_row(c, i, x, step):
+    """Row `i` at x: centre, gap, and the bristle that corresponds to the friction force; the rest has slipped."""
     contact_force(c, i, x[0], x[1], x[2], step)
     n0, n1, n2 = c[i, NORMAL], c[i, NORMAL + 1], c[i, NORMAL + 2]
     along = n0 * x[0] + n1 * x[1] + n2 * x[2]
@@ -273,8 +275,8 @@ def _conclude(c, i, x, step):
     slip = 0.0
     press = c[i, PRESS]
     f0, f1, f2 = c[i, FORCE] - press * n0, c[i, FORCE + 1] - press * n1, c[i, FORCE + 2] - press * n2
-    if c[i, ASIDE] != 0.0:
-        f0, f1, f2 = turned(n0, n1, n2, f0, f1, f2, -c[i, ASIDE])
+    if c[i, FRICTION_SINE] != 0.0:
+        f0, f1, f2 = turned(n0, n1, n2, f0, f1, f2, -c[i, FRICTION_SINE])
     friction = (f0, f1, f2)
     for j in range(3):
         n = c[i, NORMAL + j]

@@ -1,4 +1,4 @@
-"""The sensor's own faults: noise, drift, spikes, saturation, quantisation, and a line that delays and loses.
+"""The sensor's own faults: noise, drift, spikes, saturation, quantisation, and a transmission with delays and losses.
 
 Randomness is a counter hashed with the seed (splitmix64: Steele, Lea, Flood 2014), so that a sample's noise depends
 on its number alone and never on what was asked before.
@@ -87,7 +87,7 @@ def wander(s, seed, axis, time):
 
 @kernel
 def measure(s, seed, number, time, wrench, out):
-    """The sample that the sensor makes of the true wrench (6,) at its instant; into out (SAMPLE,).
+    """The measured sample of the true wrench (6,) at its instant, into out (SAMPLE,).
 
     A matrix and a play change `wrench` in place.
     """
@@ -131,7 +131,7 @@ def measure(s, seed, number, time, wrench, out):
 
 @kernel
 def lost(s, seed, number):
-    """True when the sample never arrives: single losses, and bursts that swallow all that begins within them."""
+    """Whether the sample is lost: single losses, and bursts that lose all samples that begin within them."""
     if s[LOSS] > 0.0 and uniform(seed, _LOSS, number) < s[LOSS]:
         return True
     if s[BURST] > 0.0:

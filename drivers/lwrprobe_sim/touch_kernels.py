@@ -1,7 +1,7 @@
-"""What the probe touches: rows of contacts on the sphere and on the stick.
+"""Contact detection of the probe: one row for each contact of the sphere and of the stick.
 
-Most of the time nothing is near. Each body therefore keeps how far it can still move before it must be looked at
-again: the distance found last, minus all motion since.
+Most of the time nothing is near. Sphere and stick therefore each keep a lower bound of their clearance: the distance
+found last, minus all motion since. Contacts are searched only when that bound reaches zero.
 """
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
@@ -11,22 +11,22 @@ from lwrprobe_sim import scenery_kernels as scenery
 ROWS_MAX = 12
 MATERIALS_MAX = 33
 MARGIN = 1e-4
-"""m beyond the motion of a step within which surfaces are taken along as possible contacts."""
-_STRIDE = 1e-3  # along a touching stick
-_REFINED = 1e-4
-_ACROSS = 0.3
+"""m beyond the motion of a step within which a surface becomes a contact row."""
+_STRIDE = 1e-3  # m, smallest step of the search along the stick
+_REFINED = 1e-4  # m, accuracy of the place along the stick
+_MAX_AXIAL = 0.3  # largest cosine between the stick and the normal of a contact on its side
 
 RADIUS, STICK_RADIUS, STICK_LENGTH = range(3)
 FREE_SPHERE, FREE_STICK = 3, 4
 MATERIAL = 5  # rows of 5: stiffness, damping, static and sliding friction, shear
 POINT = MATERIAL + 5 * MATERIALS_MAX
-FRICTION_SINE = POINT + 3  # of the angle between friction and what opposes the slip
+FRICTION_SINE = POINT + 3  # sine of the angle between friction and the opposite of the slip
 SETTINGS = POINT + 4
 
 
 @kernel
 def may_touch(s, drift, moved, turned):
-    """True when sphere or stick may be near something after moving on by at most these."""
+    """Whether sphere or stick may touch after a motion of at most `drift` and `moved` [m] and `turned` [rad]."""
     s[FREE_SPHERE] -= drift
     s[FREE_STICK] -= drift + moved + turned * s[STICK_LENGTH]
     return s[FREE_SPHERE] <= 0.0 or s[FREE_STICK] <= 0.0
@@ -34,9 +34,9 @@ def may_touch(s, drift, moved, turned):
 
 @kernel
 def find(s, v, counts, numbers, indices, tip, centre, reach, rows):
-    """Rows for all surfaces within `reach` of the sphere at `centre` and of the stick behind it; returns how many.
+    """Fill the rows of all surfaces within `reach` of the sphere at `centre` and of the stick; returns their number.
 
-    `s` is this file's, `v` and `counts` the scenery's part of the world.
+    `s` are the settings above, `v` and `counts` the arrays of `scenery_kernels`.
     """
     n = 0
     n, bound = _around(s, v, counts, numbers, indices, centre, s[RADIUS], reach, 1.0, rows, n)
@@ -48,7 +48,7 @@ def find(s, v, counts, numbers, indices, tip, centre, reach, rows):
 
 @kernel
 def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, n):
-    """Append a row for each surface within `reach` of a ball; how many rows there are, and how far all is at least."""
+    """Append a row for each surface within `reach` of a ball; returns row count and a lower bound of all distances."""
     found, bound = scenery.contacts_near(v, counts, numbers, indices, centre, radius + reach)
     for k in range(min(found, ROWS_MAX - n)):
         row = rows[n]
@@ -61,7 +61,7 @@ def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, 
         row[contact.RADIUS] = radius
         row[contact.LEVER] = lever
         row[contact.BODY] = counts[scenery.MATERIAL + k]
-        row[contact.ASIDE] = s[FRICTION_SINE]
+        row[contact.FRICTION_SINE] = s[FRICTION_SINE]
         material = MATERIAL + 5 * counts[scenery.MATERIAL + k]
         row[contact.STIFFNESS] = s[material]
         row[contact.DAMPING] = s[material + 1]
@@ -74,9 +74,9 @@ def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, 
 
 @kernel
 def _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n):
-    """Append at most one row for the lower and one for the upper half of the stick, where each is nearest.
+    """Append at most one row for each half of the stick, at its nearest place.
 
-    Two, since a stick that lies against a wall rests on both ends of the touching part.
+    Two rows, since a stick that lies against a wall is supported at both ends of the touching part.
     """
     length, radius = s[STICK_LENGTH], s[STICK_RADIUS]
     middle = 0.5 * (s[RADIUS] + length)
@@ -113,7 +113,7 @@ def stick_point(tip, centre, length, at):
 def _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, low, high):
     """(place, distance of the axis, lower bound of the clearance) of the nearest place between low and high.
 
-    The distance changes by at most 1 m per metre: strides of half the clearance miss nothing.
+    The distance changes by at most 1 m per metre: steps of half the clearance cannot skip a contact.
     """
     place, nearest, clear = low, scenery.NOTHING, scenery.NOTHING
     radius = s[STICK_RADIUS]
@@ -142,7 +142,7 @@ def _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, low, high):
 
 @kernel
 def _stick_distance(s, v, counts, numbers, indices, tip, centre, at):
-    """Distance from the stick's axis, exact where it matters, else nearer to zero than that."""
+    """Distance from the stick's axis: exact near the stick, a lower bound of its size elsewhere."""
     x, y, z = stick_point(tip, centre, s[STICK_LENGTH], at)
     bound = scenery.distance_bound(v, counts, numbers, indices, x, y, z)
     if abs(bound) > s[STICK_RADIUS] + 2.0 * _STRIDE:
@@ -152,12 +152,15 @@ def _stick_distance(s, v, counts, numbers, indices, tip, centre, at):
 
 @kernel
 def _keep_deepest_across(rows, first, n, tip):
-    """Of the rows from `first` on keep the deepest that presses across the stick: along it, it ends in other bodies."""
+    """Keep the deepest of the rows from `first` on that presses across the stick.
+
+    A normal along the stick belongs to its end, which is inside the sphere or the holder.
+    """
     best = -1
     for i in range(first, n):
         row = rows[i]
         along = row[contact.NORMAL] * tip[6] + row[contact.NORMAL + 1] * tip[7] + row[contact.NORMAL + 2] * tip[8]
-        if abs(along) < _ACROSS and (best < 0 or row[contact.GAP] < rows[best, contact.GAP]):
+        if abs(along) < _MAX_AXIAL and (best < 0 or row[contact.GAP] < rows[best, contact.GAP]):
             best = i
     if best < 0:
         return first
@@ -169,7 +172,7 @@ def _keep_deepest_across(rows, first, n, tip):
 
 @kernel
 def stiffest(rows, n):
-    """N/m of the stiffest contact; that of hard steel where there is none, lest one is overlooked."""
+    """N/m of the stiffest contact; that of hard steel without contacts, so that none is missed."""
     stiffness = 0.0 if n > 0 else 1e7
     for i in range(n):
         stiffness = max(stiffness, rows[i, contact.STIFFNESS])
@@ -178,9 +181,10 @@ def stiffest(rows, n):
 
 @kernel
 def inherit(rows, n, old_rows, n_old, old_centre, old_tip, tip, length, turn):
-    """Give each row what its contact was before this step: bristle, penetration, slip speed.
+    """Set bristle, penetration and slip speed of each row from the same contact in the last step.
 
-    `turn` (3,) is the rotation vector of the tip in this step: a sphere that turns rubs on the surface.
+    `turn` (3,) is the rotation vector of the tip in this step: a rotation of the sphere moves its surface over the
+    object.
     """
     for i in range(n):
         row = rows[i]

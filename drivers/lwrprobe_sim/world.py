@@ -60,20 +60,24 @@ class World:
         self._arrays = (self.state, self.counts, self.robot.chain, self.numbers, self.indices)
         self._advance = entry(kernels.advance, *self._arrays, self.truth)
         self._accept = entry(kernels.accept, *self._arrays[:3], self.state)
-        self._follow = entry(kernels.step_many, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
+        self._step_many = entry(kernels.step_many, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
         self._cycles_until_sample = entry(kernels.cycles_until_sample, self.state, self.counts, 0)
         self.place(self._start())
 
     def advance(self) -> int:
-        """One cycle on; returns how many samples wait to be fetched."""
+        """Advance by one cycle; returns the number of samples that can be fetched."""
         ready = self._advance(*self._arrays, self.truth)
         if ready and self.counts.item(kernels.TAKEN) + self._ahead > len(self.truth):
             self.truth = np.concatenate([self.truth, np.zeros_like(self.truth)])
         return ready
 
-    def step_many(self, rows: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
-        """Set points (m, n), a cycle each, for as long as no joint is further than `away` from them; the times (m,)
-        and measured joints (m, n) after each. Returns how many were carried out, and the refusal of the next one.
+    def step_many(
+        self, rows: np.ndarray, times: np.ndarray, joints: np.ndarray, max_deviation: float
+    ) -> tuple[int, int]:
+        """Send the set points (m, n), one a cycle, until a joint deviates by more than `max_deviation` [rad].
+
+        Fills the times (m,) and measured joints (m, n). Returns the number of executed set points, and the refusal of
+        the next one (see `command`).
 
         Raises InputError for anything but arrays of these shapes of float64 numbers.
         """
@@ -81,11 +85,11 @@ class World:
         for name, array, wanted in (("rows", rows, shape), ("times", times, shape[:1]), ("joints", joints, shape)):
             if array.shape != wanted or array.dtype != np.float64 or not array.flags.c_contiguous:
                 raise InputError(name, f"{array.dtype} {array.shape}", f"{wanted}, float64, contiguous")
-        return self._follow(*self._arrays, self.truth, rows, times, joints, away)
+        return self._step_many(*self._arrays, self.truth, rows, times, joints, max_deviation)
 
-    def cycles_until_sample(self, most: int) -> int:
-        """How many of the next cycles, up to `most`, end with nothing to fetch."""
-        return self._cycles_until_sample(self.state, self.counts, most)
+    def cycles_until_sample(self, max_cycles: int) -> int:
+        """Number of the next cycles, up to `max_cycles`, that end before a sample arrives."""
+        return self._cycles_until_sample(self.state, self.counts, max_cycles)
 
     def fetch(self) -> list[list[float]]:
         """Samples that have arrived, oldest first, as rows of `sensor_kernels`; they are gone then."""
@@ -177,7 +181,7 @@ class World:
     def _set_arm(self) -> None:
         c, s = self.config, self.state
         s[kernels.CYCLE] = c.cycle
-        s[kernels.FOLLOW] = np.exp(-c.cycle / c.lag) if c.lag > 0.0 else 0.0
+        s[kernels.LAG_DECAY] = np.exp(-c.cycle / c.lag) if c.lag > 0.0 else 0.0
         s[kernels.ENCODER] = c.encoder_noise
         s[kernels.BRAKE] = c.brake
         self.counts[kernels.STEPS] = c.substeps

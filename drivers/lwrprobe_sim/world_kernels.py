@@ -1,7 +1,7 @@
 """One cycle of the simulated world: arm, touch, wrench, samples, link collisions, in one call.
 
 All state lives in two arrays, so that the call from Python stays cheap: `world` (float64) and `counts` (int64), laid
-out by the constants below.
+out by the constants below. A part of `world` ends where the next one begins.
 """
 
 import math
@@ -19,14 +19,15 @@ JOINTS_MAX = 16
 DELAY_MAX = 64
 QUEUE = 256
 RECENT_MAX = 16
-_LOOKS = 6
-_UNFELT = 1e-5
-"""N, force that a surface as round as the sphere would make of the part that is taken for flat."""
+_ROUNDS = 6
+"""How often at most the contact planes are searched again in one step."""
+_FLATNESS_ERROR = 1e-5
+"""N, allowed force error of a contact plane in place of a surface that is as round as the sphere."""
 RECORD = 14
-"""Wrench 6, contact point 3, normal 3, force, number of contacts: what is true at one instant."""
+"""True wrench 6, contact point 3, normal 3, force, number of contacts at one instant."""
 
 # --- settings
-CYCLE, FOLLOW, ENCODER, BRAKE = range(4)
+CYCLE, LAG_DECAY, ENCODER, BRAKE = range(4)
 RELAX, TIP_MASS, SENSOR_DISTANCE, LOAD, SLOW, INERTIA = range(4, 10)
 COMPLIANCE = 10  # 3, m/N in the tip frame
 LOAD_CENTRE = 13  # 3, m in the sensor frame
@@ -54,8 +55,23 @@ TOUCHED = LOAD_SPEED + 6  # 3, point of the last main contact
 RECORD_OLD = TOUCHED + 3
 RECORD_NEW = RECORD_OLD + RECORD
 LAST_SAMPLE = RECORD_NEW + RECORD
-SCRATCH = LAST_SAMPLE + sensor.SAMPLE
-LINE = SCRATCH + 80  # set points on their way, DELAY_MAX x JOINTS_MAX
+# --- scratch of one cycle
+GOAL = LAST_SAMPLE + sensor.SAMPLE  # JOINTS_MAX, motors at the end of the cycle
+START = GOAL + JOINTS_MAX  # JOINTS_MAX, motors at its beginning
+LOAD_FORCE = START + JOINTS_MAX  # 3, weight and inertia of the load, world frame
+INSTANT = LOAD_FORCE + 3  # RECORD, interpolated to the instant of a sample
+FRESH = INSTANT + RECORD  # the newest sample
+# --- scratch of one step: centre = FREE + CARRIER @ force
+CARRIER = FRESH + sensor.SAMPLE  # 3 x 3, m/N, compliance of stick and joints
+FREE = CARRIER + 9  # 3, the sphere's centre without contact
+SOFTENED = FREE + 3  # 3 x 3, m/N, CARRIER and the movable object's compliance
+REFERENCE = SOFTENED + 9  # 3, centre that the gaps belong to; after the balance where the centre has come to
+FREE_FROM_REFERENCE = REFERENCE + 3  # 3
+SHIFT = FREE_FROM_REFERENCE + 3  # 3, displacement of the centre from REFERENCE
+TIP_TURN = SHIFT + 3  # 3, rotation vector of the tip
+NEWTON = TIP_TURN + 3  # 4 x 3, scratch of `contact_kernels.settle`
+# --- queues and rows
+LINE = NEWTON + 12  # delayed set points, DELAY_MAX x JOINTS_MAX
 ROWS_OLD = LINE + DELAY_MAX * JOINTS_MAX
 ROWS = ROWS_OLD + touch.ROWS_MAX * contact.WIDTH
 WAITING = ROWS + touch.ROWS_MAX * contact.WIDTH
@@ -72,7 +88,7 @@ RIPPLES = 320.0
 
 # --- counts
 CYCLES, STEPS, JOINTS, DELAY, SEED, TAKEN, N_WAITING, N_READY, GAP, BRAKING = range(10)
-N_ROWS, N_FOUND, IN_TURNS, UNBALANCED, HAS_JOINT_COMPLIANCE, NEAR_STEPS = range(10, 16)
+N_ROWS, N_FOUND, FIXED_LIMITS, UNBALANCED, HAS_JOINT_COMPLIANCE, NEAR_STEPS = range(10, 16)
 HAS_GEARS = 16
 SCENERY_COUNTS = 17
 WATCH_COUNTS = SCENERY_COUNTS + scenery.COUNTS
@@ -98,17 +114,16 @@ def accept(world, counts, chain, q):
 
 @kernel
 def advance(world, counts, chain, numbers, indices, truth):
-    """The world one cycle on; returns the number of samples that have arrived and wait to be fetched."""
+    """Advance the world by one cycle; returns the number of samples that have arrived and can be fetched."""
     counts[CYCLES] += 1
     before = world[TIME]
     world[TIME] = counts[CYCLES] * world[CYCLE]
     _swap_records(world)
-    goal = world[SCRATCH : SCRATCH + JOINTS_MAX]
+    goal, start = world[GOAL:START], world[START:LOAD_FORCE]
     _move_set_point(world, counts, chain, goal)
     steps = counts[STEPS]
     n = counts[JOINTS]
     q = world[Q : Q + JOINTS_MAX]
-    start = world[SCRATCH + JOINTS_MAX : SCRATCH + 2 * JOINTS_MAX]
     joint_travel = 0.0
     for i in range(n):
         start[i] = q[i]
@@ -120,17 +135,17 @@ def advance(world, counts, chain, numbers, indices, truth):
         _step(world, counts, chain, numbers, indices, world[CYCLE] / steps, joint_travel)
     _read_encoders(world, counts, start)
     if world[LOAD] > 0.0:
-        _feel_load(world)
+        _add_load(world)
     _sample(world, counts, truth, before)
     return _deliver(world, counts)
 
 
 @kernel
-def step_many(world, counts, chain, numbers, indices, truth, rows, times, joints, away):
-    """`accept` a set point and `advance`, row by row of `rows` (m, n); times (m,) and measured joints (m, n) after.
+def step_many(world, counts, chain, numbers, indices, truth, rows, times, joints, max_deviation):
+    """`accept` and `advance` for each row of `rows` (m, n); fills times (m,) and measured joints (m, n).
 
-    Ends behind the first row from which a joint is further than `away`. Returns the number of rows carried out and what
-    `accept` said to the next one.
+    Ends after the first row from which a joint deviates by more than `max_deviation` [rad]. Returns the number of
+    executed rows and what `accept` returned for the next one.
     """
     n = counts[JOINTS]
     for k in range(rows.shape[0]):
@@ -139,18 +154,18 @@ def step_many(world, counts, chain, numbers, indices, truth, rows, times, joints
             return k, refused
         advance(world, counts, chain, numbers, indices, truth)
         times[k] = world[TIME]
-        astray = False
+        deviates = False
         for i in range(n):
             joints[k, i] = world[Q_MEASURED + i]
-            astray = astray or not abs(joints[k, i] - rows[k, i]) <= away
-        if astray:
+            deviates = deviates or not abs(joints[k, i] - rows[k, i]) <= max_deviation
+        if deviates:
             return k + 1, 0
     return rows.shape[0], 0
 
 
 @kernel
-def cycles_until_sample(world, counts, most):
-    """How many of the next cycles, up to `most`, end with nothing to be fetched."""
+def cycles_until_sample(world, counts, max_cycles):
+    """Number of the next cycles, up to `max_cycles`, that end before a sample arrives."""
     if counts[N_READY] > 0:
         return 0
     s = world[SENSOR:SCENERY]
@@ -159,7 +174,7 @@ def cycles_until_sample(world, counts, most):
     if counts[N_WAITING] > 0:
         arrival = world[WAITING + sensor.ARRIVAL]
     cycles = 0
-    while cycles < most and (counts[CYCLES] + cycles + 1) * world[CYCLE] + 1e-12 < arrival:
+    while cycles < max_cycles and (counts[CYCLES] + cycles + 1) * world[CYCLE] + 1e-12 < arrival:
         cycles += 1
     return cycles
 
@@ -179,7 +194,7 @@ def _swap_records(world):
 
 @kernel
 def _move_set_point(world, counts, chain, goal):
-    """Where the motors will be at the end of the cycle, into goal: set point, through the delay line and the lag."""
+    """Motor positions at the end of the cycle into goal (n,): the set point after delay line and lag."""
     n = counts[JOINTS]
     if counts[BRAKING] == 1:
         for i in range(n):
@@ -193,7 +208,7 @@ def _move_set_point(world, counts, chain, goal):
     late = (counts[CYCLES] - counts[DELAY]) % DELAY_MAX
     for i in range(n):
         line[slot, i] = world[SET + i]
-        goal[i] = line[late, i] + world[FOLLOW] * (world[Q + i] - line[late, i])
+        goal[i] = line[late, i] + world[LAG_DECAY] * (world[Q + i] - line[late, i])
 
 
 @kernel
@@ -209,42 +224,31 @@ def _read_encoders(world, counts, start):
 
 @kernel
 def _step(world, counts, chain, numbers, indices, step, joint_travel):
-    """One physical step to where the motors are now: stick, sphere, object and links."""
+    """One physical step [s] to the present motor positions: stick, sphere, object and links."""
     jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
     at = Q
     if counts[HAS_GEARS] == 1:
         at = LINK_SIDE
-        _go_through_gears(world, counts)
+        _apply_gears(world, counts)
         joint_travel *= 1.0 + RIPPLES * world[RIPPLE]
     q = world[at : at + JOINTS_MAX]
     tip = tip_and_axes(chain, q, jac)
-    old = world[TIP:CENTRE]
-    moved = math.sqrt((tip[9] - old[9]) ** 2 + (tip[10] - old[10]) ** 2 + (tip[11] - old[11]) ** 2)
-    turned = 0.0
-    for i in range(9):
-        turned += (tip[i] - old[i]) ** 2
-    turned = math.sqrt(turned)
-    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
-    free = world[SCRATCH + 41 : SCRATCH + 44]
+    old, free, centre = world[TIP:CENTRE], world[FREE:SOFTENED], world[CENTRE:BEND]
+    moved, turned = _tip_motion(old, tip)
+    compliance = world[CARRIER:FREE].reshape((3, 3))
     _carrier(world, tip, step, compliance, free)
-    drift = math.sqrt(
-        (free[0] - world[CENTRE]) ** 2 + (free[1] - world[CENTRE + 1]) ** 2 + (free[2] - world[CENTRE + 2]) ** 2
-    )
+    drift = math.sqrt((free[0] - centre[0]) ** 2 + (free[1] - centre[1]) ** 2 + (free[2] - centre[2]) ** 2)
     if touch.may_touch(world[TOUCH:WATCH], drift, moved, turned) or counts[N_ROWS] > 0:
         counts[NEAR_STEPS] += 1
         if counts[HAS_JOINT_COMPLIANCE] == 1:
             axes_to_jacobian(chain, tip, 1.0, 1.0, jac)
-            _add_joints(world, counts, jac, compliance)
-        _touch(world, counts, numbers, indices, tip, drift, step)
+            _add_joint_compliance(world, counts, jac, compliance)
+        _contact_step(world, counts, numbers, indices, tip, drift, step)
     else:
         counts[N_FOUND] = 0
-        _swing_free(world, tip, free, step)
+        _free_step(world, tip, free, step)
     if counts[SCENERY_COUNTS + scenery.MOVABLE] == 1:
-        shifted = body.move(world[BODY:TOUCH], world[SCENERY:BODY], step)
-        world[TOUCH + touch.FREE_SPHERE] -= shifted
-        world[TOUCH + touch.FREE_STICK] -= shifted
-        world[WATCH + links.FREE] -= shifted
-        world[WATCH + links.ARM_FREE] -= shifted
+        _move_object(world, step)
     around, watched = counts[SCENERY_COUNTS:WATCH_COUNTS], counts[WATCH_COUNTS:COUNTS]
     links.watch(
         world[WATCH:SET], watched, world[SCENERY:BODY], around, numbers, indices,
@@ -255,8 +259,28 @@ def _step(world, counts, chain, numbers, indices, step, joint_travel):
 
 
 @kernel
-def _go_through_gears(world, counts):
-    """Joint values on the links' side: the motors' through a play and with the gears' wave."""
+def _tip_motion(old, tip):
+    """Distance [m] between two tip frames, and an upper bound of the angle [rad] (Frobenius norm)."""
+    moved = math.sqrt((tip[9] - old[9]) ** 2 + (tip[10] - old[10]) ** 2 + (tip[11] - old[11]) ** 2)
+    turned = 0.0
+    for i in range(9):
+        turned += (tip[i] - old[i]) ** 2
+    return moved, math.sqrt(turned)
+
+
+@kernel
+def _move_object(world, step):
+    """Move the movable object; all known clearances shrink by its motion."""
+    shifted = body.move(world[BODY:TOUCH], world[SCENERY:BODY], step)
+    world[TOUCH + touch.FREE_SPHERE] -= shifted
+    world[TOUCH + touch.FREE_STICK] -= shifted
+    world[WATCH + links.FREE] -= shifted
+    world[WATCH + links.ARM_FREE] -= shifted
+
+
+@kernel
+def _apply_gears(world, counts):
+    """Joint values on the link side: the motor positions after the gears' play, plus their ripple."""
     for i in range(counts[JOINTS]):
         q, half = world[Q + i], world[JOINT_PLAY]
         world[PLAYED + i] = min(max(world[PLAYED + i], q - half), q + half)
@@ -264,7 +288,8 @@ def _go_through_gears(world, counts):
 
 
 @kernel
-def _swing_free(world, tip, free, step):
+def _free_step(world, tip, free, step):
+    """The end of a step without contact: the sphere's centre is at `free`, no force acts."""
     for i in range(3):
         world[VELOCITY + i] = (free[i] - world[CENTRE + i]) / step
         world[CENTRE + i] = free[i]
@@ -288,7 +313,7 @@ def _carrier(world, tip, step, compliance, free):
     if c[0] == 0.0 and c[1] == 0.0 and c[2] == 0.0:
         return
     lag = world[RELAX] / step
-    heavy = world[TIP_MASS] / (step * step)
+    inertia = world[TIP_MASS] / (step * step)
     for a in range(3):
         if c[a] == 0.0:
             continue
@@ -297,8 +322,8 @@ def _carrier(world, tip, step, compliance, free):
         coast = 0.0
         for i in range(3):
             coast += axis[i] * (world[CENTRE + i] + step * world[VELOCITY + i] - tip[9 + i])
-        share = 1.0 / (1.0 + lag + heavy * c[a])
-        rest = share * (lag * bend + heavy * c[a] * coast)
+        share = 1.0 / (1.0 + lag + inertia * c[a])
+        rest = share * (lag * bend + inertia * c[a] * coast)
         for i in range(3):
             free[i] += rest * axis[i]
             for j in range(3):
@@ -306,8 +331,8 @@ def _carrier(world, tip, step, compliance, free):
 
 
 @kernel
-def _add_joints(world, counts, jac, compliance):
-    """Add what the joints give way to `compliance`: J C J^T."""
+def _add_joint_compliance(world, counts, jac, compliance):
+    """Add the joints' compliance as it appears at the tip: J C J^T."""
     for k in range(counts[JOINTS]):
         soft = world[JOINT_COMPLIANCE + k]
         for i in range(3):
@@ -316,66 +341,69 @@ def _add_joints(world, counts, jac, compliance):
 
 
 @kernel
-def _touch(world, counts, numbers, indices, tip, drift, step):
-    """Contacts in balance at the end of the step; forces into the new record and onto the movable object."""
+def _contact_step(world, counts, numbers, indices, tip, drift, step):
+    """Balance the contacts at the end of the step; forces into the new record and onto the movable object."""
     b = world[BODY:TOUCH]
-    at = world[SCRATCH + 50 : SCRATCH + 53]
     n = 0
     for _ in range(2):
         if counts[SCENERY_COUNTS + scenery.MOVABLE] == 1:
             body.respond(b, world[TOUCHED : TOUCHED + 3], step)
         n = _balance(world, counts, numbers, indices, tip, drift, step)
-        _sum_up(world, n, tip)
+        _sum_forces(world, n, tip)
         if counts[SCENERY_COUNTS + scenery.MOVABLE] == 0:
             break
-        _push(world, counts, n)
+        _push_object(world, counts, n)
         if b[body.MODE] != body.RESTING or not body.breaks_loose(b):
             break
-    _carry_over(world, counts, n, at, tip, step)
+    _end_step(world, counts, n, tip, step)
     _into_sensor_frame(world, tip)
 
 
 @kernel
 def _balance(world, counts, numbers, indices, tip, drift, step):
-    """Find rows and balance them; the sphere's centre after the step into `at`; returns the number of rows.
+    """Find the contact rows and balance them; REFERENCE becomes the centre after the step. Returns the row count.
 
-    All is seen from the movable object, as if it kept its place: what it gives way counts as compliance. Contacts
-    with other objects in the same step see its motion one step late.
+    The frame is that of the movable object, which is held fixed during the step; its motion counts as compliance.
+    Contacts with other objects in the same step see that motion one step late.
     """
-    s, v, b = world[TOUCH:WATCH], world[SCENERY:BODY], world[BODY:TOUCH]
+    s, v = world[TOUCH:WATCH], world[SCENERY:BODY]
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_tip, old_centre = world[TIP:CENTRE], world[CENTRE:BEND]
-    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
-    softer = world[SCRATCH + 56 : SCRATCH + 65].reshape((3, 3))
-    free, x = world[SCRATCH + 41 : SCRATCH + 44], world[SCRATCH + 44 : SCRATCH + 47]
-    relative, at = world[SCRATCH + 47 : SCRATCH + 50], world[SCRATCH + 50 : SCRATCH + 53]
-    turn = world[SCRATCH + 53 : SCRATCH + 56]
-    scratch = world[SCRATCH + 65 : SCRATCH + 77].reshape((4, 3))
+    softened, scratch = world[SOFTENED:REFERENCE].reshape((3, 3)), world[NEWTON:LINE].reshape((4, 3))
+    reference, free = world[REFERENCE:FREE_FROM_REFERENCE], world[FREE_FROM_REFERENCE:SHIFT]
+    shift, turn = world[SHIFT:TIP_TURN], world[TIP_TURN:NEWTON]
     _rotation_vector(old_tip, tip, turn)
+    _soften(world)
     for i in range(3):
-        at[i] = old_centre[i] + tip[9 + i] - old_tip[9 + i]
-        for j in range(3):
-            softer[i, j] = compliance[i, j] + b[body.GIVE + 3 * i + j]
+        reference[i] = old_centre[i] + tip[9 + i] - old_tip[9 + i]
     n = 0
     done = 1
     reach = drift + touch.MARGIN
-    # The surface is flat in the balance: look again where the centre has come to, until that makes no force.
-    for _ in range(_LOOKS):
-        n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, tip, at, reach, rows)
+    # The balance takes each surface for a plane: search again at the new centre until the curvature adds no force.
+    for _ in range(_ROUNDS):
+        n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, tip, reference, reach, rows)
         touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, old_tip, tip, s[touch.STICK_LENGTH], turn)
         for i in range(3):
-            relative[i] = free[i] - b[body.AHEAD + i] - at[i]
-            x[i] = 0.0
-        done = contact.settle(rows, n, relative, softer, step, world[SLOW], x, scratch)
+            free[i] = world[FREE + i] - world[BODY + body.AHEAD + i] - reference[i]
+            shift[i] = 0.0
+        done = contact.settle(rows, n, free, softened, step, world[SLOW], shift, scratch)
         for i in range(3):
-            at[i] += x[i]
-        if (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) * touch.stiffest(rows, n) < 2.0 * s[touch.RADIUS] * _UNFELT:
+            reference[i] += shift[i]
+        square = shift[0] * shift[0] + shift[1] * shift[1] + shift[2] * shift[2]
+        if square * touch.stiffest(rows, n) < 2.0 * s[touch.RADIUS] * _FLATNESS_ERROR:
             break
         reach = touch.MARGIN
-    counts[IN_TURNS] += done == 2
+    counts[FIXED_LIMITS] += done == 2
     counts[UNBALANCED] += done == 0
     return n
+
+
+@kernel
+def _soften(world):
+    """SOFTENED = CARRIER plus the compliance of the movable object."""
+    for i in range(9):
+        world[SOFTENED + i] = world[CARRIER + i] + world[BODY + body.GIVE + i]
 
 
 @kernel
@@ -389,7 +417,7 @@ def _rotation_vector(old, new, out):
 
 
 @kernel
-def _sum_up(world, n, tip):
+def _sum_forces(world, n, tip):
     """Total force, torque about the tip (both world frame) and main contact of the balanced rows into the record."""
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     record = world[RECORD_NEW : RECORD_NEW + RECORD]
@@ -429,7 +457,7 @@ def _sum_up(world, n, tip):
 
 @kernel
 def _arm(row, x, y, z):
-    """From a point to where the hard ball of the probe is touched."""
+    """Vector from a point to the contact point on the undeformed ball of the probe."""
     r = row[contact.RADIUS]
     return (
         row[contact.CENTRE] - r * row[contact.NORMAL] - x,
@@ -454,8 +482,8 @@ def _length(a):
 
 
 @kernel
-def _push(world, counts, n):
-    """What the probe does to the movable object, about the middle of its foot."""
+def _push_object(world, counts, n):
+    """Wrench of the probe on the movable object, about the middle of its foot."""
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     b = world[BODY:TOUCH]
     x, y = body.foot_middle(b)
@@ -471,38 +499,38 @@ def _push(world, counts, n):
 
 
 @kernel
-def _carry_over(world, counts, n, at, tip, step):
-    """State at the end of the step: sphere, stick, pressing rows; what the object moved shifts them all."""
+def _end_step(world, counts, n, tip, step):
+    """State at the end of a step with contacts: sphere, stick, and the rows that press."""
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
-    compliance = world[SCRATCH + 32 : SCRATCH + 41].reshape((3, 3))
-    free, b = world[SCRATCH + 41 : SCRATCH + 44], world[BODY:TOUCH]
+    compliance = world[CARRIER:FREE].reshape((3, 3))
+    free, reference, b = world[FREE:SOFTENED], world[REFERENCE:FREE_FROM_REFERENCE], world[BODY:TOUCH]
     kept = 0
-    eased = (0.0, 0.0, 0.0)
+    load = (0.0, 0.0, 0.0)
     for i in range(n):
         row = rows[i]
         if row[contact.PRESS] > 0.0:
             a = row[contact.LEVER]
-            eased = _plus(eased, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
+            load = _plus(load, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
             _copy(row, old_rows[kept])
             kept += 1
     counts[N_ROWS], counts[N_FOUND] = kept, n
     world[PEAK] = max(world[PEAK], world[SPHERE_FORCE])
     world[PROBE_PEAK] = max(world[PROBE_PEAK], world[PROBE_FORCE])
     for i in range(3):
-        centre = at[i]
+        centre = reference[i]
         if b[body.MODE] != body.RESTING:
-            centre = free[i] + compliance[i, 0] * eased[0] + compliance[i, 1] * eased[1] + compliance[i, 2] * eased[2]
+            centre = free[i] + compliance[i, 0] * load[0] + compliance[i, 1] * load[1] + compliance[i, 2] * load[2]
         world[VELOCITY + i] = (centre - world[CENTRE + i]) / step
         world[CENTRE + i] = centre
         world[BEND + i] = centre - tip[9 + i]
     if counts[HAS_JOINT_COMPLIANCE] == 1:
-        _take_off_joints(world, counts, eased)
+        _subtract_joint_deflection(world, counts, load)
 
 
 @kernel
-def _take_off_joints(world, counts, force):
-    """Leave in BEND what the stick alone has given way."""
+def _subtract_joint_deflection(world, counts, force):
+    """Leave the deflection of the stick alone in BEND."""
     jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
     for k in range(counts[JOINTS]):
         angle = world[JOINT_COMPLIANCE + k] * (jac[0, k] * force[0] + jac[1, k] * force[1] + jac[2, k] * force[2])
@@ -512,7 +540,7 @@ def _take_off_joints(world, counts, force):
 
 @kernel
 def _into_sensor_frame(world, tip):
-    """The new record's wrench, about the undeflected tip in the world frame, as the sensor has it."""
+    """Transform the new record's wrench from the undeflected tip, world axes, to the sensor frame."""
     r = world[RECORD_NEW : RECORD_NEW + 6]
     # the sensor is behind the tip, and moves with it when the joints give way
     arm = (
@@ -528,11 +556,11 @@ def _into_sensor_frame(world, tip):
 
 
 @kernel
-def _feel_load(world):
-    """Add weight and inertia of what hangs on the sensor to the new record's wrench."""
+def _add_load(world):
+    """Add weight and inertia of the load behind the sensor to the new record's wrench."""
     tip = world[TIP:CENTRE]
     c0, c1, c2 = world[LOAD_CENTRE], world[LOAD_CENTRE + 1], world[LOAD_CENTRE + 2]
-    pull = world[SCRATCH : SCRATCH + 3]
+    pull = world[LOAD_FORCE:INSTANT]
     for i in range(3):
         at = tip[9 + i] - world[SENSOR_DISTANCE] * tip[6 + i] + tip[i] * c0 + tip[3 + i] * c1 + tip[6 + i] * c2
         speed = (at - world[LOAD_AT + i]) / world[CYCLE]
@@ -551,17 +579,14 @@ def _feel_load(world):
 
 @kernel
 def _sample(world, counts, truth, before):
-    """Take all samples whose instants lie in this cycle and send them off."""
+    """Take all samples whose instants lie in this cycle, and send those that are not lost."""
     s = world[SENSOR:SCENERY]
-    waiting = world[WAITING:READY].reshape((QUEUE, sensor.SAMPLE))
-    record = world[SCRATCH : SCRATCH + RECORD]
-    fresh = world[SCRATCH + 16 : SCRATCH + 16 + sensor.SAMPLE]
-    last = world[LAST_SAMPLE : LAST_SAMPLE + sensor.SAMPLE]
+    record, fresh = world[INSTANT:FRESH], world[FRESH:CARRIER]
     while (counts[TAKEN] + 1) * s[sensor.PERIOD] <= world[TIME] + 1e-12:
         counts[TAKEN] += 1
         number = counts[TAKEN]
         instant = number * s[sensor.PERIOD]
-        _between(world, min(1.0, (instant - before) / (world[TIME] - before)), record)
+        _interpolate(world, min(1.0, (instant - before) / (world[TIME] - before)), record)
         if number < truth.shape[0]:
             for i in range(8):
                 truth[number, i] = record[6 + i]
@@ -571,29 +596,36 @@ def _sample(world, counts, truth, before):
         sensor.measure(s, counts[SEED], number, instant, record, fresh)
         for i in range(6):
             world[RECENT + 6 * (number % RECENT_MAX) + i] = fresh[sensor.FORCE + i]
-        if s[sensor.FREEZE_FROM] <= instant < s[sensor.FREEZE_TO]:
-            for i in range(sensor.SAMPLE):
-                fresh[i] = last[i]
-        elif counts[GAP] == 1:
-            fresh[sensor.STATUS] += sensor.LOST_BEFORE
-            counts[GAP] = 0
-        wait = sensor.delay(s, counts[SEED], number)
-        if wait > s[sensor.LATE_LIMIT]:
-            fresh[sensor.STATUS] = int(fresh[sensor.STATUS]) | sensor.LATE
-        # the line keeps the order: one late sample holds up those behind it
-        fresh[sensor.ARRIVAL] = max(instant + wait, last[sensor.ARRIVAL])
-        for i in range(sensor.SAMPLE):
-            last[i] = fresh[i]
-        if counts[N_WAITING] < QUEUE:
-            _copy(fresh, waiting[counts[N_WAITING]])
-            counts[N_WAITING] += 1
-        else:
-            counts[GAP] = 1
+        _send(world, counts, number, instant)
 
 
 @kernel
-def _between(world, share, out):
-    """The record at a share of the cycle: linear between alike ends, else the nearer end's contact."""
+def _send(world, counts, number, instant):
+    """Put the fresh sample into the line of waiting ones, with the faults of the transmission."""
+    s = world[SENSOR:SCENERY]
+    waiting = world[WAITING:READY].reshape((QUEUE, sensor.SAMPLE))
+    fresh, last = world[FRESH:CARRIER], world[LAST_SAMPLE:GOAL]
+    if s[sensor.FREEZE_FROM] <= instant < s[sensor.FREEZE_TO]:
+        _copy(last, fresh)
+    elif counts[GAP] == 1:
+        fresh[sensor.STATUS] += sensor.LOST_BEFORE
+        counts[GAP] = 0
+    wait = sensor.delay(s, counts[SEED], number)
+    if wait > s[sensor.LATE_LIMIT]:
+        fresh[sensor.STATUS] = int(fresh[sensor.STATUS]) | sensor.LATE
+    # the line keeps the order: one late sample delays those behind it
+    fresh[sensor.ARRIVAL] = max(instant + wait, last[sensor.ARRIVAL])
+    _copy(fresh, last)
+    if counts[N_WAITING] < QUEUE:
+        _copy(fresh, waiting[counts[N_WAITING]])
+        counts[N_WAITING] += 1
+    else:
+        counts[GAP] = 1
+
+
+@kernel
+def _interpolate(world, share, out):
+    """The record at a share of the cycle: linear if both ends have the same contact, else the nearer end's contact."""
     old, new = world[RECORD_OLD : RECORD_OLD + RECORD], world[RECORD_NEW : RECORD_NEW + RECORD]
     for i in range(6):
         out[i] = old[i] + share * (new[i] - old[i])
@@ -605,7 +637,7 @@ def _between(world, share, out):
 
 @kernel
 def _deliver(world, counts):
-    """Move what has arrived from the line to the counter; the oldest goes when nobody fetches."""
+    """Move the samples that have arrived from WAITING to READY; a full READY drops its oldest sample."""
     waiting = world[WAITING:READY].reshape((QUEUE, sensor.SAMPLE))
     ready = world[READY:JACOBIAN].reshape((QUEUE, sensor.SAMPLE))
     arrived = 0
@@ -626,7 +658,7 @@ def _deliver(world, counts):
 
 @kernel
 def place(world, counts, chain):
-    """Put the arm where world[Q] says, at rest and in the air."""
+    """Put the arm at world[Q], at rest and without contact."""
     n = counts[JOINTS]
     line = world[LINE:ROWS_OLD].reshape((DELAY_MAX, JOINTS_MAX))
     for i in range(n):
@@ -639,7 +671,7 @@ def place(world, counts, chain):
         at = LINK_SIDE
         for i in range(n):
             world[PLAYED + i] = world[Q + i]
-        _go_through_gears(world, counts)
+        _apply_gears(world, counts)
     tip = tip_frame(chain, world[at : at + JOINTS_MAX])
     for i in range(12):
         world[TIP + i] = tip[i]
@@ -653,4 +685,4 @@ def place(world, counts, chain):
     for i in range(RECORD):
         world[RECORD_OLD + i] = world[RECORD_NEW + i] = 0.0
     if world[LOAD] > 0.0:
-        _feel_load(world)
+        _add_load(world)

@@ -18,7 +18,11 @@ from lwrprobe.contracts import (
 )
 from lwrprobe_ati import AtiConfig, AtiDriver
 from lwrprobe_ati.emulator import AtiEmulator
+from lwrprobe_ati.emulator import device as device_module
+from lwrprobe_ati.emulator.datagrams import read_order
+from lwrprobe_ati.emulator.dialogue import Dialogue
 from lwrprobe_ati.health_checks import sensor_health
+from lwrprobe_ati.wire import Command, encode_command
 from lwrprobe_rig.reactor import Reactor
 
 pytestmark = pytest.mark.realtime
@@ -33,6 +37,12 @@ def sensor_for(device, local="127.0.0.1:0", **config):
     options = {"transducer": 2, "timeout": 3.0} | config
     addresses = {"telnet": device.telnet_address, "udp": device.udp_address, "local": local}
     return AtiDriver(DriverContext(AtiConfig(**addresses, **options), None)).sensor()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 @contextmanager
@@ -234,10 +244,11 @@ def test_losses_are_counted_as_the_sequence_tells():
 
 
 def test_silence_sends_start_again_and_goes_on():
-    with bench(lost_after=10.0) as (sensor, device):
+    with bench(lost_after=10.0) as (sensor, device), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         sensor.open()
         collect(sensor, 5)
-        device._stop()
+        host, _, port = device.udp_address.partition(":")
+        stranger.sendto(encode_command(Command.STOP, 1), (host, int(port)))
         samples = collect(sensor, 10)
         assert sensor.restarts >= 1
         assert samples[-1].force == pytest.approx(FORCE, abs=0.02)
@@ -281,21 +292,24 @@ def test_stop_and_close_stop_the_stream():
         wait_for(lambda: not device.streaming)
 
 
-def test_stop_that_is_lost_is_sent_twice():
+def test_stop_is_sent_twice_since_one_may_be_lost(monkeypatch):
+    orders = []
+
+    def noted(data):
+        orders.append(read_order(data))
+        return orders[-1]
+
     with bench() as (sensor, device):
         sensor.open()
-        orders = []
-        device._stop = lambda: orders.append("stop")
+        wait_for(lambda: device.streaming)
+        monkeypatch.setattr(device_module, "read_order", noted)
         sensor.close()
         wait_for(lambda: len(orders) >= 2)
-        assert orders == ["stop", "stop"]
+        assert [order.code for order in orders] == [Command.STOP, Command.STOP]
 
 
 def test_fixed_local_port_serves_a_device_that_sticks_to_it():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        local = f"127.0.0.1:{probe.getsockname()[1]}"
-    with bench({"sticky": True}, local=local) as (sensor, _):
+    with bench({"sticky": True}, local=f"127.0.0.1:{free_port()}") as (sensor, _):
         for _ in range(2):
             sensor.open()
             assert collect(sensor, 3)
@@ -303,11 +317,15 @@ def test_fixed_local_port_serves_a_device_that_sticks_to_it():
 
 
 def test_strangers_are_not_listened_to():
-    with bench() as (sensor, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+    port = free_port()
+    with (
+        bench(local=f"127.0.0.1:{port}") as (sensor, _),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
         sensor.open()
         before = sensor.stream.traffic.datagrams
         for _ in range(200):
-            stranger.sendto(bytes(42), sensor._socket.getsockname())
+            stranger.sendto(bytes(42), ("127.0.0.1", port))
         collect(sensor, 10)
         assert sensor.stream.traffic.malformed == 0
         assert sensor.stream.traffic.datagrams - before < 150
@@ -332,9 +350,9 @@ def test_serial_number_is_checked():
         sensor.open()
 
 
-def test_refusal_of_the_device_is_quoted():
+def test_refusal_of_the_device_is_quoted(monkeypatch):
+    monkeypatch.setattr(Dialogue, "answer", lambda dialogue, line: ["Error: out of order"])
     with bench() as (sensor, device):
-        device.console._answer = lambda line: ["Error: out of order"]
         with pytest.raises(DeviceRefused, match="'rate 125 16' was answered with: Error: out of order"):
             sensor.open()
         assert not device.streaming

@@ -25,7 +25,8 @@ PARAMS = {
     "max_sine": (k.P_MAX_SINE, ()), "trusted_error": (k.P_TRUSTED_ERROR, ()), "lever_error": (k.P_LEVER_ERROR, ()),
     "indentation": (k.P_INDENTATION, ()), "zero_across": (k.P_ZERO_ACROSS, ()), "zero_along": (k.P_ZERO_ALONG, ()),
     "speed_noise": (fk.P_SPEED_NOISE, ()), "slip_angle": (fk.P_SLIP_ANGLE, ()), "min_speed": (fk.P_MIN_SPEED, ()),
-    "give": (fk.P_YIELD, ()), "memory": (fk.P_MEMORY, ()), "leave": (fk.P_LEAVE, ()),
+    "hidden_compliance": (fk.P_HIDDEN_COMPLIANCE, ()), "memory": (fk.P_MEMORY, ()),
+    "wall_clearance": (fk.P_WALL_CLEARANCE, ()),
 }  # fmt: skip
 MEMORY = {
     "begun": (fk.S_BEGUN, ()), "time": (fk.S_TIME, ()), "force": (fk.S_FORCE, ()), "centre": (fk.S_CENTRE, (3,)),
@@ -295,7 +296,7 @@ def add_sliding(g, p, s, normal, total, force, travel, common):
         return False, total, slip
     across = np.cross(force / size, slip)
     sine = np.linalg.norm(across)
-    noise = np.hypot(np.sqrt(s.speed_var), change / max(dt, 1e-6) * p.give)
+    noise = np.hypot(np.sqrt(s.speed_var), change / max(dt, 1e-6) * p.hidden_compliance)
     if sine < 0.4 or not sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
         loosen_offset(p, s, 0.02)
         if s.streak > 0.0:
@@ -361,7 +362,7 @@ def remember(g, p, s, normal, total, travel):
 
 def ambiguous(g, p, s, normal, sigma):
     if s.ambiguous != 0.0:
-        if abs((g.centre - s.anchor) @ s.wall) > p.leave:
+        if abs((g.centre - s.anchor) @ s.wall) > p.wall_clearance:
             s.ambiguous = s.head = 0.0
     else:
         find_jump(g, p, s, normal, sigma)

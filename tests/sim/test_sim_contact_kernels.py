@@ -28,7 +28,7 @@ def as_array(rows):
         c[contact.STATIC] = c[contact.SLIDING] = c[contact.LIMIT] = row["friction"]
         c[contact.SHEAR], c[contact.PENETRATION], c[contact.LEVER] = row["shear"], row["penetration"], row["lever"]
         c[contact.BRISTLE : contact.BRISTLE + 3] = row["bristle"]
-        c[contact.CEILING] = -1.0
+        c[contact.FIXED_LIMIT] = -1.0
     return out
 
 

@@ -1,5 +1,8 @@
 """The guard: whatever happens to the planner, the motion stays inside its limits and comes to rest."""
 
+from contextlib import contextmanager
+from itertools import count
+
 import numpy as np
 import pytest
 import ruckig
@@ -31,30 +34,23 @@ from lwrprobe.trajectory.profile_kernels import (
 LIMITS = CartesianLimits(0.25, 2.0, 40.0, 1.0, 5.0, 100.0)
 
 
-class Failing:
-    """A planner that fails on chosen calls, in a chosen way."""
+@contextmanager
+def failing_planner(fails, how):
+    """Within it every planner fails on chosen calls, in a chosen way."""
+    solve, calls = Planner.solve, count(1)
 
-    def __init__(self, planner, fails, how):
-        self.planner, self.fails, self.how, self.calls = planner, fails, how, 0
-
-    @property
-    def pieces(self):
-        return self.planner.pieces
-
-    def solve(self, request, brakes):
-        self.calls += 1
-        solved = self.planner.solve(request, brakes)
-        if not self.fails(self.calls):
+    def failing(planner, request, brakes):
+        solved = solve(planner, request, brakes)
+        if not fails(next(calls)):
             return solved
-        if self.how == "refuses":
+        if how == "refuses":
             return False
-        self.planner.pieces *= 1.001 if self.how == "wrong" else np.nan
+        planner.pieces *= 1.001 if how == "wrong" else np.nan
         return True
 
-
-def with_planner(tip, fails, how):
-    tip._planners = [[tuple(Failing(p, fails, how) for p in pair) for pair in row] for row in tip._planners]
-    return tip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Planner, "solve", failing)
+        yield
 
 
 @pytest.mark.parametrize("how", ["refuses", "wrong", "nan"])
@@ -69,11 +65,11 @@ def test_a_planner_that_fails_for_good_ends_in_a_jerk_limited_stop(how):
         tip.set_goal(pose(*rng.uniform(-0.2, 0.2, 3), rng.normal(size=3)), 0.25)
         for _ in range(rng.integers(0, 200)):
             watch.step()
-        with_planner(tip, lambda call: True, how)
         moving = tip.velocity.any()
-        status = tip.set_goal(pose(*rng.uniform(-0.2, 0.2, 3)), 0.25)
-        for _ in range(1000):
-            status = watch.step()
+        with failing_planner(lambda call: True, how):
+            status = tip.set_goal(pose(*rng.uniform(-0.2, 0.2, 3)), 0.25)
+            for _ in range(1000):
+                status = watch.step()
         assert status == TrajectoryStatus.RESCUED
         assert not tip.velocity.any()
         assert not tip.arrived
@@ -82,17 +78,18 @@ def test_a_planner_that_fails_for_good_ends_in_a_jerk_limited_stop(how):
 
 def test_a_planner_that_fails_now_and_then_delays_the_goal_and_no_more():
     rng = np.random.default_rng(9)
-    watch = Watch(with_planner(CartesianTrajectory(1e-3, LIMITS), lambda call: rng.random() < 0.3, "refuses"))
+    watch = Watch(CartesianTrajectory(1e-3, LIMITS))
     tip = watch.tip
-    for _ in range(40):
-        goal = pose(*rng.uniform(-0.1, 0.1, 3), 0.3 * rng.normal(size=3))
-        tip.set_goal(goal, 0.25)
-        for _ in range(rng.integers(0, 100)):
-            watch.step()
-    for _ in range(3):
-        tip.set_goal(goal, 0.25)
-        for _ in range(2000):
-            watch.step()
+    with failing_planner(lambda call: rng.random() < 0.3, "refuses"):
+        for _ in range(40):
+            goal = pose(*rng.uniform(-0.1, 0.1, 3), 0.3 * rng.normal(size=3))
+            tip.set_goal(goal, 0.25)
+            for _ in range(rng.integers(0, 100)):
+                watch.step()
+        for _ in range(3):
+            tip.set_goal(goal, 0.25)
+            for _ in range(2000):
+                watch.step()
     assert tip.arrived
     assert np.abs(tip.pose - goal).max() < 1e-15
     assert tip.failures > 0
@@ -105,15 +102,15 @@ def test_joints_come_to_rest_inside_their_limits_without_a_planner():
     arm.set_goal(rng.uniform(-1.0, 1.0, n))
     for _ in range(300):
         arm.step()
-    arm._together = arm._alone = arm._stopper = Failing(arm._stopper, lambda call: True, "refuses")
-    assert arm.set_goal(np.zeros(n)) in (TrajectoryStatus.YIELDING, TrajectoryStatus.RESCUED)
-    last = arm.qdd.copy()
-    for _ in range(600):
-        status = arm.step()
-        assert (np.abs(arm.qd) <= 1.0 + 1e-9).all()
-        assert (np.abs(arm.qdd) <= 5.0 + 1e-9).all()
-        assert (np.abs(arm.qdd - last) <= 0.1 * (1.0 + 1e-9)).all()
+    with failing_planner(lambda call: True, "refuses"):
+        assert arm.set_goal(np.zeros(n)) in (TrajectoryStatus.YIELDING, TrajectoryStatus.RESCUED)
         last = arm.qdd.copy()
+        for _ in range(600):
+            status = arm.step()
+            assert (np.abs(arm.qd) <= 1.0 + 1e-9).all()
+            assert (np.abs(arm.qdd) <= 5.0 + 1e-9).all()
+            assert (np.abs(arm.qdd - last) <= 0.1 * (1.0 + 1e-9)).all()
+            last = arm.qdd.copy()
     assert status == TrajectoryStatus.RESCUED
     assert not arm.qd.any()
     assert not arm.arrived

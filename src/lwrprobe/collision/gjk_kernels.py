@@ -57,7 +57,7 @@ def weigh(simplex, work, count):
                 z += share * simplex[j, 2]
         length2 = x * x + y * y + z * z
         if s == 15 and length2 > TOLERANCE * TOLERANCE:
-            continue  # a whole tetrahedron holds the origin; one that does not is too flat to be told
+            continue  # a whole tetrahedron holds the origin; one that does not is too flat to decide
         if length2 < best:
             best = length2
             for j in range(4):
@@ -90,7 +90,7 @@ def core_distance(a, b, simplex, work, cutoff, pair):
         simplex[count, 3], simplex[count, 4], simplex[count, 5] = a0, a1, a2
         shorter = weigh(simplex, work, count + 1)
         if shorter >= length2:
-            break  # rounding has the last word: the older, shorter vector stands
+            break  # only rounding is left: keep the older, shorter vector
         length2 = shorter
         v0, v1, v2, p0, p1, p2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         kept = 0

@@ -1,4 +1,4 @@
-"""The most urgent of several groups of links, asked again and again (kernels, private).
+"""The most urgent of several groups of links, for repeated queries (kernels, private).
 
 From one call to the next little changes, and that is used twice. A group cannot have come nearer than its distance then
 less the way of its farthest point since: while that bound says enough, nothing is measured. And the place on the map
@@ -59,7 +59,7 @@ def way_since(group, tip, frames):
 
 @allocation_free_kernel
 def stand(group, tip, frames):
-    """Note where the carriers are now."""
+    """Store the present poses of the carriers."""
     for c in range((group.size - CARRIERS) // CARRIER):
         at = CARRIERS + c * CARRIER
         pose = tip if c == 0 else frames[c - 1]
@@ -71,7 +71,7 @@ def stand(group, tip, frames):
 
 @kernel
 def measure_to_map(words, shapes, held):
-    """Nearest pair of links and voxels, from the answer held before on."""
+    """Nearest pair of links and voxels, starting from the last answer."""
     x, y, z = held[ON_MAP], held[ON_MAP + 1], held[ON_MAP + 2]
     forget(held)
     if x == x:  # not NaN: a place in a voxel, and voxels stay

@@ -6,9 +6,9 @@ import math
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
 
-# params: what the conditioner is set to
+# params
 P_RANGE = 0  # 6, readings at or beyond it are saturated
-P_HUGE = 6  # 6, readings beyond it are no readings
+P_HUGE = 6  # 6, readings beyond it are invalid
 P_BIAS = 12  # 6
 P_MASS = 18  # 1, of the payload
 P_MOMENT = 19  # 3, mass times centre of mass
@@ -18,10 +18,10 @@ P_FROZEN = 25  # 1, equal readings in a row that mean a frozen stream, 0 = never
 P_GRAVITY = 26
 PARAMS = 27
 
-# state: what the conditioner remembers
+# state
 S_GOOD = 0  # 6, last confirmed wrench, unfiltered
 S_SUSPECT = 6  # 6, last unconfirmed wrench
-S_OUT = 12  # 6, last wrench handed out (the filter's state)
+S_OUT = 12  # 6, last output wrench (the filter's state)
 S_RAW = 18  # 6, last raw reading
 S_TIME = 24
 STATE = 25
@@ -82,7 +82,7 @@ def condition(raw, rotation, stamp, params, state, counts, out):
 
 @kernel
 def _value_status(raw, status, params, counts):
-    """INVALID for a NaN, an infinity, or what no sensor of this range can report."""
+    """INVALID for a NaN, an infinity, or a value that a sensor of this range cannot report."""
     good = status & INVALID == 0
     for i in range(6):
         good = good and abs(raw[i]) <= params[P_HUGE + i]  # false for NaN
@@ -96,7 +96,7 @@ def _value_status(raw, status, params, counts):
 
 @kernel
 def _order_status(stamp, state, counts):
-    """FROZEN, LATE or LOST_BEFORE by sequence and time; remembers both when they moved on."""
+    """FROZEN, LATE or LOST_BEFORE from sequence and time; stores both when they have increased."""
     if not math.isfinite(stamp[0]):
         return INVALID
     status = 0
@@ -121,7 +121,7 @@ def _order_status(stamp, state, counts):
 
 @kernel
 def _equal_run(raw, params, state, counts):
-    """FROZEN when all six values have stood still for longer than the sensor's noise allows."""
+    """FROZEN when all six values have been equal for longer than the sensor's noise allows."""
     for i in range(6):
         if raw[i] != state[S_RAW + i]:
             counts[C_EQUAL_RUN] = 0
@@ -135,7 +135,7 @@ def _equal_run(raw, params, state, counts):
 
 @kernel
 def _take(raw, rotation, params, state, counts, out):
-    """Remove bias and payload, judge range and jumps, filter."""
+    """Remove bias and payload, check range and jumps, filter."""
     status = 0
     for i in range(6):
         state[S_RAW + i] = raw[i]
@@ -175,7 +175,7 @@ def _is_spike(wrench, params, state, counts):
             confirmed = confirmed or (counts[C_IS_SUSPECT] != 0 and onward > 0.0)
     spike = jumped and not confirmed
     if counts[C_IS_SUSPECT] and not confirmed:
-        counts[C_SPIKES] += 1  # what was suspected was not followed by its like
+        counts[C_SPIKES] += 1  # the next reading did not confirm the jump
     counts[C_IS_SUSPECT] = 1 if spike else 0
     if spike:
         for i in range(6):

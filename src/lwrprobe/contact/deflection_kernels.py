@@ -1,4 +1,4 @@
-"""Kernels of deflection: where force pushes the sphere away from where the joints say it is."""
+"""Kernels of deflection: displacement of the sphere under force from its place by forward kinematics."""
 
 from __future__ import annotations
 

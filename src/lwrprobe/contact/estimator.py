@@ -201,11 +201,11 @@ class FusedEstimator:
     def __init__(self, probe: Probe, settings: Settings) -> None:
         self._params = shared_params(probe, settings, fused_kernels.PARAMS)
         self._params[fused_kernels.P_SPEED_NOISE] = settings.speed_noise
-        self._params[fused_kernels.P_YIELD] = settings.hidden_compliance
+        self._params[fused_kernels.P_HIDDEN_COMPLIANCE] = settings.hidden_compliance
         self._params[fused_kernels.P_SLIP_ANGLE] = 0.003
         self._params[fused_kernels.P_MIN_SPEED] = max(2e-3, 3.0 * settings.speed_noise)
         self._params[fused_kernels.P_MEMORY] = 0.25
-        self._params[fused_kernels.P_LEAVE] = 1.5e-4
+        self._params[fused_kernels.P_WALL_CLEARANCE] = 1.5e-4
         self._state = np.zeros(fused_kernels.STATE)
         self._state[fused_kernels.S_FRICTION] = 0.3
         self._state[fused_kernels.S_FRICTION_VAR] = 0.3**2

@@ -1,14 +1,14 @@
 """Kernel of the fused estimator.
 
-What is known about the normal n is a sum of quadratic forms n' J n, each zero along the normal that its source
-speaks for; their sum is smallest along the fused one. With f the force on the sphere, v the slip of the contact
+Each source of information about the normal n is a quadratic form n' J n, which is zero along the normal of that
+source. The fused normal minimises their sum. With f the force on the sphere, v the slip of the contact
 point, f^ and v^ their directions, phi = atan(mu):
 
-- wrench axis: J = [f]x' C⁻¹ [f]x, about the point where the line of action enters the sphere. Always there.
-- motion: n is perpendicular to the centre's velocity while the surface is followed.
+- wrench axis: J = [f]x' C⁻¹ [f]x, about the point where the line of action enters the sphere. Always used.
+- motion: n is perpendicular to the centre's velocity while the sphere slides.
 - friction plane: while sliding, friction opposes the slip: n lies in the plane of f and v.
 - friction angle: while sliding, n is phi away from f, on the side v points to; at rest, within phi of f.
-- memory: the last normal, spread by what may have turned since.
+- memory: the last normal, with a variance that grows with path and time.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ from lwrprobe.contact.kernels import (
 # own params
 P_SPEED_NOISE = P_OWN  # m/s
 P_SLIP_ANGLE = P_OWN + 1  # rad, how far friction may point off the slip
-P_MIN_SPEED = P_OWN + 2  # m/s, below it nothing is said about sliding
-P_YIELD = P_OWN + 3  # m/N, compliance that velocities do not contain
-P_MEMORY = P_OWN + 4  # s without contact after which the surface is forgotten
-P_LEAVE = P_OWN + 5  # m by which a wall must be left to count as left
+P_MIN_SPEED = P_OWN + 2  # m/s, below it sliding is not assumed
+P_HIDDEN_COMPLIANCE = P_OWN + 3  # m/N, compliance that velocities do not contain
+P_MEMORY = P_OWN + 4  # s without contact after which the memory is reset
+P_WALL_CLEARANCE = P_OWN + 5  # m by which a wall must be left to count as left
 PARAMS = P_OWN + 6
 
 # state
@@ -77,14 +77,14 @@ S_ANCHOR = 33  # 3, centre where the normal jumped
 S_WALL = 36  # 3, normal before the jump
 S_PATH = 39  # m, since the surface was begun
 S_STREAK = 40  # samples in a row that slid
-S_TURN = 41  # 3, 1/m, change of the normal over the way
+S_TURN = 41  # 3, 1/m, change of the normal per metre of path
 S_BEFORE = 44  # 3, the normal S_TURN_WAY ago
-S_OFFSET = 47  # 3, N, sensor frame: what the zero's wandering adds to m
+S_OFFSET = 47  # 3, N, sensor frame: effect of the zero drift on m
 S_OFFSET_COV = 50  # 9
 S_OFFSET_TIME = 59
 S_ZEROING = 60
 S_VELOCITY = 61  # 3, m/s, the last one
-S_SPEED_VAR = 64  # m²/s², of each of the velocity's axes, as it flickers
+S_SPEED_VAR = 64  # m²/s², noise variance of each velocity axis
 S_TURN_WAY = 65
 S_RING_TIME = 66
 S_HEAD = 67
@@ -95,28 +95,28 @@ STATE = S_RING + RING * ROW
 
 _RUN = 0.15  # weight of a new sample in the running mismatch
 _GATE = 13.8  # chi-squared, 2 degrees of freedom, 0.1 %
-_REST_SPREAD = 0.019  # rad per square root of a second by which the memory fades at rest
+_REST_DRIFT = 0.019  # rad per square root of a second by which the memory fades at rest
 _JUMP_MARGIN = 0.26  # rad beyond what rolling and noise explain
 _FRICTION_STEP = 0.05  # change of mu over a centimetre
-_FLICKER = 0.1  # weight of a new sample in the running noise of the velocity
-_TURN_MEMORY = 6e-4  # m of way over which the turn of late is averaged
-_TURN_SHARE = 0.2  # and the most that one look at it may count
-_TURN_WAY = 1e-4  # m over which a turn of the normal is looked at, at least
-_TURN_ERRORS = 4.0  # and so many errors of the normal times the sphere's radius
+_VELOCITY_WEIGHT = 0.1  # weight of a new sample in the running noise of the velocity
+_TURN_MEMORY = 6e-4  # m of path over which the rate of turn is averaged
+_TURN_SHARE = 0.2  # largest weight of one measurement of it
+_TURN_WAY = 1e-4  # m, shortest path over which a turn of the normal is measured
+_TURN_ERRORS = 4.0  # the same in errors of the normal times the sphere's radius
 _RING_TIME = 0.006  # s at least between two rows of the ring
-_STREAK = 8.0  # samples of sliding before friction is learnt: time for the running mismatch to speak
+_STREAK = 8.0  # samples of sliding before friction is estimated: the running mismatch needs them
 _OFFSET_STREAK = 4.0  # the same before the sensor's zero is
-_ZERO_TIME = 120.0  # s in which a learnt zero is forgotten
-_LOOSEN = 0.02  # share by which it is forgotten with every sample that contradicts sliding
-_REAL = 0.3  # share of speed times period that the centre must really have moved to slide
+_ZERO_TIME = 120.0  # s, time constant of the zero drift's variance
+_REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that contradicts sliding
+_MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
-_OBLIQUE = 0.4  # least sine between force and slip for sliding
+_MIN_SINE = 0.4  # least sine between force and slip for sliding
 _AMBIGUOUS_TRUST = 0.3
 
 
 @kernel
 def fused(given, params, state, out):
-    """One sample; the state is what earlier ones have taught. Returns the reason."""
+    """Estimate the contact of one sample and update the state; returns the reason."""
     reason = screen(given, params)
     if reason != GOOD:
         return refuse(given, reason, params, out)
@@ -158,7 +158,7 @@ def fused(given, params, state, out):
 
 @kernel
 def age_offset(given, params, state):
-    """Let the offset's variance grow with time, up to what it was at first; start anew when the zero was moved."""
+    """Increase the offset's variance with time up to its initial value; reset it when the zero was moved."""
     across, along = params[P_ZERO_ACROSS], params[P_ZERO_ALONG]
     at = S_OFFSET_COV
     if state[at] <= 0.0 or state[S_ZEROING] != given[I_ZEROING]:
@@ -198,7 +198,7 @@ def add_offset(state, raw, m, cov):
 
 @kernel
 def learn_offset(given, params, state, raw, cov, out):
-    """Kalman step on the offset: while sliding the normal is known without torque, and with it what m should be."""
+    """Kalman step on the offset: while sliding, the normal is known without torque, which predicts m."""
     speed = magnitude(given, I_VELOCITY)
     if state[S_STREAK] < _OFFSET_STREAK or speed < params[P_MIN_SPEED]:
         return
@@ -236,7 +236,7 @@ def learn_offset(given, params, state, raw, cov, out):
 
 @kernel
 def sliding_normal(given, out, speed, n):
-    """n along f - (f.v^) v^, the normal of a surface that is followed; returns f.v^ and the length before scaling."""
+    """n along f - (f.v^) v^, the normal of a sliding contact; returns f.v^ and the length before scaling."""
     along = 0.0
     for i in range(3):
         along += out[O_FORCE + i] * given[I_VELOCITY + i] / speed
@@ -282,9 +282,9 @@ def add_square(total, a0, a1, a2, weight):
 
 @kernel
 def advance(given, params, state):
-    """Carry the memory over the way since the last sample, and return that way [m].
+    """Predict the memory over the path since the last sample, and return the length of that path [m].
 
-    Forgets the surface after too long a time or a leap.
+    Resets the memory after too long a time or too large a step.
     """
     if state[S_BEGUN] == 0.0:
         return 0.0
@@ -298,7 +298,7 @@ def advance(given, params, state):
         return 0.0
     predict(state, travel)
     # An offset surface turns at most 1 / r per metre; half of it as one standard deviation.
-    spread(state, (0.5 * travel / params[P_RADIUS]) ** 2 + _REST_SPREAD**2 * dt)
+    spread(state, (0.5 * travel / params[P_RADIUS]) ** 2 + _REST_DRIFT**2 * dt)
     state[S_PATH] += travel
     state[S_FRICTION_VAR] += (_FRICTION_STEP * travel / 0.01) ** 2
     return travel
@@ -315,12 +315,12 @@ def watch_velocity(given, params, state):
     if state[S_BEGUN] == 0.0:
         state[S_SPEED_VAR] = floor
     else:
-        state[S_SPEED_VAR] = max(floor, state[S_SPEED_VAR] + _FLICKER * (square / 6.0 - state[S_SPEED_VAR]))
+        state[S_SPEED_VAR] = max(floor, state[S_SPEED_VAR] + _VELOCITY_WEIGHT * (square / 6.0 - state[S_SPEED_VAR]))
 
 
 @kernel
 def predict(state, travel):
-    """Turn the remembered normal on as it turned of late."""
+    """Extrapolate the remembered normal with its recent rate of turn."""
     normal, info = state[S_NORMAL : S_NORMAL + 3], state[S_INFO : S_INFO + 9].reshape((3, 3))
     for i in range(3):
         normal[i] += state[S_TURN + i] * travel
@@ -332,7 +332,7 @@ def predict(state, travel):
 
 @kernel
 def learn_turn(state, normal, sigma, travel, radius):
-    """Running mean of the normal's change over a way on which it shows beyond its error; at most 1 / radius."""
+    """Running mean of the rate of turn, measured over a path on which it exceeds the error; at most 1 / radius."""
     state[S_TURN_WAY] += travel
     if state[S_TURN_WAY] < max(_TURN_WAY, _TURN_ERRORS * sigma * radius):
         return
@@ -382,12 +382,12 @@ def spread(state, variance):
 def add_sliding(given, params, state, normal, total, out, slip, travel, common):
     """Motion and friction plane, if the wrench axis does not contradict them; `slip` gets the unit slip direction.
 
-    Returns whether the sphere slides as far as can be told.
+    Returns whether the sphere slides.
     """
     speed = magnitude(given, I_VELOCITY)
     slip_speed = slip_velocity(given, state, normal, params, slip)
     dt = given[I_TIME] - state[S_TIME]
-    if state[S_BEGUN] == 0.0 or slip_speed < params[P_MIN_SPEED] or travel < _REAL * speed * dt:
+    if state[S_BEGUN] == 0.0 or slip_speed < params[P_MIN_SPEED] or travel < _MIN_TRAVEL * speed * dt:
         state[S_STREAK] = 0.0
         return False
     f0, f1, f2 = out[O_FORCE], out[O_FORCE + 1], out[O_FORCE + 2]
@@ -396,10 +396,10 @@ def add_sliding(given, params, state, normal, total, out, slip, travel, common):
         return False  # the tip moves into the surface or off it
     w0, w1, w2 = cross(f0 / force, f1 / force, f2 / force, slip[0], slip[1], slip[2])
     oblique = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-    drift = abs(force - state[S_FORCE]) / max(dt, 1e-6) * params[P_YIELD]
+    drift = abs(force - state[S_FORCE]) / max(dt, 1e-6) * params[P_HIDDEN_COMPLIANCE]
     noise = math.sqrt(state[S_SPEED_VAR] + drift * drift)
-    if oblique < _OBLIQUE or not sliding_agrees(given, params, state, normal, total, out, speed, noise, common):
-        loosen_offset(params, state, _LOOSEN)
+    if oblique < _MIN_SINE or not sliding_agrees(given, params, state, normal, total, out, speed, noise, common):
+        loosen_offset(params, state, _REFUTED_GROWTH)
         if state[S_STREAK] > 0.0:
             forget_normal(state)
         state[S_STREAK] = 0.0
@@ -418,7 +418,7 @@ def add_sliding(given, params, state, normal, total, out, slip, travel, common):
 
 @kernel
 def forget_normal(state):
-    """Take back what the memory holds: it rested on sliding that is now refuted."""
+    """Clear the remembered information: it assumed sliding, which is now refuted."""
     for i in range(9):
         state[S_INFO + i] = 0.0
 
@@ -460,7 +460,7 @@ def sliding_agrees(given, params, state, normal, total, out, speed, noise, commo
     v, guess = np.empty(3), np.empty(3)
     along, size = sliding_normal(given, out, speed, guess)
     aim = (noise / speed) ** 2 + params[P_SLIP_ANGLE] ** 2
-    # friction that pushes along is no friction
+    # friction opposes the slip
     if size <= 0.0 or along > 3.0 * (params[P_FORCE_NOISE] + size * math.sqrt(aim)):
         return False
     for i in range(3):
@@ -514,7 +514,7 @@ def add_friction(given, params, mu, mu_var, sliding, slip, total, out):
 
 @kernel
 def add_memory(state, normal, total):
-    """The remembered normal, the less the more this sample's own sources contradict it (an edge, or an outlier)."""
+    """Add the remembered normal, with less weight where this sample contradicts it (an edge, or an outlier)."""
     if state[S_BEGUN] == 0.0:
         return
     mean = np.empty(3)
@@ -604,7 +604,7 @@ def learn_friction(given, params, state, normal, total, slip, out):
 
 @kernel
 def ambiguous(given, params, state, normal, sigma):
-    """Whether the normal turned more than one contact of a sphere can since some sample of late.
+    """Whether the normal has turned more since a recent sample than a single contact of a sphere allows.
 
     A single contact's normal turns at most 1 / r per metre of the centre's way at a convex edge. A second wall makes
     it jump; it stays ambiguous until the centre has left the first wall's plane.
@@ -613,7 +613,7 @@ def ambiguous(given, params, state, normal, sigma):
         left = 0.0
         for i in range(3):
             left += (given[I_CENTRE + i] - state[S_ANCHOR + i]) * state[S_WALL + i]
-        if abs(left) > params[P_LEAVE]:
+        if abs(left) > params[P_WALL_CLEARANCE]:
             state[S_AMBIGUOUS] = 0.0
             state[S_HEAD] = 0.0
     else:
@@ -633,7 +633,7 @@ def ambiguous(given, params, state, normal, sigma):
 
 @kernel
 def find_jump(given, params, state, normal, sigma):
-    """Compare the normal with the last ones; where it jumped, note place and wall."""
+    """Compare the normal with the last ones; after a jump, store the place and the earlier normal."""
     kept = min(int(state[S_HEAD]), RING)
     for k in range(kept):
         row = S_RING + ROW * k

@@ -31,10 +31,10 @@ P_FORCE_NOISE = 5
 P_TORQUE_NOISE = 6
 P_NEAR_ZERO = 7  # N
 P_MAX_SINE = 8  # sine of the largest friction angle
-P_TRUSTED_ERROR = 9  # rad, expected error of the normal at which the trust is 1/2
+P_TRUSTED_ERROR = 9  # rad, expected error of the normal at which the confidence is 1/2
 P_LEVER_ERROR = 10  # m, how well the sphere's centre is known in the sensor frame
 P_INDENTATION = 11  # m/N, of the object under the sphere
-P_ZERO_ACROSS = 12  # N², variance of m through the wandering of the sensor's zero, across the stick
+P_ZERO_ACROSS = 12  # N², variance of m through the drift of the sensor's zero, across the stick
 P_ZERO_ALONG = 13  # N², along it
 P_OWN = 14  # an estimator's own settings begin here
 
@@ -66,7 +66,7 @@ _UNCONFIRMED = 1 << 16
 
 @kernel
 def screen(given, params):
-    """What rules a sample out before any geometry: status flags, and a force too near zero."""
+    """Reject a sample by its status flags, by numbers that are not finite, or by a force near zero."""
     status = int(given[I_STATUS])
     if status & _INVALID:
         return INVALID_WRENCH
@@ -169,7 +169,7 @@ def meet_sphere(given, m, limit, u):
 
 @kernel
 def axis_information(given, u, cov, info):
-    """Information (3, 3) about u that m = u x f holds: P [f]x' C⁻¹ [f]x P, C the covariance of m, P = 1 - u u'."""
+    """Information (3, 3) about u from m = u x f: P [f]x' C⁻¹ [f]x P, C the covariance of m, P = 1 - u u'."""
     inv = invert(cov)
     f0, f1, f2 = given[0], given[1], given[2]
     # rows of [f]x times the inverse, then times [f]x again
@@ -187,7 +187,7 @@ def axis_information(given, u, cov, info):
 
 @kernel
 def project(info, n):
-    """info <- P info P with P = 1 - n n': what it says about turns of n."""
+    """info <- P info P with P = 1 - n n': the information about rotations of n."""
     t0 = info[0, 0] * n[0] + info[0, 1] * n[1] + info[0, 2] * n[2]
     t1 = info[1, 0] * n[0] + info[1, 1] * n[1] + info[1, 2] * n[2]
     t2 = info[2, 0] * n[0] + info[2, 1] * n[1] + info[2, 2] * n[2]
@@ -259,9 +259,9 @@ def deliver(given, u, sigma, reason, params, out):
 
 @kernel
 def deliver_world(given, normal, sigma, reason, params, out):
-    """Fill point, normal and trust; the force is there. Returns the reason, IMPRECISE where sigma speaks against.
+    """Fill point, normal and confidence; the force is set already. Returns the reason, IMPRECISE for a large sigma.
 
-    The undisturbed surface lies where the sphere would touch it without force: nearer by indentation times force.
+    The undeformed surface is nearer to the centre than the radius, by indentation times force.
     """
     push = 0.0
     for i in range(3):
@@ -281,7 +281,7 @@ def deliver_world(given, normal, sigma, reason, params, out):
 
 @kernel
 def refuse(given, reason, params, out):
-    """Output of a sample that tells no contact point: along the force where there is one, and no trust."""
+    """Output of a sample without a contact point: the normal along the force if there is one, confidence 0."""
     rotate(given, given, out, O_FORCE)
     size = magnitude(out, O_FORCE)
     if not math.isfinite(size):
@@ -298,7 +298,7 @@ def refuse(given, reason, params, out):
 
 @kernel
 def prepare(given, params, u, m, cov):
-    """u against the force, the torque m about the centre, and its covariance there without the zero's wandering."""
+    """u against the force, the torque m about the centre, and its covariance there without the drift of the zero."""
     f = magnitude(given, I_FORCE)
     for i in range(3):
         u[i] = -given[i] / f
@@ -308,7 +308,7 @@ def prepare(given, params, u, m, cov):
 
 @kernel
 def add_zero_variance(params, cov):
-    """What the wandering of the sensor's zero adds to the covariance of m."""
+    """Add the drift of the sensor's zero to the covariance of m."""
     cov[0, 0] += params[P_ZERO_ACROSS]
     cov[1, 1] += params[P_ZERO_ACROSS]
     cov[2, 2] += params[P_ZERO_ALONG]
@@ -324,7 +324,7 @@ def check_axis(given, params, m, cov):
 
 @kernel
 def force_direction(given, params, out):
-    """The normal is where the force points: no friction assumed."""
+    """The normal is the direction of the force: no friction assumed."""
     reason = screen(given, params)
     if reason != GOOD:
         return refuse(given, reason, params, out)

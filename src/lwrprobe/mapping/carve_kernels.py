@@ -57,7 +57,7 @@ def carve_piece(words, a, d, radius):
 
 @kernel
 def carve_path(words, path, radius, first):
-    """Set the voxels swept along path[first:] by a sphere; first segment left for want of room, or their number.
+    """Set the voxels swept along path[first:] by a sphere; first segment that did not fit, or their number.
 
     One point alone is a segment of no length.
     """

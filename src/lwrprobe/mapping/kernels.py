@@ -107,7 +107,7 @@ def link_at(words, node, child, level):
     if level == 1:
         place = node + 1 + child
         return np.int64(FULL) if words[place] == -1 else place
-    # half a word, picked by a shift, since a branch on the child's number is a throw of the dice
+    # half a word, selected by a shift, since a branch on the child's number cannot be predicted
     return (words[node + 1 + (child >> 1)] << (32 - ((child & 1) << 5))) >> 32
 
 
@@ -186,7 +186,7 @@ def entry_of(kx, ky, kz):
 
 @allocation_free_kernel
 def indexed(words, slot, key):
-    """Place of a node of level 1 by the index, 0 where that knows it not."""
+    """Place of a node of level 1 by the index, 0 where the index does not hold it."""
     place = words[slot] ^ key
     return place if place >> PLACE_BITS == 0 else np.int64(0)
 
@@ -248,7 +248,7 @@ def insert_point(words, x, y, z):
 
 @allocation_free_kernel
 def insert_points(words, points, first):
-    """Set the voxels of points[first:]; number of the first point left for want of room, or the number of points."""
+    """Set the voxels of points[first:]; number of the first point that did not fit, or the number of points."""
     scale = real(words[SCALE])
     for i in range(first, points.shape[0]):
         kx, ky, kz = key_of(points[i, 0], scale), key_of(points[i, 1], scale), key_of(points[i, 2], scale)

@@ -1,4 +1,4 @@
-"""A way gathered place by place, as long as it is straight (kernels, private).
+"""A path collected position by position, as long as it is straight (kernels, private).
 
 Row 0 of a way holds the number of its places and the map's voxel edge, the rows below the places.
 """
@@ -13,12 +13,12 @@ MOST_PLACES = 32
 LONGEST = 8.0
 """Voxels: longer pieces would be carved in parts anyway."""
 STRAIGHT = 0.005
-"""Voxels, as far as a place may lie beside the line: 10 um for voxels of 2 mm, a fifth of the arm's repeatability."""
+"""Voxels, largest distance from the line: 10 um for voxels of 2 mm, a fifth of the arm's repeatability."""
 
 
 @kernel
 def extend(way, x, y, z):
-    """Add a place, unless the way would no longer be one straight piece; whether it was added.
+    """Add a position, unless the path would no longer be one straight piece; returns whether it was added.
 
     A place where the sphere already is, is not added once there are two.
     """
@@ -37,7 +37,7 @@ def extend(way, x, y, z):
             ux, uy, uz = way[i, 0] - way[1, 0], way[i, 1] - way[1, 1], way[i, 2] - way[1, 2]
             share = (ux * dx + uy * dy + uz * dz) / length2 if length2 > 0.0 else 0.0
             if not done <= share <= 1.0:
-                return False  # it has turned back
+                return False  # it has reversed
             done = share
             off2 = (ux - share * dx) ** 2 + (uy - share * dy) ** 2 + (uz - share * dz) ** 2
             if off2 > (STRAIGHT * edge) ** 2:

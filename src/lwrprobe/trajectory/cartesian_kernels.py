@@ -69,7 +69,7 @@ SETTLED, STRAIGHT, BENT, UNFIT = 0, 1, 2, 3
 SHARES = (0.1, 0.2, 0.35, 0.5, 0.7071, 0.85, 0.95)
 """Shares of the limits offered to the axes across the way, smallest first."""
 TURN_RESERVE = 0.8
-"""Share of the turning limits used while the turning axis changes: the rest is for what the rotation vector hides."""
+"""Share of the turning limits used while the turning axis changes: the rest is a margin for omitted terms."""
 FARTHEST = 1e6
 """m, largest coordinate of a goal."""
 
@@ -405,7 +405,7 @@ def brake(state, aim, old, plan, facts):
 
 @kernel
 def ramp_to_rest(v, accel, jerk, plan, group):
-    """One straight ramp along the velocity."""
+    """One straight ramp down along the velocity."""
     frame = frame_of(plan, group)
     speed = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     for i in range(3):

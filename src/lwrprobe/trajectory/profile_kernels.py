@@ -45,7 +45,7 @@ UNREACHED = 100.0
 
 @kernel
 def settle(request, first, end, kind, max_rate, max_second):
-    """Mark the axes that move towards a position or a velocity and set what is nothing to exactly nothing.
+    """Mark the axes that move towards a position or a velocity and set values below the thresholds to exactly zero.
 
     TARGET comes as what is left to go, for a velocity the change of it, which becomes the velocity itself. Returns
     the number of axes that move.
@@ -160,7 +160,7 @@ def axis_need(request, i, jerk):
 
 @kernel
 def load(plan, request, facts, pieces):
-    """Turn the planner's pieces (see `Planner`) into a plan; False where they are not right."""
+    """Turn the planner's pieces (see `Planner`) into a plan; False where they break a limit or miss the target."""
     facts[DURATION] = facts[FAST_UNTIL] = 0.0
     at, brake_at = 0, 0
     for i in range(request.shape[1]):

@@ -1,4 +1,4 @@
-"""Set points for the next cycles in one call: plan, inverse kinematics and the last look at each of them."""
+"""Set points for the next cycles in one call: plan, inverse kinematics and the final check of each of them."""
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.exploration.safety.motion_guard_kernels import GOOD, POSITION, check, clamp
@@ -6,11 +6,11 @@ from lwrprobe.kinematics.ik_kernels import CONVERGED, track
 from lwrprobe.trajectory.cartesian_kernels import STATE_MOTION, advance
 
 RESTING, STEPPING, STEPPED = range(3)
-"""How the plan goes on: it does not; with every row; with every row but the first, which has been stepped already."""
+"""How the plan advances: not at all; with every row; with every row but the first, which was advanced already."""
 
 ALL, DUE, BLOCKED, REFUSED = range(4)
-"""How it ended: with the last row; something is due on the plan in the next row, whose step is made; the last row is
-the nearest to a pose out of reach; the next row must not be sent."""
+"""How it ended: with the last row; before the next row, for which an event of the plan is due; with a row that is the
+nearest to a pose out of reach; before a row that the guard refuses."""
 
 
 @kernel
@@ -18,15 +18,16 @@ def generate(
     plan, state, time, event, cycle, going, table, q, step, measured,
     chain, limits, guard, peaks, rows, velocities, first, last,
 ):  # fmt: skip
-    """Set points into `rows` (m, n) from row `first` up to `last`, from the joints q (n,) on; the tip's velocities into
-    `velocities` (m, 3).
+    """Write set points into the rows `first` to `last` of `rows` (m, n), starting from the joints q (n,).
 
-    `plan`, `state` and `time` [s] are those of `cartesian_kernels`, something is due at `event`; `table` is the one of
-    `ik_kernels`; `step` (n,) is what a joint may move in a cycle [s]. `measured` (n,) and what follows it goes to
-    `guard_kernels.check`: where the joints are is known for the first row alone.
+    The tip's velocities go into `velocities` (m, 3).
 
-    Returns the row behind the last one laid and how it ended; the time on the plan then; how many steps were cut down
-    to the joints' speeds; the status of the last row's inverse kinematics, or the guard's verdict where it refused.
+    `plan`, `state` and `time` [s] are those of `cartesian_kernels`; the next event of the plan is at `event` [s].
+    `table` is the one of `ik_kernels`; `step` (n,) is the largest motion of each joint in a cycle [s]. `measured` (n,)
+    and the arguments after it are those of `motion_guard_kernels.check`: measured joints exist for the first row alone.
+
+    Returns the row after the last one written and how it ended; the time on the plan; the number of steps that were
+    reduced to the joints' speeds; the status of the last row's inverse kinematics, or the guard's verdict.
     """
     n = q.shape[0]
     pose = state[:16].reshape(4, 4)

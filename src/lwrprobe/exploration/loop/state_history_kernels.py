@@ -56,7 +56,7 @@ def tip_at(ring, count, time, chain, q, pose, velocity):
 
 @kernel
 def acceleration(ring, count):
-    """m/s^2 of the tip over the last cycle, infinite where that is not known."""
+    """m/s^2 of the tip over the last cycle, infinite without two earlier states."""
     length = ring.shape[0]
     if count < 2:
         return float("inf")

@@ -30,7 +30,7 @@ _SLACK = 1.0 + 1e-9
 
 @kernel
 def clamp(q, wanted, step):
-    """Largest share of a step (n,) that a joint takes from q to `wanted`; more than one is cut down to one in place."""
+    """Largest share of a step (n,) that a joint takes from q to `wanted`; reduced to one in place if larger."""
     used = 0.0
     for i in range(len(q)):
         used = max(used, abs(wanted[i] - q[i]) / step[i])
@@ -103,7 +103,7 @@ def _tip(x, y, z, cycle, count, limits, state, peaks):
         if _beyond(speed, limits[TIP_SPEED], TIP, state, peaks):
             return TIP_FAST
     height = limits[TABLE] * x + limits[TABLE + 1] * y + limits[TABLE + 2] * z
-    # What already lies too low may rise.
+    # A tip that is already too low may move up.
     if height < limits[FLOOR] and (count == 0.0 or height < _height(state, limits)):
         state[SHARE, 0], state[SHARE, 1] = height, limits[FLOOR]
         return IN_TABLE

@@ -1,4 +1,4 @@
-"""Whether two places of the sphere contradict each other (kernels, private)."""
+"""Detection of object motion: two places of the sphere that one rigid surface cannot explain (kernels, private)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lwrprobe.compiled import allocation_free_kernel as kernel
 
 @kernel
 def deepest(places, normals, count, centre, normal, touching, aside, reach):
-    """m, by which `centre` and one of the `count` earlier `places` say that the surface has moved; 0 where none does.
+    """m, by which the surface has moved between one of the `count` earlier `places` and `centre`; 0 if it has not.
 
     An earlier touch says that nothing can be behind it along its normal; a touch now says so of all earlier places.
     Only places within `aside` m of that normal's line and `reach` m along it are asked. `normals` are zero where
