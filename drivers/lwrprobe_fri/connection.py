@@ -39,7 +39,7 @@ class Arrival:
 
 
 class Connection:
-    """What the arm asks and is told; used by one thread at a time."""
+    """Requests to the arm and its answers; used by one thread at a time."""
 
     def __init__(self, config: FriConfig) -> None:
         self.config = config

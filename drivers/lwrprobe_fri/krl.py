@@ -41,7 +41,7 @@ class Program:
         return tuple(words)
 
     def claims_started(self, measurement: Measurement) -> bool:
-        """The program believes that it has called friStart; the state may say otherwise."""
+        """The program's state says that it has called friStart; the state may say otherwise."""
         return measurement.krl_int[self.answer] == self.started
 
 

@@ -231,7 +231,7 @@ def test_a_wandered_zero_is_learnt_while_sliding_and_forgotten_when_it_is_moved(
 
 
 def test_a_noisy_velocity_is_noticed():
-    """3 mm/s on 20 mm/s: the velocity is believed less, the result no worse than the wrench axis alone."""
+    """3 mm/s on 20 mm/s: the velocity gets less weight, the result no worse than the wrench axis alone."""
     errors, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3)
     axis, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3, name="wrench_axis")
     assert np.median(errors[:, 0]) < np.median(axis[:, 0])

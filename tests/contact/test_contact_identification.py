@@ -45,7 +45,7 @@ def test_the_bias_is_that_of_free_space_whatever_was_touched_at_first(force, lea
 
 def test_a_touch_that_does_not_end_gives_no_bias():
     place, conditioner = Place((0, 0, -3.0), 99), WrenchConditioner(Probe(), 125.0)
-    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN, most_retreats=3)
+    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN, max_retreats=3)
     assert not found.outcome.taken
     assert found.touched
     assert found.outcome.reason == "touching"

@@ -131,8 +131,8 @@ def test_a_merged_folder_holds_all_runs_in_the_place_of_the_first(merged):
     runs = read_cloud(place / "out" / "contacts.csv").scalars["run"]
     assert [int((runs == i).sum()) for i in range(3)] == [len(part.points) for part in parts]
     assert json.loads((place / "out" / "summary.json").read_text()) == summary
-    told = [fact["registration"]["shift_mm"] for fact in summary["merged"][1:]]
-    assert told[1] == pytest.approx(2.0, abs=0.2)
+    shifts = [fact["registration"]["shift_mm"] for fact in summary["merged"][1:]]
+    assert shifts[1] == pytest.approx(2.0, abs=0.2)
     assert summary["surface_error_mm"]["median"] < 0.2
     assert (summary["status"], summary["sim_time_s"], summary["link_collisions"]) == ("done", 37.5, 0)
     assert summary["coverage"] > 0.7

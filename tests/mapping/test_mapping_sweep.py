@@ -1,4 +1,4 @@
-"""The sphere's way, told place after place, frees what carving frees."""
+"""The sphere's path, given place after place, frees what carving frees."""
 
 from __future__ import annotations
 

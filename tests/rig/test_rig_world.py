@@ -62,7 +62,7 @@ def test_depth_times_stiffness_is_felt(scene, descent):
     assert np.linalg.norm(force) == pytest.approx(0.002 * 2000.0, rel=0.05)
     # The table pushes the probe upwards; the sensor's z points down.
     assert force[2] == pytest.approx(-4.0, rel=0.05)
-    assert world.judge.peak_force == pytest.approx(4.0, rel=0.05)
+    assert world.ground_truth.peak_force == pytest.approx(4.0, rel=0.05)
     assert not world.refused
 
 

@@ -85,7 +85,7 @@ def act(watch, action):
     if action[0] == "goal":
         tip.set_goal(pose(*action[1], action[2]), action[3])
     elif action[0] == "feed":
-        tip.set_feed(np.array(action[1]), action[3], None if action[2] is None else pose(turn=action[2]))
+        tip.set_velocity(np.array(action[1]), action[3], None if action[2] is None else pose(turn=action[2]))
     elif action[0] == "stop":
         tip.stop()
     else:
@@ -296,7 +296,7 @@ def test_a_feed_is_kept_and_stops_by_itself():
     watch = Watch(tip_at_rest())
     tip = watch.tip
     for _ in range(400):
-        tip.set_feed(np.array((0.03, -0.04, 0.0)), 0.05)
+        tip.set_velocity(np.array((0.03, -0.04, 0.0)), 0.05)
         watch.step()
     assert tip.velocity == pytest.approx([0.03, -0.04, 0.0], abs=1e-12)
     assert tip.status == TrajectoryStatus.FEEDING
@@ -313,7 +313,7 @@ def test_a_feed_turns_to_its_orientation_meanwhile():
     tip = watch.tip
     wanted = pose(turn=(0.2, -0.3, 0.1))
     for _ in range(1500):
-        tip.set_feed(np.array((0.01, 0.02, 0.0)), 0.05, wanted)
+        tip.set_velocity(np.array((0.01, 0.02, 0.0)), 0.05, wanted)
         watch.step()
     assert np.abs(tip.pose[:3, :3] - wanted[:3, :3]).max() < 1e-11
     assert tip.velocity == pytest.approx([0.01, 0.02, 0.0], abs=1e-12)
@@ -324,7 +324,7 @@ def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
     tip = watch.tip
     for n in range(3000):
         wanted = 0.25 * np.array((np.cos(2e-3 * n), np.sin(2e-3 * n), 0.0))
-        tip.set_feed(wanted, 0.05)
+        tip.set_velocity(wanted, 0.05)
         watch.step()
         if n > 500:
             assert np.linalg.norm(tip.velocity - wanted) < 0.02
@@ -332,7 +332,7 @@ def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
 
 def test_a_feed_above_the_limit_is_shortened():
     watch = Watch(tip_at_rest())
-    watch.tip.set_feed(np.array((3.0, 4.0, 0.0)), 1.0)
+    watch.tip.set_velocity(np.array((3.0, 4.0, 0.0)), 1.0)
     for _ in range(600):
         watch.step()
     assert watch.tip.velocity == pytest.approx([0.15, 0.2, 0.0], abs=1e-12)
@@ -409,7 +409,11 @@ def test_a_pose_that_is_none_is_refused_and_the_motion_goes_on(bad):
     tip = tip_at_rest()
     tip.set_goal(pose(0.1), 0.1)
     tip.step()
-    for call in (lambda: tip.set_goal(bad, 0.1), lambda: tip.set_feed(np.zeros(3), 0.1, bad), lambda: tip.reset(bad)):
+    for call in (
+        lambda: tip.set_goal(bad, 0.1),
+        lambda: tip.set_velocity(np.zeros(3), 0.1, bad),
+        lambda: tip.reset(bad),
+    ):
         with pytest.raises(InputError, match="pose"):
             call()
     run(Watch(tip), 2000)
@@ -423,7 +427,7 @@ def test_a_bound_that_is_none_is_refused(bad):
         lambda: tip.set_goal(np.eye(4), bad),
         lambda: tip.set_goal(np.eye(4), 0.1, bad),
         lambda: tip.scale(bad),
-        lambda: tip.set_feed(np.array((bad, bad, 0.0)) if bad != -1.0 else np.zeros(2), 0.1 if bad else bad),
+        lambda: tip.set_velocity(np.array((bad, bad, 0.0)) if bad != -1.0 else np.zeros(2), 0.1 if bad else bad),
         lambda: CartesianTrajectory(bad, LIMITS),
         lambda: CartesianLimits(bad, 1.0, 1.0, 1.0, 1.0, 1.0),
     ):

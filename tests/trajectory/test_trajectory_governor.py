@@ -29,17 +29,17 @@ def follow(q, way, turn, governed):
     goal[:3, 3] += way
     goal[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ goal[:3, :3]
     governor = SpeedGovernor(tip, solver.track_all, robot.speed)
-    watch, out, most = Watch(tip), np.empty(7), 0.0
+    watch, out, largest = Watch(tip), np.empty(7), 0.0
     tip.set_goal(goal, 0.25)
     while not tip.arrived:
         watch.step()
         assert solver.track(tip.pose, q, out) == 0
-        most = max(most, float((np.abs(out - q) / robot.speed).max()) / tip.cycle)
+        largest = max(largest, float((np.abs(out - q) / robot.speed).max()) / tip.cycle)
         q = out.copy()
         if governed:
             governor.watch(q)
     assert np.abs(tip.pose - goal).max() < 1e-14
-    return most
+    return largest
 
 
 @pytest.mark.parametrize(("q", "way", "turn"), HARD)

@@ -122,10 +122,10 @@ def _times(report: BenchReport, rng: np.random.Generator, rounds: int) -> None:
             rows.append([kind, name, 1e6 * median, 1e6 * float(np.quantile(s, 0.99)), median / base])
     columns = ["what", "generator", "median [us]", "p99 [us]", "times bare Ruckig"]
     report.table("Time of one call from Python", columns, rows)
-    for kind, seconds, most in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
+    for kind, seconds, largest in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
         slowest = max(float(np.median(s)) for name, s in seconds.items() if "bare" not in name)
         text = f"{1e6 * slowest:.3g} us, the slowest of ours"
-        report.promise(f"guarded {kind} <= {1e6 * most:.0f} us", text, slowest <= most)
+        report.promise(f"guarded {kind} <= {1e6 * largest:.0f} us", text, slowest <= largest)
     report.notes.append(
         f"A step of bare Ruckig is `update` with `pass_to_input`; steps are timed {STEPS} at a time, a re-plan "
         "together with the step that follows, since bare Ruckig plans in it. Ours checks the goal, plans, reads the "
@@ -168,7 +168,7 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
         bent.set_goal(_WAYS[n % len(_WAYS)], 0.25)
 
     def feed(n: int) -> None:
-        fed.set_feed(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
+        fed.set_velocity(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
 
     candidates: dict[str, tuple[Generator, Callable[[int], object]]] = {
         "bare Ruckig, 7 joints": (bare, lambda n: bare.set_goal(goals[n % 64])),
@@ -368,7 +368,7 @@ def _random_aim(tip: CartesianTrajectory, rng: np.random.Generator) -> None:
     kind = rng.random()
     if kind < 0.3:
         direction = rng.normal(size=3)
-        tip.set_feed(0.25 * rng.random() * direction / np.linalg.norm(direction), rng.uniform(1e-3, 0.2))
+        tip.set_velocity(0.25 * rng.random() * direction / np.linalg.norm(direction), rng.uniform(1e-3, 0.2))
     elif kind < 0.4:
         tip.stop()
     else:
@@ -513,19 +513,19 @@ def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) ->
     goal[:3, 3] = start[:3, 3] + way
     governor = SpeedGovernor(tip, solver.track_all, robot.speed)
     tip.set_goal(goal, 0.25)
-    most, ticks, looks, q = 0.0, 0, [], q.copy()
+    largest, ticks, looks, q = 0.0, 0, [], q.copy()
     while not tip.arrived and ticks < 20_000:
         tip.step()
         if solver.track(tip.pose, q, out) != 0:
             return None
-        most = max(most, robot.speed_use(q, out, tip.cycle))
+        largest = max(largest, robot.speed_use(q, out, tip.cycle))
         q[:] = out
         if governed:
             begin = time.perf_counter()
             governor.watch(q)
             looks.append(time.perf_counter() - begin)
         ticks += 1
-    return most, ticks * tip.cycle, np.array(looks)
+    return largest, ticks * tip.cycle, np.array(looks)
 
 
 def _bows(report: BenchReport, rng: np.random.Generator, count: int) -> None:

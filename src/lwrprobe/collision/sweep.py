@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.collision import sweep_kernels as kernels
 
 FINEST = 2000
-"""Of the way, the smallest part that is told apart: no step, however long, takes longer than this to look at."""
+"""Smallest part of the path that is resolved: no step, however long, takes longer than this to look at."""
 
 
 class MotionStep:

@@ -9,7 +9,7 @@ from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Contact
 from lwrprobe.contracts.samples import Vector
 
-MOST_SECONDS = 0.5
+MAX_SECONDS = 0.5
 PATIENCE = 6
 """Samples without a new largest force, by 2 % and more, after which the rise is over."""
 TOUCHES = 8
@@ -72,7 +72,7 @@ class TouchIdentification:
         risen = wrench.magnitude > 1.02 * self._top
         self._top = wrench.magnitude if risen else self._top
         self._calm = 0 if risen else self._calm + 1
-        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MOST_SECONDS
+        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MAX_SECONDS
         return self._judge() if over and self._normal.any() else False
 
     def _judge(self) -> bool:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import trimesh
 
 DEFAULT_SPACING = 0.010
-"""m, line spacing that coverage is judged with where a run has no lines."""
+"""m, line spacing that coverage is computed with where a run has no lines."""
 
 
 @dataclass(slots=True, frozen=True)

@@ -25,7 +25,7 @@ class ProgressDisplay(Protocol):
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None: ...
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
@@ -65,7 +65,7 @@ class ProgressLine:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._bar.stop()
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
         self._clear()
         self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
@@ -108,7 +108,7 @@ class NotebookProgress:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         return None
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
         self._show(f"<i>{escape(sentence)}</i>")
 

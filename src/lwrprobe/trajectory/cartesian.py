@@ -102,7 +102,7 @@ class CartesianTrajectory:
         self._mode, self._hold, self._stops = k.TO_GOAL, inf, False
         return self._begin()
 
-    def set_feed(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
+    def set_velocity(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
         """Keep the tip at a velocity (3,) m/s; stop by itself `hold_seconds` after the last call.
 
         `pose` gives an orientation to hold or turn to meanwhile, None comes to rest in orientation. A velocity
@@ -201,7 +201,7 @@ class CartesianTrajectory:
         return self.come_to(time)
 
     @property
-    def course(self) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def plan_state(self) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Plan, state, time on the plan, and time of the next event, as `cartesian_kernels.advance` takes them.
 
         A caller that evaluates the plan in its own kernel reports the new time to `come_to`.

@@ -27,7 +27,7 @@ from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.scene import Scene, write_scene
 
-Tell = Callable[[str], None]
+Message = Callable[[str], None]
 
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
@@ -45,7 +45,7 @@ class Exploration:
     out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
     realtime : a simulator keeps pace with the wall clock
     watch : called some ten times a second with a `ProgressSnapshot`
-    tell : called with a sentence at each new phase
+    message : called with a sentence at each new phase
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
     earlier : a run that was cut off, in the folder `out`, which is taken up; see `resume`
@@ -68,25 +68,25 @@ class Exploration:
         *,
         realtime: bool = False,
         watch: WatchFunction | None = None,
-        tell: Tell = lambda text: None,
+        message: Message = lambda text: None,
         choices: Choices | None = None,
         confirm: Confirm | None = None,
         earlier: RunFolder | None = None,
     ) -> None:
         begin = perf_counter()
-        self.scene, self.out, self._tell, self._earlier = scene, out, tell, earlier
+        self.scene, self.out, self._message, self._earlier = scene, out, message, earlier
         choices = choices or choose(scene)
         robot = robot_of(scene)
         self._start = pose, q = start_posture(scene, robot)
         self._beyond = unreachable_part(scene, robot, pose, q)
         if self._beyond:
-            tell(self._beyond)
+            message(self._beyond)
         self.recorder = Recorder(out, earlier)
         if out is not None:
             write_scene(scene, out / "scene.toml")
         self._seconds = {"prepare": perf_counter() - begin}
 
-        tell("loading kernels; the first time they are compiled, which takes about a minute")
+        message("loading kernels; the first time they are compiled, which takes about a minute")
         begin = perf_counter()
         self._devices = Devices.assemble(scene, scene.run.seed, realtime, q)
         arm, sensor = self._devices.arm, self._devices.sensor
@@ -96,7 +96,7 @@ class Exploration:
         self._log = _logged(self.pipeline, out, earlier)
         self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm)
         if isinstance(self.pipeline.strategy, Resumed):
-            tell("going through what was done")
+            message("going through what was done")
             self.pipeline.place_tip(pose, q)
             self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
         self._contacts_before = len(self.recorder.contacts)
@@ -115,7 +115,7 @@ class Exploration:
             self._make_ready()
             self._stack = stack.pop_all()
         self._seconds["compile"] += perf_counter() - begin
-        self._tell("exploring")
+        self._message("exploring")
         self._began = perf_counter()
         return self
 
@@ -154,7 +154,7 @@ class Exploration:
         table = _leave_table_out(recorder, scene, pipeline)
         self._seconds["explore"] += perf_counter() - begin
 
-        self._tell("reconstructing and comparing")
+        self._message("reconstructing and comparing")
         begin = perf_counter()
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = _reconstruct(self.record, pipeline)
@@ -180,7 +180,7 @@ class Exploration:
                 self._log.discard()
             from lwrprobe.evaluation.run_report import write_report
 
-            self._tell("writing the report")
+            self._message("writing the report")
             write_report(self.out, self.surface)
         self._summary = summary
         return summary

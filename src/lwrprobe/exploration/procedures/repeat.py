@@ -184,7 +184,7 @@ def repeat(
     *,
     realtime: bool = False,
     watch: WatchFunction | None = None,
-    tell: Callable[[str], None] = lambda text: None,
+    message: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Touch as planned; a row a speed: mean, sigma and range along the direction, sigma across, and bias.
 
@@ -200,7 +200,7 @@ def repeat(
             raise InputError("speeds", speed, f"up to {fastest:.6f} m/s, or the force limit would be passed")
     touches: list[Touch] = []
     choices = choose(scene, lambda: RepeatedTouch(plan, touches), plan)
-    summary = explore(scene, out, realtime=realtime, watch=watch, tell=tell, choices=choices)
+    summary = explore(scene, out, realtime=realtime, watch=watch, message=message, choices=choices)
     if summary["status"] != "done":
         raise SafetyStop(f"the touches ended early: {summary['reason']}")
     return {"speeds": statistics(touches), "summary": summary}

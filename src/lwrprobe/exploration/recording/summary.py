@@ -38,7 +38,7 @@ from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
 DEFAULT_SPACING = 0.010
-"""m, line spacing that coverage is judged with for a strategy without lines."""
+"""m, line spacing that coverage is computed with for a strategy without lines."""
 _ALIGNED_SAMPLES = 1500
 _UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")

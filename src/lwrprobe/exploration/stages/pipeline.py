@@ -68,11 +68,11 @@ class Pipeline:
         else:
             self.trajectory.reset(pose)
 
-    def judge(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
+    def ik_status(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
         if isinstance(self.trajectory, JointSpaceTip):
-            return self.trajectory.judge(pose)
-        # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
+            return self.trajectory.ik_status(pose)
+        # A far goal is checked once the tip has come near; a jump of the joints says nothing about it.
         return self.solver.track(pose, q, out) if _near(pose, self.trajectory.pose) else IKStatus.CONVERGED
 
 

@@ -1,4 +1,4 @@
-"""MuJoCo as an independent judge of contact: a sphere pressed on a plane and into a slot, then pushed along.
+"""MuJoCo as an independent reference for contact: a sphere pressed on a plane and into a slot, then pushed along.
 
 The same sphere hangs on the same springs over the same boxes. MuJoCo's contacts are soft by regularisation and its
 friction creeps, so the comparison is of forces in slow motion.
@@ -53,12 +53,12 @@ _CASES = (
 )
 
 
-def judge_by_mujoco(report: BenchReport) -> None:
+def compare_with_mujoco(report: BenchReport) -> None:
     """Add table and verdict to the report, or a note where MuJoCo is not installed."""
     try:
         import mujoco
     except ImportError:
-        report.notes.append("mujoco is not installed: sphere on plane and in slot are not judged")
+        report.notes.append("mujoco is not installed: sphere on plane and in slot are not compared")
         return
     rows = []
     worst = 0.0
@@ -72,7 +72,7 @@ def judge_by_mujoco(report: BenchReport) -> None:
             worst = max(worst, off)
             rows.append([name, stage, _as_text(mine), _as_text(other), 100 * off])
     columns = ["sphere", "stage", "simulator: force x, y, z [N]", "MuJoCo", "apart [%]"]
-    report.table(f"MuJoCo {mujoco.__version__} as judge, friction {FRICTION}", columns, rows)
+    report.table(f"MuJoCo {mujoco.__version__} as reference, friction {FRICTION}", columns, rows)
     report.promise(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", worst <= TOLERANCE)
 
 
