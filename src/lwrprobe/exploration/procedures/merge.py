@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstruction, TouchRecord
+from lwrprobe.evaluation.coverage import DEFAULT_SPACING
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.recording.results import write_run
-from lwrprobe.exploration.recording.summary import DEFAULT_SPACING
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.reconstruction.registration import Registration, intruding, register
 from lwrprobe.scene import Scene
