@@ -46,7 +46,7 @@ class Program:
 
 
 class NoProgram:
-    """Nobody listens to requests: command mode is started and stopped by hand."""
+    """Nobody listens to requests: a person starts and stops command mode."""
 
     def integers(self, request: Request, strategy: str) -> tuple[int, ...]:
         return (0,) * 16

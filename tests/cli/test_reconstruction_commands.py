@@ -51,8 +51,8 @@ def run_folder(tmp_path_factory):
     ]
     text = "time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(lines) + "\n3.0,0.01,0.0"
     (folder / "contacts.csv").write_text(text)
-    way = "\n".join(f"{i},{p[0]},{p[1]},{p[2]},0.0,0,inf,line" for i, p in enumerate(record.free_path))
-    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + way + "\n")
+    trace = "\n".join(f"{i},{p[0]},{p[1]},{p[2]},0.0,0,inf,line" for i, p in enumerate(record.free_path))
+    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + trace + "\n")
     return folder, record
 
 

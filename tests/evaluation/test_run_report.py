@@ -30,10 +30,10 @@ def make_run(folder, name, summary=True):
         for i, (p, n) in enumerate(zip(record.points, record.normals))
     ]
     (folder / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(rows) + "\n")
-    way = "\n".join(
+    trace = "\n".join(
         f"{0.05 * i},{p[0]},{p[1]},{p[2]},{0.5 + 0.5 * np.sin(i)},0,inf,line" for i, p in enumerate(record.free_path)
     )
-    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + way + "\n")
+    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + trace + "\n")
     if summary:
         content = {
             "status": "done", "reason": "area covered <all>", "sim_time_s": 42.0, "coverage": 0.97,

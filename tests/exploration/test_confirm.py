@@ -1,4 +1,4 @@
-"""Confirmed motions: none before a yes, none after a key, and the loop goes on meanwhile."""
+"""Confirmed motions: none before a yes, none after a key, and the loop continues meanwhile."""
 
 import os
 

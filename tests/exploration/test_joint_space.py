@@ -22,9 +22,9 @@ def tip_at_rest(cycle=1e-3):
     return robot, tip
 
 
-def moved(pose, way, turn=0.0):
+def moved(pose, displacement, turn=0.0):
     out = pose.copy()
-    out[:3, 3] += way
+    out[:3, 3] += displacement
     c, s = np.cos(turn), np.sin(turn)
     out[:3, :3] = pose[:3, :3] @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return out

@@ -38,9 +38,9 @@ class Bench:
             self.tip.reset(self.q)
         self.points = SetPoints(self.tip, self.solver, self.guard)
 
-    def go(self, way, speed=0.1):
+    def go(self, displacement, speed=0.1):
         goal = self.pose.copy()
-        goal[:3, 3] += way
+        goal[:3, 3] += displacement
         self.tip.set_goal(goal, speed)
 
     def one_by_one(self, count):

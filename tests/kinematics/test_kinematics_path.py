@@ -104,8 +104,8 @@ def test_a_limit_seen_ahead_is_avoided_in_the_null_space():
     robot = lwr4(tool=TOOL)
     q0 = np.deg2rad([0.0, 60, 50, -80, 20, 95, 30])
     path = straight_line(robot.fk(q0), SE3(robot.fk(q0).A) * SE3.Ry(-0.6), turn=0.002)
-    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(pace=0.0)))
-    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, pace=0.005)))
+    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(null_space_step=0.0)))
+    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, null_space_step=0.005)))
     assert wary.reached >= bold.reached
     assert wary.limit_margin[: bold.reached].min() > bold.limit_margin.min() + 0.05
 

@@ -216,16 +216,16 @@ def test_carves_the_voxels_that_lie_wholly_in_the_swept_sphere(radius):
 
 
 def test_a_path_carves_what_its_segments_carve():
-    way = np.cumsum(np.random.default_rng(7).normal(0.0, 0.004, (60, 3)), axis=0)
+    path = np.cumsum(np.random.default_rng(7).normal(0.0, 0.004, (60, 3)), axis=0)
     whole, parts = VoxelMap(EDGE), VoxelMap(EDGE)
-    whole.carve_path(way, 0.005)
-    for begin, end in pairwise(way):
+    whole.carve_path(path, 0.005)
+    for begin, end in pairwise(path):
         parts.carve_path(np.array([begin, end]), 0.005)
     np.testing.assert_array_equal(whole.free_centres(), parts.free_centres())
     whole.carve_path(np.empty((0, 3)), 0.005)
     single = VoxelMap(EDGE)
-    single.carve_path(way[:1], 0.005)
-    assert {tuple(k) for k in naive.keys(single.free_centres(), EDGE)} == naive.swept(way[0], way[0], 0.005, EDGE)
+    single.carve_path(path[:1], 0.005)
+    assert {tuple(k) for k in naive.keys(single.free_centres(), EDGE)} == naive.swept(path[0], path[0], 0.005, EDGE)
 
 
 def test_what_was_touched_stays_occupied_and_what_was_swept_can_be_touched():

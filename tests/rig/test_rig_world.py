@@ -95,7 +95,7 @@ def test_touch_over_real_sockets(scene, descent):
                 states.append(arm.read())
                 samples += sensor.read()
                 arm.command(q)
-            # The world goes on at its own pace: a second of it, however long the machine takes for that.
+            # The world advances at its own rate: a second of it, however long the machine takes for that.
             end, begin = time.monotonic() + 30.0, world.elapsed
             while world.elapsed < begin + 1.0:
                 assert time.monotonic() < end

@@ -28,16 +28,16 @@ def run(watch, ticks, until=lambda tip: tip.arrived):
 @pytest.mark.parametrize("speed", [0.25, 0.2, 0.01])
 def test_a_move_from_rest_is_straight_and_slerp_straight_in_one_phase_and_ends_exactly(speed):
     tip = tip_at_rest()
-    way, turn = np.array((0.1, 0.05, -0.02)), np.array((0.3, -0.5, 0.2))
-    goal = pose(*way, turn)
+    displacement, turn = np.array((0.1, 0.05, -0.02)), np.array((0.3, -0.5, 0.2))
+    goal = pose(*displacement, turn)
     assert tip.set_goal(goal, speed) == TrajectoryStatus.MOVING
     watch = Watch(tip)
     while not tip.arrived:
         watch.step()
         x = tip.pose[:3, 3]
         r = Rotation.from_matrix(tip.pose[:3, :3]).as_rotvec()
-        share = x @ way / (way @ way)
-        assert np.abs(x - share * way).max() < 1e-15
+        share = x @ displacement / (displacement @ displacement)
+        assert np.abs(x - share * displacement).max() < 1e-15
         assert np.abs(r - share * turn).max() < 1e-12
         assert np.linalg.norm(tip.velocity) <= speed * (1.0 + 1e-12)
     assert np.abs(tip.pose - goal).max() < 1e-15
@@ -245,19 +245,19 @@ def test_a_corner_is_faster_than_stop_and_go_and_ends_straight(angle):
             tip.stop()
             ticks += run(watch, 1000, lambda tip: tip.status == TrajectoryStatus.RESTING)
         tip.set_goal(goal, 0.25)
-        ways = []
+        velocities = []
         while not tip.arrived:
             watch.step()
-            ways.append(tip.velocity.copy())
-        last = ways[-60]
+            velocities.append(tip.velocity.copy())
+        last = velocities[-60]
         left = goal[:3, 3] - tip.pose[:3, 3]
         assert not left.any()
-        return ticks + len(ways), ways, last
+        return ticks + len(velocities), velocities, last
 
-    through, ways, _ = turn_at_full_speed(False)
+    through, velocities, _ = turn_at_full_speed(False)
     stop_and_go, _, _ = turn_at_full_speed(True)
     assert through < stop_and_go
-    ends = np.array(ways[-50:-1])
+    ends = np.array(velocities[-50:-1])
     directions = ends / np.linalg.norm(ends, axis=1)[:, None]
     assert np.abs(directions - directions[0]).max() < 1e-6
 
@@ -390,10 +390,10 @@ def test_the_preview_is_what_comes():
     tip.set_goal(pose(0.1, 0.1, 0.0, (0.3, 0.0, 0.2)), 0.2)
     for _ in range(50):
         tip.step()
-    poses, pace = np.empty((11, 4, 4)), np.empty(11)
-    tip.preview(0.1, poses, pace)
+    poses, speed_ratio = np.empty((11, 4, 4)), np.empty(11)
+    tip.preview(0.1, poses, speed_ratio)
     assert np.array_equal(poses[0], tip.pose)
-    for expected, share in zip(poses[1:], pace[1:]):
+    for expected, share in zip(poses[1:], speed_ratio[1:]):
         for _ in range(10):
             tip.step()
         assert np.abs(tip.pose - expected).max() < 1e-12

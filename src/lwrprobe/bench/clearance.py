@@ -153,12 +153,12 @@ class _Setting:
         """Seconds a sample, on average, of a `ClearanceWatch` that goes along with a tip, as a run has it."""
         watch = ClearanceWatch([LinkGroup(probe_links(), KEEP)], self.voxels)
         middle, size = self.centres.mean(axis=0), np.ptp(self.centres, axis=0)
-        way = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (int(size[1] / SAMPLE_STEP), 1, 1))
-        way[:, :3, 3] = middle + np.array([0.5 * size[0] + 0.005, 0.0, 0.0])
-        way[:, 1, 3] += np.linspace(-0.5, 0.5, len(way)) * size[1]
-        seconds = np.empty((ROUNDS, len(way)))
+        path = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (int(size[1] / SAMPLE_STEP), 1, 1))
+        path[:, :3, 3] = middle + np.array([0.5 * size[0] + 0.005, 0.0, 0.0])
+        path[:, 1, 3] += np.linspace(-0.5, 0.5, len(path)) * size[1]
+        seconds = np.empty((ROUNDS, len(path)))
         for turn in seconds:
-            for k, pose in enumerate(way):
+            for k, pose in enumerate(path):
                 begin = perf_counter()
                 watch.nearest(pose)
                 turn[k] = perf_counter() - begin

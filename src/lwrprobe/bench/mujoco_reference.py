@@ -62,8 +62,8 @@ def compare_with_mujoco(report: BenchReport) -> None:
         return
     rows = []
     worst = 0.0
-    for name, scene, walls, height, way in _CASES:
-        path = _path(height, np.array(way))
+    for name, scene, walls, height, push_by in _CASES:
+        path = _path(height, np.array(push_by))
         ours, theirs = _ours(scene, path), _theirs(mujoco, walls, path)
         rest, pushed = slice(140, 151), slice(400, len(path))
         for stage, when in (("pressed", rest), ("pushed", pushed)):
@@ -80,12 +80,12 @@ def _as_text(force: np.ndarray) -> str:
     return ", ".join(f"{component:.3f}" for component in force + 0.0)
 
 
-def _path(height: float, way: np.ndarray) -> np.ndarray:
+def _path(height: float, push_by: np.ndarray) -> np.ndarray:
     """(n, 3): down within 100 cycles, at rest for 50, pushed for 400, at rest for 50."""
     down = np.zeros((101, 3))
     down[:, 2] = np.linspace(height + 1e-4, height - DEPTH, 101)
     rest = np.repeat(down[-1:], 50, axis=0)
-    push = down[-1] + np.linspace(0.0, 1.0, 401)[1:, None] * way
+    push = down[-1] + np.linspace(0.0, 1.0, 401)[1:, None] * push_by
     return np.vstack([down, rest, push, np.repeat(push[-1:], 50, axis=0)])
 
 

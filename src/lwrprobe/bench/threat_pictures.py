@@ -24,9 +24,9 @@ def touches_of(folder: Path) -> dict[str, Any]:
     run = read_run(folder)
     record, normals = run.record, run.record.normals
     assert normals is not None, "contacts.csv has them"
-    way, pause = np.diff(record.points, axis=0), np.diff(run.times)
-    across = np.linalg.norm(way[:, :2], axis=1)
-    level = (across > STILL) & (np.abs(way[:, 2]) < LEVEL * across) & (pause < SOON)
+    displacement, pause = np.diff(record.points, axis=0), np.diff(run.times)
+    across = np.linalg.norm(displacement[:, :2], axis=1)
+    level = (across > STILL) & (np.abs(displacement[:, 2]) < LEVEL * across) & (pause < SOON)
     level &= np.abs(normals[1:, 2]) < 0.5
     every = max(1, len(level) // MAX_POINTS)
     return {"points": record.points[1::every].round(5).tolist(), "level": level[::every].tolist()}

@@ -335,8 +335,8 @@ def _long_enough(tip: CartesianTrajectory, goal: np.ndarray, speed: float) -> in
     asked for, and a second for turning and for changes of speed. At 0.01 m/s that is several seconds."""
     limits = tip.limits
     to_rest = limits.speed * (limits.speed / limits.acceleration + limits.acceleration / limits.jerk) / 2.0
-    way = float(np.linalg.norm(goal[:3, 3] - tip.pose[:3, 3])) + to_rest
-    return int((2.0 * way / speed + 1.0) / tip.cycle)
+    distance = float(np.linalg.norm(goal[:3, 3] - tip.pose[:3, 3])) + to_rest
+    return int((2.0 * distance / speed + 1.0) / tip.cycle)
 
 
 def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
@@ -456,8 +456,8 @@ def _corner(angle: float, stop_first: bool) -> float:
         while tip.status != TrajectoryStatus.RESTING:
             tip.step()
             ticks += 1
-    way = 0.1 * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0))
-    tip.set_goal(_pose(corner + way), 0.25)
+    displacement = 0.1 * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0))
+    tip.set_goal(_pose(corner + displacement), 0.25)
     while not tip.arrived:
         tip.step()
         ticks += 1
@@ -472,11 +472,11 @@ def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> Non
     while len(cases) < wanted:
         q = rng.uniform(0.6 * robot.lower, 0.6 * robot.upper)
         q[5] = rng.uniform(-0.15, 0.15)
-        way, turn = 0.2 * _direction(rng), 0.3 * rng.normal(size=3)
-        free = _follow(q, way, turn, False)
+        displacement, turn = 0.2 * _direction(rng), 0.3 * rng.normal(size=3)
+        free = _follow(q, displacement, turn, False)
         if free is None or free[0] < 1.2:
             continue
-        governed = _follow(q, way, turn, True)
+        governed = _follow(q, displacement, turn, True)
         if governed is not None:
             cases.append((free[0], governed[0], free[1], governed[1]))
             watched.append(governed[2])
@@ -498,11 +498,13 @@ def _spread(values: np.ndarray) -> list[float]:
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
-    way = rng.normal(size=3)
-    return way / np.linalg.norm(way)
+    displacement = rng.normal(size=3)
+    return displacement / np.linalg.norm(displacement)
 
 
-def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) -> tuple[float, float, np.ndarray] | None:
+def _follow(
+    q: np.ndarray, displacement: np.ndarray, turn: np.ndarray, governed: bool
+) -> tuple[float, float, np.ndarray] | None:
     """(largest joint share, duration, seconds of each look) of a move; None where the line leaves the workspace."""
     robot = lwr4()
     solver, tip = IKSolver(robot), CartesianTrajectory(1e-3, FAST_TURN)
@@ -510,7 +512,7 @@ def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) ->
     robot.fk_into(q, start)
     tip.reset(start)
     goal = _pose(np.zeros(3), turn) @ start
-    goal[:3, 3] = start[:3, 3] + way
+    goal[:3, 3] = start[:3, 3] + displacement
     governor = SpeedGovernor(tip, solver.track_all, robot.speed)
     tip.set_goal(goal, 0.25)
     largest, ticks, looks, q = 0.0, 0, [], q.copy()

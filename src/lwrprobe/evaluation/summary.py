@@ -122,7 +122,7 @@ class Summary:
     devices: dict[str, Table] = field(default_factory=dict)
     """What each driver counted on its connection, by the driver's name."""
     resumed: Table | None = None
-    """For a run that was taken up again: `from_s` [s], `contacts_before`."""
+    """For a run that was resumed: `from_s` [s], `contacts_before`."""
     unreachable_area: str = ""
     """The part of the area that the arm cannot reach, one sentence; empty where it reaches all."""
     wall_time_s: float | None = None

@@ -97,7 +97,7 @@ class ProgressLine:
 
 
 class NotebookProgress:
-    """For a notebook: one line of HTML under the cell that is rewritten as the run goes on; it needs no widgets."""
+    """For a notebook: one line of HTML under the cell that is rewritten during the run; it needs no widgets."""
 
     def __init__(self) -> None:
         self._handle: Any = None

@@ -172,13 +172,13 @@ class CartesianTrajectory:
             float(k.ramp_time(self._asked[1], limits.turn_acceleration, limits.turn_jerk)),
         )
 
-    def preview(self, seconds: float, poses: np.ndarray, pace: np.ndarray) -> None:
+    def preview(self, seconds: float, poses: np.ndarray, speed_ratio: np.ndarray) -> None:
         """Write the poses (m, 4, 4) of the present plan at m even steps from now to `seconds` ahead.
 
-        `pace` (m,) receives the ratio of speed or turning rate to the requested one, the larger of both. Where the plan
-        is still to be replaced (after a bend or a brake), the present one is extrapolated.
+        `speed_ratio` (m,) receives the ratio of speed or turning rate to the requested one, the larger of both. Where
+        the plan is still to be replaced (after a bend or a brake), the present one is extrapolated.
         """
-        k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, pace)
+        k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, speed_ratio)
 
     @property
     def remaining(self) -> float:

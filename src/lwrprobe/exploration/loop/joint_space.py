@@ -88,7 +88,7 @@ class JointSpaceTip:
     def set_goal(self, pose: np.ndarray, speed: float, turn_rate: float | None = None) -> int:
         """Go to a pose (4, 4) and rest there, the tip at `speed` m/s and `turn_rate` rad/s at most; an `IKStatus`.
 
-        Where the pose cannot be reached the motion goes on as it was.
+        Where the pose cannot be reached the motion continues as before.
         """
         asked = (pose.tobytes(), speed, turn_rate)
         if asked != self._asked:

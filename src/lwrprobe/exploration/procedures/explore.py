@@ -36,7 +36,7 @@ BIAS_SECONDS = 0.8
 class Exploration:
     """One exploration: prepared when it is made, explored inside its `with` block, evaluated by `finish`.
 
-    Iterating over it goes on sample by sample, each the observation that the strategy was shown; when the strategy is
+    Iterating over it advances sample by sample, each the observation that the strategy was shown; when the strategy is
     done, or anything ends the run early, there are no more. The arm moves only while it is iterated over.
 
     Parameters
@@ -48,7 +48,7 @@ class Exploration:
     message : called with a sentence at each new phase
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
-    earlier : a run that was cut off, in the folder `out`, which is taken up; see `resume`
+    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class Exploration:
 
     @property
     def _elapsed(self) -> float:
-        """s of the run before it was taken up."""
+        """s of the run before it was resumed."""
         return self._earlier.duration if self._earlier is not None else 0.0
 
     def _make_ready(self) -> None:

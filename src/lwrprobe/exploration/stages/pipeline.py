@@ -147,8 +147,8 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         turn_jerk=motion.turn_jerk,
     )
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
-    pace = min(Preference().pace, NULL_SPACE_ACCELERATION * cycle * cycle)
-    solver = IKSolver(robot, preference=Preference(pace=pace))
+    null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
+    solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
     clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)

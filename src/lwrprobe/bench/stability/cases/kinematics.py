@@ -66,8 +66,8 @@ def _joint_limit(quick: bool) -> list[Finding]:
     robot = lwr4(tool=TOOL)
     q0 = np.deg2rad([0.0, 60, 50, -80, 20, 95, 30])
     path = straight_line(robot.fk(q0), robot.fk(q0).A @ _turn_y(-0.6), turn=0.002)
-    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(pace=0.0)))
-    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, pace=0.005)))
+    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(null_space_step=0.0)))
+    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, null_space_step=0.005)))
     margins = np.degrees([bold.limit_margin.min(), wary.limit_margin.min()])
     text = f"nearest limit {margins[0]:.1f} deg off without, {margins[1]:.1f} deg with the null space"
     found = [Finding("joint 6 towards 120 deg", text, bool(wary.complete and margins[1] > margins[0] + 2.0))]
