@@ -1,4 +1,4 @@
-"""The arrows between the rooms go one way (docs/architecture.md)."""
+"""The arrows between the packages point one way (docs/architecture.md)."""
 
 import ast
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-HOUSE = ROOT / "src" / "lwrprobe"
+LIBRARY = ROOT / "src" / "lwrprobe"
 
 LEVELS = [
     {"errors"},
@@ -22,7 +22,7 @@ LEVELS = [
     {"bench"},
     {"cli"},
 ]
-"""From the ground up; a room imports from the levels below it, never from its own level's other rooms."""
+"""From the ground up; a package imports from the levels below it, never from another one of its own level."""
 
 PLUGINS = {
     "drivers/lwrprobe_sim": {"contracts", "compiled", "kinematics", "scene"},
@@ -31,7 +31,7 @@ PLUGINS = {
     "drivers/lwrprobe_rig": {"contracts", "help_page", "options", "scene"},
     "strategies/lwrprobe_strategies": {"contracts", "control"},
 }
-"""Which rooms of the library each plug-in may know."""
+"""Which packages of the library each plug-in may know."""
 
 
 def imported(file: Path) -> set[str]:
@@ -47,32 +47,32 @@ def imported(file: Path) -> set[str]:
     return names
 
 
-def rooms_of(names: set[str]) -> set[str]:
+def packages_of(names: set[str]) -> set[str]:
     known = set().union(*LEVELS)
     return {name.split(".")[1] for name in names if name.startswith("lwrprobe.") and name.split(".")[1] in known}
 
 
-def level(room: str) -> int:
-    return next(i for i, rooms in enumerate(LEVELS) if room in rooms)
+def level(package: str) -> int:
+    return next(i for i, packages in enumerate(LEVELS) if package in packages)
 
 
-def test_every_room_has_its_level():
-    found = {p.stem for p in HOUSE.iterdir() if p.name not in ("__init__.py", "__pycache__", "py.typed")}
+def test_every_package_has_its_level():
+    found = {p.stem for p in LIBRARY.iterdir() if p.name not in ("__init__.py", "__pycache__", "py.typed")}
     assert found == set().union(*LEVELS)
 
 
-@pytest.mark.parametrize("room", sorted(set().union(*LEVELS)))
-def test_room_imports_only_from_below(room):
-    place = HOUSE / room
-    files = sorted(place.rglob("*.py")) if place.is_dir() else [HOUSE / f"{room}.py"]
+@pytest.mark.parametrize("package", sorted(set().union(*LEVELS)))
+def test_package_imports_only_from_below(package):
+    place = LIBRARY / package
+    files = sorted(place.rglob("*.py")) if place.is_dir() else [LIBRARY / f"{package}.py"]
     assert files
     for file in files:
-        for other in rooms_of(imported(file)) - {room}:
-            assert level(other) < level(room), f"{file.relative_to(ROOT)} imports {other}"
+        for other in packages_of(imported(file)) - {package}:
+            assert level(other) < level(package), f"{file.relative_to(ROOT)} imports {other}"
 
 
 def test_library_knows_no_plugin_by_name():
-    for file in HOUSE.rglob("*.py"):
+    for file in LIBRARY.rglob("*.py"):
         bad = [name for name in imported(file) if name.startswith("lwrprobe_")]
         assert not bad, f"{file.relative_to(ROOT)} imports {bad}; plug-ins are found by entry point"
 
@@ -81,7 +81,7 @@ def test_library_knows_no_plugin_by_name():
 def test_plugin_knows_only_its_rooms(plugin):
     for file in sorted((ROOT / plugin).rglob("*.py")):
         names = imported(file)
-        assert rooms_of(names) <= PLUGINS[plugin], f"{file.relative_to(ROOT)}: {rooms_of(names)}"
+        assert packages_of(names) <= PLUGINS[plugin], f"{file.relative_to(ROOT)}: {packages_of(names)}"
         own = Path(plugin).name
         # Emulators stand on lwrprobe_rig: the faulty line, the loop, the operator's console.
         ground = {"lwrprobe_rig"} if "emulator" in file.parts else set()
@@ -90,7 +90,7 @@ def test_plugin_knows_only_its_rooms(plugin):
 
 
 def test_numba_kernels_live_in_kernel_files():
-    for root in (HOUSE, ROOT / "drivers", ROOT / "strategies"):
+    for root in (LIBRARY, ROOT / "drivers", ROOT / "strategies"):
         for file in root.rglob("*.py"):
             names = imported(file)
             assert "numba.njit" not in names, f"{file}: use lwrprobe.compiled.kernel"

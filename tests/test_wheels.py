@@ -126,9 +126,9 @@ def share_kernels(clean):
     ask = (
         f"import importlib, json, sys\n{inspect.getsource(cache_of)}\nprint(json.dumps([*map(cache_of, sys.argv[1:])]))"
     )
-    told = clean.run("python", "-c", ask, *same, cwd=clean.folder)
-    assert told.returncode == 0, told.stderr
-    for name, theirs in zip(same, json.loads(told.stdout)):
+    raised = clean.run("python", "-c", ask, *same, cwd=clean.folder)
+    assert raised.returncode == 0, raised.stderr
+    for name, theirs in zip(same, json.loads(raised.stdout)):
         for file in Path(cache_of(name)).glob(f"{name.rpartition('.')[2]}.*.nb[ic]"):
             copy = Path(theirs, file.name)
             if not copy.exists() or copy.stat().st_mtime_ns < file.stat().st_mtime_ns:
@@ -155,9 +155,9 @@ def plugin(clean):
 
 
 def test_the_wheels_hold_the_packages_and_nothing_of_the_tests(clean, tmp_path):
-    told = clean.run("python", "-c", "import lwrprobe, lwrprobe_sim; print(lwrprobe.__file__)", cwd=tmp_path)
-    assert told.returncode == 0, told.stderr
-    assert Path(told.stdout.strip()).is_relative_to(clean.packages)
+    raised = clean.run("python", "-c", "import lwrprobe, lwrprobe_sim; print(lwrprobe.__file__)", cwd=tmp_path)
+    assert raised.returncode == 0, raised.stderr
+    assert Path(raised.stdout.strip()).is_relative_to(clean.packages)
     names = {path.name for path in clean.packages.iterdir()}
     assert {"lwrprobe", "lwrprobe_sim", "lwrprobe_fri", "lwrprobe_ati", "lwrprobe_rig", "lwrprobe_strategies"} <= names
     assert not {"tests", "pytest", "hypothesis", "pin", "pinocchio", "octomap"} & names
@@ -183,12 +183,12 @@ def test_the_page_for_authors_holds_word_for_word(clean, tmp_path):
 
 
 def test_a_misspelt_option_of_the_plugin_is_refused_by_name(clean, tmp_path):
-    told = clean.run(
+    raised = clean.run(
         "lwrprobe", "explore", "block", "--strategy", "edges", "--set", "strategy.closd=0.003", cwd=tmp_path
     )
-    assert told.returncode == 2
-    assert "closd" in told.stderr
-    assert "did you mean 'closed'" in told.stderr
+    assert raised.returncode == 2
+    assert "closd" in raised.stderr
+    assert "did you mean 'closed'" in raised.stderr
 
 
 def test_a_broken_plugin_is_listed_with_its_reason_and_takes_nothing_down(clean, plugin, tmp_path):
@@ -197,8 +197,8 @@ def test_a_broken_plugin_is_listed_with_its_reason_and_takes_nothing_down(clean,
     assert listed.returncode == 0
     assert re.search(r"^broken +BROKEN: ModuleNotFoundError: No module named 'unobtainium'", listed.stdout, re.M)
     assert {"grid_version", "surface_contour", "orientation_change", "edges"} <= set(listed.stdout.split())
-    told = clean.run("lwrprobe", "doctor", cwd=tmp_path)
-    assert "unobtainium" in told.stdout + told.stderr
+    raised = clean.run("lwrprobe", "doctor", cwd=tmp_path)
+    assert "unobtainium" in raised.stdout + raised.stderr
     used = clean.run("lwrprobe", "explore", "sphere", "--strategy", "broken", cwd=tmp_path)
     assert used.returncode == 2
     assert "'broken'" in used.stderr

@@ -53,8 +53,10 @@ class AtiConfig:
         self._require("transducer", 1 <= self.transducer <= 6, "1 .. 6")
         self._require("calibration", 1 <= self.calibration <= 3, "1 .. 3")
         self._require("rate", self.rate == 0 or 5 <= self.rate <= 4000, "0, or 5 .. 4000 Hz")
-        most = 4000 // (self.rate or 5)
-        self._require("oversampling", 1 <= self.oversampling <= most, f"1 .. {most}, so that rate x it is at most 4000")
+        highest = 4000 // (self.rate or 5)
+        self._require(
+            "oversampling", 1 <= self.oversampling <= highest, f"1 .. {highest}, so that rate x it is at most 4000"
+        )
         self._require("filter", self.filter in ("mean", "median", "iir"), "mean, median, iir")
         self._require("taps", 1 <= self.taps <= 64, "1 .. 64")
         for name in ("timeout", "silence", "lost_after", "late_after"):

@@ -1,4 +1,4 @@
-"""Setting the device up through its console; every setting is read back before it is believed."""
+"""Setting the device up through its console; every setting is read back before it counts."""
 
 from __future__ import annotations
 

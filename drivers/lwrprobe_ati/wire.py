@@ -69,7 +69,7 @@ def decode_datagram(data: bytes | memoryview, transducer: int) -> Datagram | str
 
     Blocks are packed: with mask 0x12 the first is transducer 2, the second 5. Mask 0 comes from very old firmware;
     the number of transducers, from 1 up, then follows from the length. Left-over bytes short of a record's
-    head are tolerated. Records of one datagram follow each other; if they do not, none of them is believed.
+    head are tolerated. Records of one datagram follow each other; if they do not, all of them are refused.
     """
     records: list[Record] = []
     at, size = 0, len(data)

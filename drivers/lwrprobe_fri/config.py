@@ -19,7 +19,7 @@ class FriConfig:
     bind : HOST:PORT of this end; the controller's friSetup names it
     remote : HOST:PORT of the controller, the only peer listened to; port 0 = any port of that host
     krl : which program runs on the controller: `A` (Stanford FRIControl: int 14 strategy, int 15 request), `B`
-        (ros_control: int 0 strategy, int 1 request) or `none` (somebody starts by hand at the pendant)
+        (ros_control: int 0 strategy, int 1 request) or `none` (a person starts it at the pendant)
     strategy : position control or joint impedance with position set points
     stiffness, damping : N·m/rad and 0..1 of every joint, in joint impedance
     cycle : s that the controller must have been opened with: who plans motions knows it before the first datagram

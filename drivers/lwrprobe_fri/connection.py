@@ -39,7 +39,7 @@ class Arrival:
 
 
 class Connection:
-    """What the arm asks and is told; used by one thread at a time."""
+    """Requests to the arm and its answers; used by one thread at a time."""
 
     def __init__(self, config: FriConfig) -> None:
         self.config = config
@@ -134,7 +134,7 @@ class Connection:
         """Share of the controller's measurements since the line was opened whose answer it has not missed."""
         if self._first is None or self._latest is None or self._report is None:
             return 0.0
-        # The counter goes on where it was before this remote came; a restart begins it anew.
+        # The counter continues where it was before this remote came; a restart begins it anew.
         missed = max(0, self._latest.measurement.misses - self._first.misses)
         return max(0.0, 1.0 - missed / max(1, self._report.cycles))
 

@@ -163,7 +163,7 @@ class FriArm:
             self.stop()
             self._leave_command_mode(line)
         except DriverError:
-            pass  # whoever closes wants the port back; a silent controller has stopped by itself
+            pass  # closing must free the port; a silent controller has stopped by itself
         finally:
             self._last_counters = self.counters()
             self._line = None
@@ -232,7 +232,7 @@ class FriArm:
         self.cycle = cycle
 
     def _leave_command_mode(self, line: Connection) -> None:
-        """Back to monitor mode; also heals a program that still believes in a command mode that is gone."""
+        """Back to monitor mode; also heals a program whose state still says command mode after that has ended."""
         if self.config.krl == "none":
             return
 

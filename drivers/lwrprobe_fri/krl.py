@@ -41,12 +41,12 @@ class Program:
         return tuple(words)
 
     def claims_started(self, measurement: Measurement) -> bool:
-        """The program believes that it has called friStart; the state may say otherwise."""
+        """The program's state says that it has called friStart; the state may say otherwise."""
         return measurement.krl_int[self.answer] == self.started
 
 
 class NoProgram:
-    """Nobody listens to requests: command mode is started and stopped by hand."""
+    """Nobody listens to requests: a person starts and stops command mode."""
 
     def integers(self, request: Request, strategy: str) -> tuple[int, ...]:
         return (0,) * 16

@@ -1,4 +1,4 @@
-"""What runner and answering process tell each other: one packet a message, its first byte the kind."""
+"""What runner and answering process send each other: one packet a message, its first byte the kind."""
 
 from __future__ import annotations
 

@@ -35,12 +35,12 @@ class Ramp:
     def follow(self, target: Sequence[float], velocity: Sequence[float], cycle: float) -> list[float]:
         """Step towards `target`, which itself moves at `velocity`; the new position (n) rad."""
         for i, (goal, feed) in enumerate(zip(target, velocity)):
-            most, change = self._speed[i], self._acceleration[i] * cycle
+            max_speed, change = self._speed[i], self._acceleration[i] * cycle
             lag = goal - feed * cycle - self.position[i]
             wanted = feed + _closing_speed(lag, change, cycle)
             old = self.velocity[i]
             new = max(old - change, min(old + change, wanted))
-            new = max(-most, min(most, new))
+            new = max(-max_speed, min(max_speed, new))
             self.velocity[i] = new
             self.position[i] += new * cycle
         return self.position

@@ -37,13 +37,13 @@ class LinkFaults:
         known = {f.name for f in fields(self)}
         if name not in known:
             raise UnknownNameError("fault", name, known)
-        most = 60.0 if name in ("delay", "jitter") else 1.0
+        highest = 60.0 if name in ("delay", "jitter") else 1.0
         try:
             number = float(value or "1")
         except ValueError:
             number = -1.0
-        if not 0.0 <= number <= most:
-            raise InputError(f"fault {name}", value, f"a number from 0 to {most:g}")
+        if not 0.0 <= number <= highest:
+            raise InputError(f"fault {name}", value, f"a number from 0 to {highest:g}")
         setattr(self, name, number)
 
     def clear(self) -> None:

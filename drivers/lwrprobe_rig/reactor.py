@@ -31,7 +31,7 @@ class Device(Protocol):
 
 
 class Reactor:
-    """Serves devices until told to stop; as a context manager, in a thread of its own."""
+    """Serves devices until stopped; as a context manager, in a thread of its own."""
 
     def __init__(self, devices: Sequence[Device]) -> None:
         self._devices = devices

@@ -11,7 +11,7 @@ from lwrprobe.contracts.plugins import load
 from lwrprobe.options import configure
 
 SENSOR_RATE = 1000.0
-"""Hz, at which the world is felt; the emulated device samples that at its own rate."""
+"""Hz, of the simulated wrench; the emulated device samples that at its own rate."""
 
 _LONGEST = 7200.0
 """s for which the truth has room from the start; growing it would keep the controller waiting."""
@@ -35,10 +35,10 @@ class SimulatedWorld:
         options = dict(scene.drivers.get("sim", {})) | _IDEAL_LINE
         if start is not None:
             options["start_q"] = start.tolist()
-        felt = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
-        driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), felt, seed))
-        self._arm, self._sensor, self.judge = driver.arm(), driver.sensor(), driver.ground_truth()
-        self.judge.reserve(round(_LONGEST * SENSOR_RATE))
+        resampled = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
+        driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), resampled, seed))
+        self._arm, self._sensor, self.ground_truth = driver.arm(), driver.sensor(), driver.ground_truth()
+        self.ground_truth.reserve(round(_LONGEST * SENSOR_RATE))
         self._arm.open()
         self._sensor.open()
         self._wrench = np.zeros(6)
@@ -66,7 +66,7 @@ class SimulatedWorld:
             self._joints = self._arm.read().q
             for sample in self._sensor.read():
                 self._wrench[:3], self._wrench[3:] = sample.force, sample.torque
-                touch = self.judge.contact_at(sample.sequence)
+                touch = self.ground_truth.contact_at(sample.sequence)
                 self.force = 0.0 if touch is None else touch.force
                 self.peak_since = max(self.peak_since, self.force)
         self.elapsed += seconds
@@ -76,14 +76,14 @@ class SimulatedWorld:
         self.peak_since = 0.0
 
     def truth(self) -> dict[str, Any]:
-        """What only the simulated world knows, for whoever judges a run from outside."""
+        """What only the simulated world knows, for checks of a run from outside."""
         return {
             "time_s": round(self.elapsed, 6),
             "joints": self._joints.tolist(),
             "force_n": self.force,
-            "peak_force_n": self.judge.peak_force,
+            "peak_force_n": self.ground_truth.peak_force,
             "peak_since_mark_n": self.peak_since,
-            "link_collisions": self.judge.link_collisions,
+            "link_collisions": self.ground_truth.link_collisions,
             "refused": self.refused,
         }
 

@@ -38,7 +38,7 @@ class SimConfig:
     foot_friction : Coulomb coefficient between a movable object and what it stands on
     shear : tangential over normal contact stiffness (Mindlin 1949: 0.7 to 1)
     gravity : m/s^2, world frame, on what hangs on the sensor
-    inertia : what hangs on the sensor is felt when it is accelerated
+    inertia : the load's inertial force is measured when the sensor accelerates
     noise_force, noise_torque : N and N m, standard deviation of each axis and sample
     quantisation, saturation : the scene's resolution and range count
     bias_force, bias_torque : N and N m, of the untared sensor

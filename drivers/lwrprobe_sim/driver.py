@@ -37,7 +37,7 @@ class SimDriver:
     contract: ClassVar[int] = DRIVER_CONTRACT
     roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
     World: ClassVar[type] = World
-    """The physics without the faces, for whoever measures it."""
+    """The physics without the driver roles, for measurements."""
 
     def __init__(self, context: DriverContext) -> None:
         config = context.config

@@ -1,4 +1,4 @@
-"""The typed errors of the house: one root, one branch a room.
+"""The typed errors of the library: one root, one branch for each package that needs its own.
 
 Every error carries a sentence that names the field, the value and what was allowed. The command line
 prints that sentence and nothing else; only `LwrprobeError` and its children are ever expected there.

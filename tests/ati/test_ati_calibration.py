@@ -1,4 +1,4 @@
-"""The table of `cal`: the emulator's, recorded figures, and tables that must not be believed."""
+"""The table of `cal`: the emulator's, recorded figures, and tables that must be refused."""
 
 import numpy as np
 import pytest

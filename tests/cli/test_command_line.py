@@ -73,9 +73,9 @@ def test_help_says_what_each_option_takes(command):
 
 def test_help_of_emulate_names_the_emulators():
     for arguments in (["emulate", "--help"], ["emulate"]):
-        told = lwrprobe(*arguments)
-        assert "FRI 1.0" in told.stdout + told.stderr
-        assert "ATI Wireless F/T" in told.stdout + told.stderr
+        answer = lwrprobe(*arguments)
+        assert "FRI 1.0" in answer.stdout + answer.stderr
+        assert "ATI Wireless F/T" in answer.stdout + answer.stderr
 
 
 WITHOUT_KERNELS = """

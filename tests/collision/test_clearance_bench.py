@@ -1,4 +1,4 @@
-"""The bench of the clearance runs, compares like with like, and judges what it measured."""
+"""The bench of the clearance runs, compares like with like, and rates what it measured."""
 
 import numpy as np
 import pytest

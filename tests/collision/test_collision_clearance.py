@@ -34,8 +34,11 @@ def assert_nearest_pair(found, link, pose, centre, edge):
     assert np.linalg.norm(found.on_robot - found.on_map) == pytest.approx(found.distance, abs=MICROMETRE)
     if found.distance == 0.0:
         return  # a point that is in both is proof enough
-    way = found.on_map - found.on_robot
-    assert gap_between(link, pose, centre, edge, way / np.linalg.norm(way)) >= found.distance - MICROMETRE
+    displacement = found.on_map - found.on_robot
+    assert (
+        gap_between(link, pose, centre, edge, displacement / np.linalg.norm(displacement))
+        >= found.distance - MICROMETRE
+    )
 
 
 def test_agrees_with_brute_force_to_a_micrometre():
@@ -61,8 +64,8 @@ def test_near_parallel_faces_and_edges(kind, turn):
     query = ClearanceQuery([link], voxels)
     for axis in np.vstack([np.eye(3), rng.normal(size=(3, 3))]):
         for distance in (1e-5, 1e-3, 0.1, 10.0):
-            for way in ((1, 0, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (1, 1, 1)):
-                pose = at(*(np.array(way) * (0.022 + distance)), turn=turn * axis / np.linalg.norm(axis))
+            for displacement in ((1, 0, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (1, 1, 1)):
+                pose = at(*(np.array(displacement) * (0.022 + distance)), turn=turn * axis / np.linalg.norm(axis))
                 assert_nearest_pair(query.nearest(pose), link, pose, centre, 0.002)
 
 

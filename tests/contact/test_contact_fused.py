@@ -118,8 +118,8 @@ def test_pressing_without_sliding_averages_the_wrench_axis():
 @pytest.mark.parametrize("friction", [0.4 * X, 0.4 * Y, -0.2 * X + 0.3 * Y], ids=["across", "pushing", "mixed"])
 @pytest.mark.parametrize("moves", [0.0, 1.0], ids=["centre rests", "centre moves on"])
 def test_a_sphere_that_sticks_while_the_arm_reports_motion_is_not_taken_for_sliding(force, friction, moves):
-    way = moves * 0.01 * PERIOD * Y
-    sequence = ((PROBE.radius * Z + k * way, 0.01 * Y, [(Z, force * naive.unit(Z + friction))]) for k in range(100))
+    travel = moves * 0.01 * PERIOD * Y
+    sequence = ((PROBE.radius * Z + k * travel, 0.01 * Y, [(Z, force * naive.unit(Z + friction))]) for k in range(100))
     errors, _, estimator = follow(sequence)
     assert np.median(errors[:, 0]) < 1.0
     assert errors[10:, 0].max() < 3.0
@@ -141,9 +141,9 @@ def test_a_convex_edge_is_followed_without_rounding_and_stays_trusted():
     r, speed = PROBE.radius, 0.02
     angles = np.arange(0.0, np.pi / 2, speed * PERIOD / r)
     normals = [Z] * 60 + [np.cos(a) * Z + np.sin(a) * Y for a in angles] + [Y] * 60
-    way = speed * PERIOD
-    centres = [r * Z - way * (60 - k) * Y for k in range(60)]
-    centres += [r * n for n in normals[60 : 60 + len(angles)]] + [r * Y - way * k * Z for k in range(60)]
+    travel = speed * PERIOD
+    centres = [r * Z - travel * (60 - k) * Y for k in range(60)]
+    centres += [r * n for n in normals[60 : 60 + len(angles)]] + [r * Y - travel * k * Z for k in range(60)]
     velocities = (
         [speed * Y] * 60 + [speed * np.cross(-X, n) for n in normals[60 : 60 + len(angles)]] + [-speed * Z] * 60
     )
@@ -159,12 +159,12 @@ def test_a_convex_edge_is_followed_without_rounding_and_stays_trusted():
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_an_inner_edge_is_marked_ambiguous_until_the_first_wall_is_left(mu, rate):
     at_rate(rate)
-    r, way, many = PROBE.radius, 0.02 / rate, rate // 125
+    r, travel, many = PROBE.radius, 0.02 / rate, rate // 125
     corner = r * Z - r * Y
-    floor = [(corner - way * (60 * many - k) * Y, 0.02 * Y, [(Z, Z - mu * Y)]) for k in range(60 * many)]
+    floor = [(corner - travel * (60 * many - k) * Y, 0.02 * Y, [(Z, Z - mu * Y)]) for k in range(60 * many)]
     growth = np.minimum(1.0, 0.1 / many * np.arange(1, 40 * many + 1))
     both = [(corner, 0.0 * Y, [(Z, Z - (1 - g) * mu * Y), (-Y, -g * Y)]) for g in growth]
-    climb = [(corner + way * (k + 1) * Z, 0.02 * Z, [(-Y, -Y - mu * Z)]) for k in range(60 * many)]
+    climb = [(corner + travel * (k + 1) * Z, 0.02 * Z, [(-Y, -Y - mu * Z)]) for k in range(60 * many)]
     _, contacts, _ = follow(floor + both + climb)
     trusted = np.array([c.trust >= TRUSTED for c in contacts])
     assert trusted[: 60 * many].mean() > 0.95
@@ -232,7 +232,7 @@ def test_a_wandered_zero_is_learnt_while_sliding_and_forgotten_when_it_is_moved(
 
 
 def test_a_noisy_velocity_is_noticed():
-    """3 mm/s on 20 mm/s: the velocity is believed less, the result no worse than the wrench axis alone."""
+    """3 mm/s on 20 mm/s: the velocity gets less weight, the result no worse than the wrench axis alone."""
     errors, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3)
     axis, _, _ = follow(plane(Z, Y, 0.3, count=300), speed_noise=3e-3, name="wrench_axis")
     assert np.median(errors[:, 0]) < np.median(axis[:, 0])

@@ -45,7 +45,7 @@ def test_the_bias_is_that_of_free_space_whatever_was_touched_at_first(force, lea
 
 def test_a_touch_that_does_not_end_gives_no_bias():
     place, conditioner = Place((0, 0, -3.0), 99), WrenchConditioner(Probe(), 125.0)
-    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN, most_retreats=3)
+    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN, max_retreats=3)
     assert not found.outcome.taken
     assert found.touched
     assert found.outcome.reason == "touching"
@@ -59,15 +59,15 @@ def press(stiffness, normal, damping=0.0, delay=0.0, top=0.8, noise=3e-3, seed=1
     depth = 1.1 * top * series
     times = np.arange(0.0, 0.4, 0.008)
 
-    def way(t):
+    def travel(t):
         return depth * (1.0 - np.exp(-np.maximum(t, 0.0) / SLOWING))
 
     for k, t in enumerate(times):
-        speed = (way(t + 1e-5) - way(t - 1e-5)) / 2e-5
-        force = max(way(t) / series + damping * speed, 0.0) + noise * random.normal()
+        speed = (travel(t + 1e-5) - travel(t - 1e-5)) / 2e-5
+        force = max(travel(t) / series + damping * speed, 0.0) + noise * random.normal()
         pose = np.eye(4)
         pose[:3, :3] = DOWN
-        pose[:3, 3] = 0.1 - way(t - delay) * normal
+        pose[:3, 3] = 0.1 - travel(t - delay) * normal
         world = force * normal
         wrench = Wrench(t, DOWN.T @ world, np.zeros(3), world, k)
         contact = Contact(t, pose[:3, 3], normal, world, pose[:3, 3], 0.9, "") if force > 0.2 else None
@@ -121,8 +121,8 @@ def test_a_press_that_tells_nothing_is_none():
     assert series_compliance(np.zeros(10), t, t) is None
     assert series_compliance(t, t, np.full(10, 2.0)) is None
     assert series_compliance(t, t / 500.0, t)[0] == pytest.approx(1 / 500.0)  # even: speed and offset are one
-    ways = 1e-3 * t**2
-    assert series_compliance(t, ways, 500.0 * ways)[0] == pytest.approx(1 / 500.0)
+    depths = 1e-3 * t**2
+    assert series_compliance(t, depths, 500.0 * depths)[0] == pytest.approx(1 / 500.0)
 
 
 @pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
@@ -131,8 +131,8 @@ def test_a_sphere_that_slides_on_while_it_sinks_in_does_not_mislead(tilt):
     t = np.arange(0.0, 0.24, 0.008)
     force = 0.1 + 0.9 * (1.0 - np.exp(-t / 0.08))
     aside = 0.02 * np.maximum(t - 0.04, 0.0)
-    ways = force / 700.0 - tilt * aside + 5e-6 * np.random.default_rng(2).normal(size=len(t))
-    held_against = series_compliance(t, ways, force, aside, 0.04)[0]
+    depths = force / 700.0 - tilt * aside + 5e-6 * np.random.default_rng(2).normal(size=len(t))
+    held_against = series_compliance(t, depths, force, aside, 0.04)[0]
     assert held_against == pytest.approx(1 / 700.0, rel=0.12)
     if tilt:
-        assert abs(series_compliance(t, ways, force)[0] * 700.0 - 1.0) > 2.0 * abs(held_against * 700.0 - 1.0)
+        assert abs(series_compliance(t, depths, force)[0] * 700.0 - 1.0) > 2.0 * abs(held_against * 700.0 - 1.0)

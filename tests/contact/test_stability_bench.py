@@ -13,8 +13,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("number", [1, 2, 25, 26, 27, 29, 31, 32, 34, 35])
 def test_cheap_cases_hold(number):
-    room, case = all_cases()[number]
-    result = run_case(room, case, quick=True)
+    group, case = all_cases()[number]
+    result = run_case(group, case, quick=True)
     assert result.held, [finding for finding in result.findings if not finding.sound]
 
 
@@ -34,10 +34,10 @@ def test_a_figure_that_is_no_number_and_an_exception_fall_short():
     def fail(quick):
         raise ZeroDivisionError("made up")
 
-    result = run_case("room", Case(7, "title", "wanted", fail), quick=True)
+    result = run_case("group", Case(7, "title", "wanted", fail), quick=True)
     assert not result.held
     assert "ZeroDivisionError: made up" in result.findings[0].happened
-    assert not run_case("room", Case(7, "title", "wanted", lambda quick: []), quick=True).held
+    assert not run_case("group", Case(7, "title", "wanted", lambda quick: []), quick=True).held
 
 
 def test_one_case_is_run_and_written(tmp_path):

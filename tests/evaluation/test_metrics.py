@@ -226,7 +226,7 @@ def test_ends_that_were_missed_are_measured(found):
     assert end_errors(points, outward, found) == pytest.approx((0.005, 0.0), abs=1e-9)
     sideways = outward[:, [1, 0, 2]]
     assert end_errors(points, sideways, found, axis=1) == pytest.approx((0.025, 0.025), abs=1e-9)
-    assert end_errors(points, sideways, found) == (np.inf, np.inf), "felt from the side alone"
+    assert end_errors(points, sideways, found) == (np.inf, np.inf), "touched from the side alone"
     assert end_errors(np.empty((0, 3)), np.empty((0, 3)), found) == (np.inf, np.inf)
 
 

@@ -30,10 +30,10 @@ def make_run(folder, name, summary=True):
         for i, (p, n) in enumerate(zip(record.points, record.normals))
     ]
     (folder / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(rows) + "\n")
-    way = "\n".join(
+    trace = "\n".join(
         f"{0.05 * i},{p[0]},{p[1]},{p[2]},{0.5 + 0.5 * np.sin(i)},0,inf,line" for i, p in enumerate(record.free_path)
     )
-    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + way + "\n")
+    (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + trace + "\n")
     if summary:
         content = {
             "status": "done", "reason": "area covered <all>", "sim_time_s": 42.0, "coverage": 0.97,
@@ -107,12 +107,12 @@ def test_a_run_without_contacts_has_its_page(tmp_path):
 
 
 PROBE = """<script>addEventListener("load", () => setTimeout(() => {
-  const told = { wide: document.documentElement.scrollWidth, window: innerWidth,
+  const layout = { wide: document.documentElement.scrollWidth, window: innerWidth,
     paper: getComputedStyle(document.body).backgroundColor, ink: getComputedStyle(document.body).color,
     images: [...document.images].every((i) => i.complete && i.naturalWidth === 560),
     viewer: document.getElementById("viewer") ? document.getElementById("viewer").dataset.drawn || "no" : "none",
     columns: getComputedStyle(document.querySelector(".grid")).gridTemplateColumns.split(" ").length };
-  document.body.innerHTML = ""; document.title = "told " + JSON.stringify(told); }, 500));</script>"""
+  document.body.innerHTML = ""; document.title = "layout " + JSON.stringify(layout); }, 500));</script>"""
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -137,14 +137,14 @@ def test_it_opens_in_a_browser(page, tmp_path, width, dark):
         ],
         capture_output=True, text=True, timeout=180,
     )  # fmt: skip
-    found = re.search(r"<title>told (\{.*?\})</title>", done.stdout)
+    found = re.search(r"<title>layout (\{.*?\})</title>", done.stdout)
     assert found, done.stderr[-2000:]
-    told = json.loads(found.group(1))
-    assert told["wide"] <= told["window"]
-    assert told["images"]
-    assert told["viewer"] in ("yes", "none")  # none where the machine has no WebGL 2
-    assert told["columns"] == (1 if width < 900 else 2)
-    paper, ink = (sum(int(v) for v in re.findall(r"\d+", told[name])[:3]) for name in ("paper", "ink"))
+    layout = json.loads(found.group(1))
+    assert layout["wide"] <= layout["window"]
+    assert layout["images"]
+    assert layout["viewer"] in ("yes", "none")  # none where the machine has no WebGL 2
+    assert layout["columns"] == (1 if width < 900 else 2)
+    paper, ink = (sum(int(v) for v in re.findall(r"\d+", layout[name])[:3]) for name in ("paper", "ink"))
     assert (paper < ink) == dark
 
 

@@ -35,8 +35,8 @@ def test_a_table_that_leans_is_found_and_its_contacts_alone(tilt, lines):
     touched = found.touched(points, normals)
     assert touched[: len(table)].mean() > 0.99
     assert not touched[len(table) :].any()
-    told = json.loads(json.dumps(found.as_dict(int(touched.sum()))))
-    np.testing.assert_array_equal(TablePlane.of(told).touched(points, normals), touched)
+    stored = json.loads(json.dumps(found.as_dict(int(touched.sum()))))
+    np.testing.assert_array_equal(TablePlane.of(stored).touched(points, normals), touched)
 
 
 def test_a_low_flat_object_is_no_table():

@@ -1,4 +1,4 @@
-"""The arm's own links: against what was touched, the table and each other, judged by python-fcl."""
+"""The arm's own links: against what was touched, the table and each other, compared with python-fcl."""
 
 from __future__ import annotations
 
@@ -90,14 +90,14 @@ def test_threats_are_those_that_fcl_finds():
     folded = np.clip(READY + rng.normal(0.0, 0.3, (100, 7)), ROBOT.lower, ROBOT.upper)
     folded[:, 5] = rng.uniform(1.6, 2.09, 100)
     for q in np.concatenate([wide, folded]):
-        near, least = watched.nearest(tip(q), q), min(reserves(q, voxels))
-        if least < -FCL:
+        near, smallest = watched.nearest(tip(q), q), min(reserves(q, voxels))
+        if smallest < -FCL:
             assert near.threatens
-            assert near.distance - near.required == pytest.approx(least, abs=FCL)
+            assert near.distance - near.required == pytest.approx(smallest, abs=FCL)
             kinds[near.against] = kinds.get(near.against, 0) + 1
-        elif least > FCL:
+        elif smallest > FCL:
             assert not near.threatens
-            assert near.distance - near.required <= least + FCL
+            assert near.distance - near.required <= smallest + FCL
     assert kinds["table"] > 20
     assert kinds["forearm_end"] > 5
     assert kinds[""] > 5
@@ -112,11 +112,11 @@ def test_a_swing_of_the_joints_is_refused_where_it_would_meet_something_on_the_w
         begin, end = (np.clip(READY + rng.normal(0.0, 0.6, 7), ROBOT.lower, ROBOT.upper) for _ in range(2))
         if min(reserves(begin, empty)) < 0.0:
             continue
-        least = min(min(reserves(begin + t * (end - begin), empty)) for t in np.linspace(0.0, 1.0, 25))
+        smallest = min(min(reserves(begin + t * (end - begin), empty)) for t in np.linspace(0.0, 1.0, 25))
         refused = bool(stage().objection_to_swing(begin, end))
-        if least < -0.0015:
+        if smallest < -0.0015:
             assert refused
-        elif least > 0.0:
+        elif smallest > 0.0:
             assert not refused
         verdicts[refused] += 1
     assert verdicts[False] > 0
@@ -164,7 +164,7 @@ def test_a_robot_without_known_links_is_refused():
 
 
 class Leaning:
-    """A strategy that insists on a pose whose way leads to the table, and reports what it is told."""
+    """A strategy that insists on a pose whose path leads to the table, and reports the answer."""
 
     contract = 1
 

@@ -1,4 +1,4 @@
-"""Confirmed motions: none before a yes, none after a key, and the loop goes on meanwhile."""
+"""Confirmed motions: none before a yes, none after a key, and the loop continues meanwhile."""
 
 import os
 
@@ -16,13 +16,13 @@ class Operator:
 
     def __init__(self, *lines):
         self.lines = list(lines)
-        self.told = []
+        self.messages = []
 
     def typed(self):
         return self.lines.pop(0) if self.lines else None
 
     def confirm(self, motions):
-        return Confirm(motions, self.told.append, self.typed)
+        return Confirm(motions, self.messages.append, self.typed)
 
 
 def goal(x):
@@ -37,8 +37,8 @@ def test_each_goal_waits_for_its_yes_and_is_asked_for_once():
     first, second = goal(0.1), goal(0.2)
     assert [confirm.filter(first) is first for _ in range(4)] == [False, False, True, True]
     assert [confirm.filter(second) is second for _ in range(3)] == [False, False, True]
-    assert len(operator.told) == 2
-    assert "x 0.100" in operator.told[0]
+    assert len(operator.messages) == 2
+    assert "x 0.100" in operator.messages[0]
     third = goal(0.3)
     assert confirm.filter(third) is third, "only the first two are asked for"
 
@@ -67,7 +67,7 @@ def test_no_and_a_key_in_motion_end_the_run(lines):
 
 
 def test_done_is_never_held():
-    done = Done("all felt")
+    done = Done("all touched")
     assert Operator().confirm(3).filter(done) is done
 
 
@@ -77,7 +77,7 @@ def test_refused_first_motion_leaves_the_tip_at_its_start(tmp_path):
     summary = explore(scene, tmp_path, confirm=operator.confirm(5))
     assert summary["status"] == "ended early"
     assert "the operator said 'q'" in summary["reason"]
-    assert operator.told
+    assert operator.messages
     assert summary["path_length_m"] < 1e-3
     assert summary["contacts"] == 0
 

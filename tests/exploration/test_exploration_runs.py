@@ -134,10 +134,10 @@ def test_orientation_change_reaches_lower_than_grid_version(stacked):
 
 
 def test_what_the_arm_cannot_reach_is_named_before_it_moves():
-    told = []
+    messages = []
     far = ["area.lower=[-0.05, -0.05, 0.006]", "area.upper=[0.25, 0.05, 0.058]", "run.time_limit=2.0"]
-    summary = explore(load_scene("empty", far), tell=told.append)
-    assert told[0].startswith("out of reach:")
+    summary = explore(load_scene("empty", far), message=messages.append)
+    assert messages[0].startswith("out of reach:")
     assert "x " in summary["unreachable_area"]
     assert explore(load_scene("empty", ["run.time_limit=2.0"]))["unreachable_area"] == ""
 

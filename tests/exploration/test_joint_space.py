@@ -22,9 +22,9 @@ def tip_at_rest(cycle=1e-3):
     return robot, tip
 
 
-def moved(pose, way, turn=0.0):
+def moved(pose, displacement, turn=0.0):
     out = pose.copy()
-    out[:3, 3] += way
+    out[:3, 3] += displacement
     c, s = np.cos(turn), np.sin(turn)
     out[:3, :3] = pose[:3, :3] @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return out
@@ -71,10 +71,10 @@ def test_velocity_is_the_derivative_of_the_place():
     tip.set_goal(moved(tip.pose, (0.0, 0.03, 0.0)), 0.05)
     for _ in range(3000):
         tip.step()
-    before, told = tip.pose[:3, 3].copy(), tip.velocity.copy()
+    before, velocity_before = tip.pose[:3, 3].copy(), tip.velocity.copy()
     tip.step()
-    assert np.linalg.norm(told) > 0.03
-    assert (tip.pose[:3, 3] - before) / tip.cycle == pytest.approx(0.5 * (told + tip.velocity), abs=1e-5)
+    assert np.linalg.norm(velocity_before) > 0.03
+    assert (tip.pose[:3, 3] - before) / tip.cycle == pytest.approx(0.5 * (velocity_before + tip.velocity), abs=1e-5)
 
 
 def test_a_feed_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call():
@@ -83,7 +83,7 @@ def test_a_feed_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call
     rotation = tip.pose[:3, :3].copy()
     speeds = []
     for _ in range(125):
-        tip.set_feed(velocity, 0.05)
+        tip.set_velocity(velocity, 0.05)
         for _ in range(8):
             tip.step()
         speeds.append(tip.velocity.copy())
@@ -99,7 +99,7 @@ def test_a_feed_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call
 def test_a_long_feed_goes_on_for_as_long_as_it_holds():
     _, tip = tip_at_rest()
     start = tip.pose[:3, 3].copy()
-    tip.set_feed(np.array((0.0, 0.02, 0.0)), 1.0)
+    tip.set_velocity(np.array((0.0, 0.02, 0.0)), 1.0)
     way_of(tip, 1500)
     assert tip.pose[:3, 3] - start == pytest.approx((0.0, 0.02, 0.0), abs=0.002)
     assert np.linalg.norm(tip.velocity) == 0.0
@@ -110,7 +110,7 @@ def test_a_feed_turns_towards_its_pose_no_faster_than_allowed():
     wanted = moved(tip.pose, (0.0, 0.0, 0.0), 0.3)
     angles = []
     for _ in range(1200):
-        tip.set_feed(np.array((0.005, 0.0, 0.0)), 0.05, wanted)
+        tip.set_velocity(np.array((0.005, 0.0, 0.0)), 0.05, wanted)
         tip.step()
         angles.append(np.arccos(np.clip(0.5 * (np.trace(tip.pose[:3, :3].T @ wanted[:3, :3]) - 1.0), -1.0, 1.0)))
     assert angles[-1] < 1e-3
@@ -126,7 +126,7 @@ def test_changes_between_goals_and_feeds_keep_the_joints_limits():
         if rng.random() < 0.5:
             tip.set_goal(moved(home, 0.05 * rng.normal(size=3)), float(rng.choice((0.1, 0.02))))
         elif rng.random() < 0.8:
-            tip.set_feed(0.03 * rng.normal(size=3), 0.05)
+            tip.set_velocity(0.03 * rng.normal(size=3), 0.05)
         else:
             tip.stop()
         for _ in range(int(rng.integers(1, 120))):
@@ -134,15 +134,15 @@ def test_changes_between_goals_and_feeds_keep_the_joints_limits():
             joints.append(tip.q.copy())
     q = np.array(joints)
     assert (np.abs(np.diff(q, axis=0)) <= robot.speed * tip.cycle * (1.0 + 1e-9)).all()
-    most = LIMITS.acceleration / robot.length
-    assert np.abs(np.diff(q, 2, axis=0)).max() <= most * tip.cycle**2 * (1.0 + 1e-6)
+    bound = LIMITS.acceleration / robot.length
+    assert np.abs(np.diff(q, 2, axis=0)).max() <= bound * tip.cycle**2 * (1.0 + 1e-6)
 
 
 def test_what_is_out_of_reach_is_told_and_nothing_moves():
     _, tip = tip_at_rest()
     before = tip.q.copy()
     far = moved(tip.pose, (2.0, 0.0, 0.0))
-    assert tip.judge(far) != IKStatus.CONVERGED
+    assert tip.ik_status(far) != IKStatus.CONVERGED
     assert tip.set_goal(far, 0.1) != IKStatus.CONVERGED
     for _ in range(10):
         tip.step()

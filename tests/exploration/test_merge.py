@@ -51,8 +51,10 @@ def run_folder(folder, name, record, settings=(), known=True):
     rows = np.column_stack([0.01 * np.arange(n), record.points, record.normals, np.full(n, 0.8), np.ones(n)])
     np.savetxt(folder / "contacts.csv", rows, "%.7f", ",", header="time,x,y,z,nx,ny,nz,force,trust", comments="")
     zero = np.zeros(len(free))
-    way = np.column_stack([zero, free, zero, zero, zero + 0.05])
-    np.savetxt(folder / "trace.csv", way, "%.6f", ",", header="time,x,y,z,force,touching,clearance", comments="")
+    displacement = np.column_stack([zero, free, zero, zero, zero + 0.05])
+    np.savetxt(
+        folder / "trace.csv", displacement, "%.6f", ",", header="time,x,y,z,force,touching,clearance", comments=""
+    )
     summary = {"status": "done", "sim_time_s": 12.5, "peak_force_n": 1.5, "link_collisions": 0 if known else None}
     (folder / "summary.json").write_text(json.dumps(summary))
     return folder
@@ -131,8 +133,8 @@ def test_a_merged_folder_holds_all_runs_in_the_place_of_the_first(merged):
     runs = read_cloud(place / "out" / "contacts.csv").scalars["run"]
     assert [int((runs == i).sum()) for i in range(3)] == [len(part.points) for part in parts]
     assert json.loads((place / "out" / "summary.json").read_text()) == summary
-    told = [fact["registration"]["shift_mm"] for fact in summary["merged"][1:]]
-    assert told[1] == pytest.approx(2.0, abs=0.2)
+    shifts = [fact["registration"]["shift_mm"] for fact in summary["merged"][1:]]
+    assert shifts[1] == pytest.approx(2.0, abs=0.2)
     assert summary["surface_error_mm"]["median"] < 0.2
     assert (summary["status"], summary["sim_time_s"], summary["link_collisions"]) == ("done", 37.5, 0)
     assert summary["coverage"] > 0.7
@@ -227,6 +229,6 @@ def test_real_runs_over_an_object_moved_by_three_millimetres(tmp_path):
     assert summary["surface_error_mm"]["median"] < 0.15
 
 
-def _moved_by(at, way):
+def _moved_by(at, displacement):
     x, y, z = at.xyz
-    return at.model_copy(update={"xyz": (x + way[0], y + way[1], z)})
+    return at.model_copy(update={"xyz": (x + displacement[0], y + displacement[1], z)})

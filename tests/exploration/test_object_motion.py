@@ -159,10 +159,10 @@ def test_the_kernel_agrees_with_its_definition():
         for touching in (False, True):
             worst = 0.0
             for place, own in zip(places, normals):
-                way = centre - place
+                displacement = centre - place
                 for axis, sign in ((own, -1.0), (normal, 1.0)):
-                    depth = sign * float(way @ axis)
+                    depth = sign * float(displacement @ axis)
                     asked = own.any() if sign < 0.0 else touching
-                    if asked and depth <= 0.0075 and np.linalg.norm(way - sign * depth * axis) <= 0.001:
+                    if asked and depth <= 0.0075 and np.linalg.norm(displacement - sign * depth * axis) <= 0.001:
                         worst = max(worst, depth)
             assert deepest(places, normals, 20, centre, normal, touching, 0.001, 0.0075) == pytest.approx(worst)

@@ -150,7 +150,7 @@ def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_
 
 def test_it_can_be_taken_up_twice(cut_off, tmp_path):
     again, _, log = resumed(tmp_path)
-    for pose in [*again._way]:
+    for pose in [*again._path]:
         again.step(replace(seen(39), pose=pose, goal_reached=True))
     for k in range(60, 75):
         again.step(seen(k))

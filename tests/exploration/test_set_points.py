@@ -38,9 +38,9 @@ class Bench:
             self.tip.reset(self.q)
         self.points = SetPoints(self.tip, self.solver, self.guard)
 
-    def go(self, way, speed=0.1):
+    def go(self, displacement, speed=0.1):
         goal = self.pose.copy()
-        goal[:3, 3] += way
+        goal[:3, 3] += displacement
         self.tip.set_goal(goal, speed)
 
     def one_by_one(self, count):
@@ -85,7 +85,7 @@ def test_rows_are_those_of_one_cycle_after_the_other(speed):
 def test_a_feed_that_nobody_renews_stops_within_the_rows():
     naive, ours = Bench(), Bench()
     for bench in (naive, ours):
-        bench.tip.set_feed(np.array([0.03, -0.01, 0.0]), 0.05)
+        bench.tip.set_velocity(np.array([0.03, -0.01, 0.0]), 0.05)
     sizes = [7, 1, 7, MAX_ROWS, MAX_ROWS, 3, *[MAX_ROWS] * 6]
     wanted = naive.one_by_one(sum(sizes))
     assert ours.many_at_once(sizes).tobytes() == wanted.tobytes()
@@ -118,7 +118,7 @@ def test_rows_end_with_the_one_that_is_out_of_reach():
         bench.guard.measured[:] = q
     assert bench.points.status == IKStatus.JUMP
     assert bench.points.refusal is None
-    # the generator stands at that row, and has not been told
+    # the generator stands at that row, and does not know of it
     assert bench.points.velocities[laid - 1].tolist() == bench.tip.velocity.tolist()
     assert not bench.tip.resting
 

@@ -40,7 +40,7 @@ class Remote:
         self.data = controller.tick(self.now)
 
     def turn(self, joints=None, integers=None, flags=0x0001, late=False, silent=False):
-        """Answer the last measurement (mirroring unless told otherwise), then take the next one."""
+        """Answer the last measurement (mirroring unless set otherwise), then take the next one."""
         data, self.sequence = self.data, self.sequence + 1
         reply = answer(data, self.sequence, sum_of_set_points(data) if joints is None else joints, integers, flags)
         if not silent and not late:

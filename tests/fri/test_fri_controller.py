@@ -231,7 +231,7 @@ def test_stale_program_needs_stop_before_start():
     assert r.state == 1
     assert r.said[15] == 20
     r.turns(150, integers=REQUEST_A)
-    assert r.state == 1, "the program still believes that it has started"
+    assert r.state == 1, "the program's state still says that it has started"
     r.turns(10, integers={14: 10, 15: 20})
     assert r.said[15] == 10
     r.turns(10, integers=REQUEST_A)

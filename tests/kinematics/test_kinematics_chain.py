@@ -62,21 +62,21 @@ def test_lengths_of_any_scale(scale):
 def test_models_agree_with_roboticstoolbox(model):
     rng = np.random.default_rng(0)
     robot = model(tool=pose(rng), base=pose(rng))
-    judge = to_roboticstoolbox(robot)
+    reference = to_roboticstoolbox(robot)
     for q in rng.uniform(robot.lower, robot.upper, (10, robot.n)):
-        np.testing.assert_allclose(robot.fk(q).A, judge.fkine(q).A, atol=1e-14)
-        np.testing.assert_allclose(robot.jacobian(q), judge.jacob0(q), atol=1e-13)
-        assert robot.manipulability(q) == pytest.approx(judge.manipulability(q), abs=1e-12)
+        np.testing.assert_allclose(robot.fk(q).A, reference.fkine(q).A, atol=1e-14)
+        np.testing.assert_allclose(robot.jacobian(q), reference.jacob0(q), atol=1e-13)
+        assert robot.manipulability(q) == pytest.approx(reference.manipulability(q), abs=1e-12)
 
 
 @pytest.mark.parametrize("model", [lwr4, ur5e, puma560])
 def test_models_agree_with_pinocchio(model):
     pin = pytest.importorskip("pinocchio")
     robot = model(tool=pose(np.random.default_rng(3)))
-    judge, data, tip = pinocchio_twin(pin, robot)
+    reference, data, tip = pinocchio_twin(pin, robot)
     for q in np.random.default_rng(1).uniform(robot.lower, robot.upper, (10, robot.n)):
-        jac = pin.computeFrameJacobian(judge, data, q, tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        pin.framesForwardKinematics(judge, data, q)
+        jac = pin.computeFrameJacobian(reference, data, q, tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        pin.framesForwardKinematics(reference, data, q)
         np.testing.assert_allclose(robot.fk(q).A, data.oMf[tip].homogeneous, atol=1e-13)
         np.testing.assert_allclose(robot.jacobian(q), jac, atol=1e-13)
 

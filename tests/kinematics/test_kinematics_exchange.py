@@ -106,14 +106,14 @@ def test_a_urdf_chain_moves_as_its_reader_says(tmp_path):
     yourdfpy = pytest.importorskip("yourdfpy")
     file = tmp_path / "three.urdf"
     file.write_text(URDF)
-    robot, judge = from_urdf(file), yourdfpy.URDF.load(str(file))
+    robot, reference = from_urdf(file), yourdfpy.URDF.load(str(file))
     assert robot.n == 3
     assert robot.prismatic.tolist() == [False, True, False]
     np.testing.assert_allclose(robot.lower, [-1, -0.1, -np.inf])
     np.testing.assert_allclose(robot.speed, [3, 0.5, np.inf])
     for q in np.random.default_rng(0).uniform(-1, 1, (20, 3)):
-        judge.update_cfg(q)
-        np.testing.assert_allclose(robot.fk(q).A, judge.get_transform("tip", "root"), atol=1e-12)
+        reference.update_cfg(q)
+        np.testing.assert_allclose(robot.fk(q).A, reference.get_transform("tip", "root"), atol=1e-12)
 
 
 def test_a_urdf_of_the_lwr_is_recognised_despite_rounded_angles(tmp_path):

@@ -19,8 +19,8 @@ def test_a_straight_line_is_straight_and_turns_evenly():
     np.testing.assert_allclose(poses[-1], end.A, atol=1e-12)
     share = np.linspace(0, 1, len(poses))
     np.testing.assert_allclose(poses[:, :3, 3], start.t + share[:, None] * (end.t - start.t), atol=1e-12)
-    judge = Slerp([0, 1], Rotation.from_matrix([start.R, end.R]))(share).as_matrix()
-    np.testing.assert_allclose(poses[:, :3, :3], judge, atol=1e-9)
+    reference = Slerp([0, 1], Rotation.from_matrix([start.R, end.R]))(share).as_matrix()
+    np.testing.assert_allclose(poses[:, :3, :3], reference, atol=1e-9)
     assert np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).max() <= 0.01 + 1e-12
 
 
@@ -49,7 +49,7 @@ def test_a_path_in_the_middle_of_the_workspace_is_followed():
 
 
 def test_outward_beyond_the_straight_arm_stops_there_and_says_so():
-    """The elbow straightens: manipulability falls towards zero, the path ends at the reach, joints stay calm."""
+    """The elbow straightens: manipulability falls towards zero, the path ends at the reach, joint speeds stay small."""
     robot = lwr4(tool=TOOL)
     start = robot.fk(DOWN)
     report = follow(robot, straight_line(start, SE3(-0.8, 0.0, 0.0) * start, step=0.002), DOWN)
@@ -63,7 +63,7 @@ def test_outward_beyond_the_straight_arm_stops_there_and_says_so():
 
 
 def test_through_a_wrist_singularity_without_a_jump():
-    """The path aims the wrist through alignment (q6 = 0): it is crossed, and the speeds it takes are told."""
+    """The path aims the wrist through alignment (q6 = 0): it is crossed, and the speeds it takes are reported."""
     robot = lwr4(tool=TOOL)
     start, through = DOWN.copy(), DOWN.copy()
     start[5], through[5] = 0.3, -0.3
@@ -104,8 +104,8 @@ def test_a_limit_seen_ahead_is_avoided_in_the_null_space():
     robot = lwr4(tool=TOOL)
     q0 = np.deg2rad([0.0, 60, 50, -80, 20, 95, 30])
     path = straight_line(robot.fk(q0), SE3(robot.fk(q0).A) * SE3.Ry(-0.6), turn=0.002)
-    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(pace=0.0)))
-    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, pace=0.005)))
+    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(null_space_step=0.0)))
+    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, null_space_step=0.005)))
     assert wary.reached >= bold.reached
     assert wary.limit_margin[: bold.reached].min() > bold.limit_margin.min() + 0.05
 

@@ -43,7 +43,7 @@ def test_chains_nobody_would_build(seed):
 
 
 def test_few_joints_reach_what_they_can():
-    """Three joints in a plane: what they reach is found, what they do not is told."""
+    """Three joints in a plane: what they reach is found, what they do not is reported."""
     arm = Robot(
         name="planar",
         a=np.array([0.5, 0.4, 0.2]),

@@ -216,7 +216,7 @@ def test_preference_moves_the_elbow_and_never_the_tip():
     posture = np.deg2rad([0.0, 30, 40, -90, 0, 60, 0])
     seed = np.deg2rad([20.0, 30, 0, -90, 0, 60, 0])
     pose = robot.fk(seed).A
-    solver = IKSolver(robot, preference=Preference(posture, near_posture=1.0, pace=0.01))
+    solver = IKSolver(robot, preference=Preference(posture, near_posture=1.0, null_space_step=0.01))
     q, ways = seed.copy(), []
     for _ in range(300):
         assert_solved(robot, solver.track(pose, q.copy(), q), q, pose)
@@ -228,13 +228,13 @@ def test_preference_moves_the_elbow_and_never_the_tip():
 def test_preference_leaves_a_limit_and_a_singularity():
     robot = lwr4(tool=TOOL)
     at_limit = np.deg2rad([0.0, 119.5, 60, -90, 40, 60, 0])
-    solver, q = IKSolver(robot, preference=Preference(pace=0.01)), at_limit.copy()
+    solver, q = IKSolver(robot, preference=Preference(null_space_step=0.01)), at_limit.copy()
     pose = robot.fk(q).A
     for _ in range(100):
         assert_solved(robot, solver.track(pose, q.copy(), q), q, pose)
     assert robot.limit_margin(q) > 0.1
     near_singular = np.deg2rad([0.0, 40, 10, -60, 20, 2, 0])
-    solver = IKSolver(robot, preference=Preference(off_singularity=1.0, pace=0.01))
+    solver = IKSolver(robot, preference=Preference(off_singularity=1.0, null_space_step=0.01))
     pose, q = robot.fk(near_singular).A, near_singular.copy()
     measures = [robot.manipulability(q)]
     for _ in range(200):
@@ -247,6 +247,6 @@ def test_preference_leaves_a_limit_and_a_singularity():
 def test_pace_bounds_what_a_preference_moves():
     robot = lwr4(tool=TOOL)
     seed, q = np.deg2rad([20.0, 30, 0, -90, 0, 60, 0]), np.empty(7)
-    solver = IKSolver(robot, preference=Preference(-seed, near_posture=100.0, pace=1e-3))
+    solver = IKSolver(robot, preference=Preference(-seed, near_posture=100.0, null_space_step=1e-3))
     assert solver.track(robot.fk(seed).A, seed, q) == IKStatus.CONVERGED
     assert 0.5e-3 < np.abs(q - seed).max() < 1.1e-3

@@ -35,7 +35,7 @@ def test_a_notebook_has_one_line_that_is_rewritten(shown):
     display = progress_display()
     assert isinstance(display, NotebookProgress)
     with display:
-        display.tell("loading <scene>")
+        display.message("loading <scene>")
         assert shown == ["<i>loading &lt;scene&gt;</i>"]
         display.watch(SNAPSHOT)
     assert len(shown) == 1
@@ -47,7 +47,7 @@ def test_a_notebook_has_one_line_that_is_rewritten(shown):
 def test_a_quiet_notebook_shows_nothing(shown):
     display = progress_display(quiet=True)
     with display:
-        display.tell("loading")
+        display.message("loading")
         display.watch(SNAPSHOT)
     assert shown == []
 
@@ -57,7 +57,7 @@ def test_a_script_has_its_line_on_standard_error(monkeypatch, capsys):
     display = progress_display()
     assert isinstance(display, ProgressLine)
     with display:
-        display.tell("exploring")
+        display.message("exploring")
         display.watch(SNAPSHOT)
     caught = capsys.readouterr()
     assert caught.out == ""
@@ -67,6 +67,6 @@ def test_a_script_has_its_line_on_standard_error(monkeypatch, capsys):
 def test_quiet_is_quiet(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "IPython", raising=False)
     with progress_display(quiet=True) as display:
-        display.tell("exploring")
+        display.message("exploring")
         display.watch(SNAPSHOT)
     assert capsys.readouterr() == ("", "")

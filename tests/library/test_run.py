@@ -129,8 +129,15 @@ def test_it_is_evaluated_against_its_own_scene_or_another(run, tmp_path):
         found = lp.evaluate(mesh, run.scene)
         assert found.mesh.mean == pytest.approx(own.mesh.mean, rel=0.05)
         assert found.points is None
+    cloud = lp.evaluate(run.record, "block")
+    assert cloud.points == own.points
+    assert cloud.mesh is None
+    assert cloud.save(tmp_path / "none") == cloud.facings() == []
     exact = run.scene.solid().mesh()
     assert lp.evaluate(exact, "block").mesh.mean < 1e-4
+    exact.vertices = np.add(exact.vertices, (0.03, -0.02, 0.0))
+    assert lp.evaluate(exact, "block").mesh.mean > 1e-3
+    assert lp.evaluate(exact, "block", align=True).mesh.mean < 1e-4
     for subject, scene in ((run.mesh, None), (3, "block"), (run, "empty")):
         with pytest.raises(lp.InputError):
             lp.evaluate(subject, scene)

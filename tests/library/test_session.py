@@ -214,7 +214,7 @@ def test_a_scene_gets_settings_on_top_and_stays_as_it_was():
 def test_progress_is_shown_where_it_is_asked_for():
     class Listening:
         def __init__(self):
-            self.told, self.seen = [], []
+            self.messages, self.seen = [], []
 
         def __enter__(self):
             return self
@@ -222,14 +222,14 @@ def test_progress_is_shown_where_it_is_asked_for():
         def __exit__(self, *error):
             self.closed = True
 
-        def tell(self, sentence):
-            self.told.append(sentence)
+        def message(self, sentence):
+            self.messages.append(sentence)
 
         def watch(self, snapshot):
             self.seen.append(snapshot)
 
     display = Listening()
     lp.explore("block", settings=SHORT, progress=display)
-    assert "exploring" in display.told
+    assert "exploring" in display.messages
     assert display.seen[-1].time > 11.0
     assert display.closed

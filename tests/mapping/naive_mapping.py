@@ -24,10 +24,10 @@ def nearest(cells, edge, point):
 
 
 def distance_to_segment(points, begin, end):
-    way = end - begin
-    length2 = way @ way
-    t = np.clip((points - begin) @ way / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
-    return np.linalg.norm(points - begin - t[:, None] * way, axis=1)
+    displacement = end - begin
+    length2 = displacement @ displacement
+    t = np.clip((points - begin) @ displacement / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
+    return np.linalg.norm(points - begin - t[:, None] * displacement, axis=1)
 
 
 def swept(begin, end, radius, edge):

@@ -224,12 +224,12 @@ def test_mutated_files_are_read_or_refused(tmp_path):
 
 def test_a_file_made_to_exhaust_memory_is_refused(tmp_path, monkeypatch):
     """Each chain of 16 nodes costs 32 bytes in the file and seven nodes of ours."""
-    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MOST_WORDS", 1 << 14)
+    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MAX_WORDS", 1 << 14)
     voxels = VoxelMap(EDGE)
-    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MOST_WORDS", 1 << 28)
+    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MAX_WORDS", 1 << 28)
     voxels.insert(np.random.default_rng(5).uniform(-60.0, 60.0, (3000, 3)))
     path = voxels.write(tmp_path / "scattered.bt")
-    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MOST_WORDS", 1 << 14)
+    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MAX_WORDS", 1 << 14)
     with pytest.raises(FormatError, match=r"scattered\.bt.*MiB"):
         VoxelMap.read(path)
 

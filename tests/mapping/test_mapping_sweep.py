@@ -1,4 +1,4 @@
-"""The sphere's way, told place after place, frees what carving frees."""
+"""The sphere's path, given place after place, frees what carving frees."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def keys(voxels):
     return {tuple(key) for key in naive.keys(voxels.free_centres(), EDGE)}
 
 
-def carved(way, radius):
+def carved(centres, radius):
     voxels = VoxelMap(EDGE)
-    voxels.carve_path(way, radius)
+    voxels.carve_path(centres, radius)
     return keys(voxels)
 
 
@@ -34,17 +34,17 @@ class CountingMap(VoxelMap):
         super().carve_path(path, radius)
 
 
-def swept(way):
+def swept(centres):
     voxels = CountingMap(EDGE)
     sphere = SweptSphere(voxels, RADIUS)
-    for place in way:
+    for place in centres:
         sphere.move_to(place)
     sphere.leave()
     return voxels
 
 
 def sampled(corners, rng):
-    """Places on a way with corners, at steps as uneven as a run's, some of them none at all."""
+    """Places on a path with corners, at steps as uneven as a run's, some of them none at all."""
     places = [corners[:1]]
     for begin, end in pairwise(corners):
         steps = int(np.linalg.norm(end - begin) / 2e-4) + 1
@@ -57,21 +57,21 @@ def test_a_way_with_corners_frees_what_its_straight_legs_free():
     rng = np.random.default_rng(1)
     for _ in range(4):
         corners = np.cumsum(rng.normal(0.0, 0.012, (6, 3)), axis=0)
-        way = sampled(corners, rng)
-        voxels = swept(way)
+        centres = sampled(corners, rng)
+        voxels = swept(centres)
         found = keys(voxels)
-        assert carved(way, RADIUS - PLAY) <= found <= carved(corners, RADIUS + PLAY)
-        assert voxels.pieces < len(way) / 12
+        assert carved(centres, RADIUS - PLAY) <= found <= carved(corners, RADIUS + PLAY)
+        assert voxels.pieces < len(centres) / 12
 
 
 @pytest.mark.parametrize("bend", [0.002, 0.01, 0.1, 5.0])
 def test_a_bent_way_is_kept_to(bend):
     angle = np.linspace(0.0, min(6.0, 0.1 / bend), 400)
-    way = bend * np.column_stack([np.cos(angle), np.sin(angle), 0.2 * angle])
-    voxels = swept(way)
-    assert carved(way, RADIUS - PLAY) <= keys(voxels)
+    centres = bend * np.column_stack([np.cos(angle), np.sin(angle), 0.2 * angle])
+    voxels = swept(centres)
+    assert carved(centres, RADIUS - PLAY) <= keys(voxels)
     inside = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 5) * EDGE] * 3), -1).reshape(-1, 3)
-    places = np.concatenate([np.linspace(a, b, 8) for a, b in pairwise(way)])
+    places = np.concatenate([np.linspace(a, b, 8) for a, b in pairwise(centres)])
     off, _ = cKDTree(places).query((voxels.free_centres()[:, None] + inside).reshape(-1, 3))
     assert off.max() <= RADIUS + PLAY + 1e-6  # every part of every voxel
 
@@ -97,8 +97,8 @@ def test_what_is_pending_is_marked_when_the_sphere_leaves_and_the_next_way_begin
 def test_resting_for_long_and_going_back_and_forth():
     rest = np.zeros((500, 3))
     there = np.column_stack([np.linspace(0.0, 0.01, 40), np.zeros(40), np.zeros(40)])
-    way = np.concatenate([rest, there, there[::-1], there, rest])
-    voxels = swept(way)
+    centres = np.concatenate([rest, there, there[::-1], there, rest])
+    voxels = swept(centres)
     assert keys(voxels) == naive.swept(there[0], there[-1], RADIUS, EDGE)
     assert voxels.pieces < 12
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.mapping import VoxelMap, VoxelState, kernels
-from lwrprobe.mapping.voxel_set import MOST_WORDS
+from lwrprobe.mapping.voxel_set import MAX_WORDS
 
 EDGE = 0.002
 REACH = 32768 * EDGE
@@ -89,13 +89,13 @@ def test_a_place_outside_is_named_when_asked_in_a_batch():
 
 
 def test_keys_are_octomaps_at_every_border():
-    judge = octomap.OcTree(EDGE)
+    reference = octomap.OcTree(EDGE)
     rng = np.random.default_rng(2)
     steps = rng.integers(-32768, 32768, 2000)
     xs = np.concatenate([steps * EDGE, steps * EDGE * (1 + 1e-7), steps * EDGE * (1 - 1e-7), [-REACH]])
-    xs = xs.astype(np.float32).astype(float)  # the judge's points have single precision
+    xs = xs.astype(np.float32).astype(float)  # the reference's points have single precision
     for x in xs[(xs >= -REACH) & (xs < REACH)]:
-        assert kernels.key_of(x, 1.0 / EDGE) == judge.coordToKey(np.array([x, 0.0, 0.0]))[0]
+        assert kernels.key_of(x, 1.0 / EDGE) == reference.coordToKey(np.array([x, 0.0, 0.0]))[0]
 
 
 def test_the_range_ends_where_it_says():
@@ -216,16 +216,16 @@ def test_carves_the_voxels_that_lie_wholly_in_the_swept_sphere(radius):
 
 
 def test_a_path_carves_what_its_segments_carve():
-    way = np.cumsum(np.random.default_rng(7).normal(0.0, 0.004, (60, 3)), axis=0)
+    path = np.cumsum(np.random.default_rng(7).normal(0.0, 0.004, (60, 3)), axis=0)
     whole, parts = VoxelMap(EDGE), VoxelMap(EDGE)
-    whole.carve_path(way, 0.005)
-    for begin, end in pairwise(way):
+    whole.carve_path(path, 0.005)
+    for begin, end in pairwise(path):
         parts.carve_path(np.array([begin, end]), 0.005)
     np.testing.assert_array_equal(whole.free_centres(), parts.free_centres())
     whole.carve_path(np.empty((0, 3)), 0.005)
     single = VoxelMap(EDGE)
-    single.carve_path(way[:1], 0.005)
-    assert {tuple(k) for k in naive.keys(single.free_centres(), EDGE)} == naive.swept(way[0], way[0], 0.005, EDGE)
+    single.carve_path(path[:1], 0.005)
+    assert {tuple(k) for k in naive.keys(single.free_centres(), EDGE)} == naive.swept(path[0], path[0], 0.005, EDGE)
 
 
 def test_what_was_touched_stays_occupied_and_what_was_swept_can_be_touched():
@@ -259,15 +259,15 @@ def test_carving_at_the_end_of_the_range_and_refusals():
 
 
 def test_growth_has_an_end(monkeypatch):
-    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MOST_WORDS", 1 << 13)
+    monkeypatch.setattr("lwrprobe.mapping.voxel_set.MAX_WORDS", 1 << 13)
     voxels = VoxelMap(EDGE)
     with pytest.raises(InputError, match="map"):
         voxels.insert(np.random.default_rng(8).uniform(-60.0, 60.0, (2000, 3)))
-    assert MOST_WORDS <= 1 << kernels.PLACE_BITS
+    assert MAX_WORDS <= 1 << kernels.PLACE_BITS
 
 
 def test_a_list_too_long_for_memory_is_refused(monkeypatch):
-    monkeypatch.setattr("lwrprobe.mapping.voxel_map.MOST_VOXELS_LISTED", 100)
+    monkeypatch.setattr("lwrprobe.mapping.voxel_map.MAX_VOXELS_LISTED", 100)
     voxels = VoxelMap(EDGE)
     voxels.insert(block((5, 5, 5)))
     with pytest.raises(InputError, match="leaves"):

@@ -215,16 +215,16 @@ def test_bad_options_are_refused(options):
 
 def test_it_can_be_interrupted(scenes):
     _, record = scenes("polystyrene_2")
-    told = []
+    stages = []
 
     def stop(stage, share):
-        told.append(stage)
+        stages.append(stage)
         if stage == "field":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         ContactSurface(progress=stop).reconstruct(record)
-    assert told[0] == "prepare"
+    assert stages[0] == "prepare"
 
 
 @pytest.mark.slow

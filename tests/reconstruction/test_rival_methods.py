@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, MissingExtraError, TouchRecord, UnknownNameError
-from lwrprobe.reconstruction import reconstruct, record_from_cloud
+from lwrprobe.reconstruction import reconstruct
 from lwrprobe.reconstruction.closed import count_pieces, is_closed
 from lwrprobe.reconstruction.concave_hull import ConcaveHull
 from lwrprobe.reconstruction.convex_hull import convex_hull
@@ -48,7 +48,7 @@ def test_unknown_methods_and_options_are_named(dome):
 
 
 def test_a_bare_cloud_becomes_a_record(dome):
-    record = record_from_cloud(dome.points)
+    record = TouchRecord(dome.points)
     assert record.normals is None
     assert record.probe_radius is None
     assert is_closed(reconstruct(record, "convex_hull").mesh.faces)

@@ -62,7 +62,7 @@ def test_depth_times_stiffness_is_felt(scene, descent):
     assert np.linalg.norm(force) == pytest.approx(0.002 * 2000.0, rel=0.05)
     # The table pushes the probe upwards; the sensor's z points down.
     assert force[2] == pytest.approx(-4.0, rel=0.05)
-    assert world.judge.peak_force == pytest.approx(4.0, rel=0.05)
+    assert world.ground_truth.peak_force == pytest.approx(4.0, rel=0.05)
     assert not world.refused
 
 
@@ -95,7 +95,7 @@ def test_touch_over_real_sockets(scene, descent):
                 states.append(arm.read())
                 samples += sensor.read()
                 arm.command(q)
-            # The world goes on at its own pace: a second of it, however long the machine takes for that.
+            # The world advances at its own rate: a second of it, however long the machine takes for that.
             end, begin = time.monotonic() + 30.0, world.elapsed
             while world.elapsed < begin + 1.0:
                 assert time.monotonic() < end

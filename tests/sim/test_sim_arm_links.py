@@ -27,10 +27,10 @@ def test_a_forearm_that_sinks_into_the_table_is_counted(monkeypatch):
     area = [f"area.lower=[-0.05, -0.05, {below + 0.006}]", f"area.upper=[0.05, 0.05, {below + 0.1}]"]
     scene = load_scene("empty", [f"table.height={below}", *area])
     driver = SimDriver(DriverContext(SimConfig(start_q=tuple(START), lag=0.0), scene, 1))
-    arm, judge = driver.arm(), driver.ground_truth()
+    arm, truth = driver.arm(), driver.ground_truth()
     arm.open()
     q, lowest = START.copy(), []
-    while judge.link_collisions == 0 and len(lowest) < 2000:
+    while truth.link_collisions == 0 and len(lowest) < 2000:
         q[1] += 0.0005
         arm.command(q)
         state = arm.read()

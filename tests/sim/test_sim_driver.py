@@ -137,12 +137,12 @@ def test_the_truth_is_told_for_each_sample_and_for_nothing_else():
     driver = opened(config, ["sensor.rate=4000.0"])
     for _ in range(2000):
         driver.arm().read()
-    judge = driver.ground_truth()
-    assert judge.contact_at(8000) is None
-    assert judge.contact_at(0) is None
-    assert judge.contact_at(10**9) is None
-    assert judge.link_collisions == 0
-    assert judge.peak_force == 0.0
+    truth = driver.ground_truth()
+    assert truth.contact_at(8000) is None
+    assert truth.contact_at(0) is None
+    assert truth.contact_at(10**9) is None
+    assert truth.link_collisions == 0
+    assert truth.peak_force == 0.0
 
 
 def test_an_option_that_cannot_be_is_refused():

@@ -1,4 +1,4 @@
-"""The judge sees every link that begins to overlap the object, and no other."""
+"""The ground truth counts every link that begins to overlap the object, and no other."""
 
 import numpy as np
 import pytest

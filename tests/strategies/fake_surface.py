@@ -112,9 +112,9 @@ class FakeSurface:
         before = self.place.copy()
         self.check(motion)
         if isinstance(motion, Goal):
-            way = motion.pose[:3, 3] - self.place
-            size = float(np.linalg.norm(way))
-            self.place = self.place + way * min(1.0, motion.speed * self.period / max(size, 1e-12))
+            displacement = motion.pose[:3, 3] - self.place
+            size = float(np.linalg.norm(displacement))
+            self.place = self.place + displacement * min(1.0, motion.speed * self.period / max(size, 1e-12))
             self.rotation = motion.pose[:3, :3]
         else:
             assert isinstance(motion, VelocityCommand)

@@ -4,7 +4,7 @@ import math
 
 
 def steep_between(touches, x_a, x_b, y, pitch, floor):
-    """Whether the surface between two grid lines is too steep at y: told from the highest touches near y on each."""
+    """Whether the surface between two grid lines is too steep at y: from the highest touches near y on each."""
 
     def height(x):
         found = [row[2] for row in touches if row[9] == x and abs(row[1] - y) < 0.0015]

@@ -1,4 +1,4 @@
-"""The strategy contract: what a strategy has, and what one for an older version is told."""
+"""The strategy contract: what a strategy has, and the message for one of an older version."""
 
 from importlib.metadata import EntryPoint
 
@@ -35,9 +35,9 @@ def test_a_strategy_for_version_1_is_told_what_to_change(text, tmp_path, monkeyp
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("old", "old_plugin:Old", "lwrprobe.strategies")
     monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
-    with pytest.raises(PluginError) as told:
+    with pytest.raises(PluginError) as raised:
         plugins.load("strategy", "old", STRATEGY_CONTRACT)
-    assert STRATEGY_CHANGES[1] in str(told.value)
+    assert STRATEGY_CHANGES[1] in str(raised.value)
     monkeypatch.delitem(__import__("sys").modules, "old_plugin", raising=False)
 
 

@@ -14,7 +14,7 @@ from lwrprobe_strategies.planning.outlines import outlines
 FLOOR, RADIUS = 0.006, 0.005
 
 
-def felt(height, xs, ys):
+def contacts_on(height, xs, ys):
     """Touches of a height field z(x, y) of the sphere's centre along grid lines; NaN where there is nothing."""
     touched = ContactMemory()
     for x in xs:
@@ -40,7 +40,7 @@ YS = np.arange(-0.03, 0.0301, 0.0005)
 
 
 def test_both_ends_of_a_block_are_crossed_and_nothing_else():
-    lines = across(felt(block, XS, YS))
+    lines = across(contacts_on(block, XS, YS))
     assert len(lines) == 10
     assert {(min(line.begin, line.end), max(line.begin, line.end)) for line in lines} == {(-0.06, -0.05), (0.05, 0.06)}
     places = sorted({round(line.place, 6) for line in lines})
@@ -57,14 +57,14 @@ def test_a_line_across_that_ends_in_free_space_may_be_driven_from_there():
     def wall(x, y):
         return 0.055 if abs(x) <= 0.001 and abs(y) <= 0.025 else np.nan
 
-    lines = across(felt(wall, XS, YS))
+    lines = across(contacts_on(wall, XS, YS))
     assert len(lines) == 5
     assert all(line.free_end and line.fallback is None and abs(line.begin) == 0.01 for line in lines)
 
 
 def test_how_low_a_line_may_begin_is_asked_for_the_wall_it_meets_first():
     asked = []
-    touched = felt(block, XS, YS)
+    touched = contacts_on(block, XS, YS)
     lines_across(touched.contacts(), touched.trail(), XS, 0.004, FLOOR, lambda line: asked.append(line) or 0.007)
     assert asked
     assert all(abs(line.end - line.begin) <= 0.004 + 1e-12 for line in asked)
@@ -76,7 +76,7 @@ def test_a_groove_is_crossed_at_once():
             return np.nan
         return 0.05 - np.sqrt(0.019**2 - x * x) if abs(x) < 0.019 else 0.055
 
-    lines = across(felt(bridge, XS, YS))
+    lines = across(contacts_on(bridge, XS, YS))
     groove = [line for line in lines if max(abs(line.begin), abs(line.end)) < 0.04]
     assert len(groove) == 5
     assert all(line.on_surface and {round(line.begin, 3), round(line.end, 3)} == {-0.02, 0.02} for line in groove)
@@ -86,7 +86,7 @@ def test_two_things_apart_are_crossed_apart():
     def two(x, y):
         return 0.055 if 0.02 <= abs(x) <= 0.05 and abs(y) <= 0.025 else np.nan
 
-    lines = across(felt(two, XS, YS))
+    lines = across(contacts_on(two, XS, YS))
     assert all(abs(line.begin - line.end) == pytest.approx(0.01) for line in lines)
     assert len(lines) == 20
 
@@ -96,7 +96,7 @@ def test_every_steep_place_is_crossed_and_every_crossing_meets_one(seed):
     random = np.random.default_rng(seed)
     knots = random.uniform(FLOOR, 0.05, len(XS))
     knots[random.random(len(XS)) < 0.3] = np.nan
-    touched = felt(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
+    touched = contacts_on(lambda x, y: knots[np.argmin(abs(XS - x))], XS, YS[::3])
     table, lines = touched.contacts(), across(touched)
     for y in sorted({line.place for line in lines}):
         own = [line for line in lines if line.place == y]
@@ -150,7 +150,7 @@ def test_a_flat_end_is_found_already():
 
 
 def test_a_descent_is_known_to_be_free_as_far_as_the_probe_has_stood():
-    touched = felt(block, XS, YS)
+    touched = contacts_on(block, XS, YS)
     for y in YS:
         touched.passed(np.array([0.05, y, 0.0575]), 0.05)
     ends = [line.fallback for line in across(touched) if line.end == 0.05]

@@ -72,8 +72,8 @@ class Watch:
         assert used.max() <= 1.0 + self.tolerance, (used, status)
         # position and rotation move as the velocities say (trapezium rule, whose error the jerk bounds)
         v, w = h * (motion[::2] + self.motion[::2]) / 2.0
-        way = np.abs(pose[:3, 3] - self.pose[:3, 3] - v).max()
-        assert way <= limits.jerk * h**3 / 6.0 + 1e-11 + 1e-15 * np.abs(pose[:3, 3]).max()
+        displacement = np.abs(pose[:3, 3] - self.pose[:3, 3] - v).max()
+        assert displacement <= limits.jerk * h**3 / 6.0 + 1e-11 + 1e-15 * np.abs(pose[:3, 3]).max()
         turn = pose[:3, :3] @ self.pose[:3, :3].T
         sine = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])) / 2.0
         assert np.abs(sine - w).max() <= (self.bend + limits.turn_rate**3) * h**3 / 6.0 + 1e-11

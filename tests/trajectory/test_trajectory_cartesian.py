@@ -28,16 +28,16 @@ def run(watch, ticks, until=lambda tip: tip.arrived):
 @pytest.mark.parametrize("speed", [0.25, 0.2, 0.01])
 def test_a_move_from_rest_is_straight_and_slerp_straight_in_one_phase_and_ends_exactly(speed):
     tip = tip_at_rest()
-    way, turn = np.array((0.1, 0.05, -0.02)), np.array((0.3, -0.5, 0.2))
-    goal = pose(*way, turn)
+    displacement, turn = np.array((0.1, 0.05, -0.02)), np.array((0.3, -0.5, 0.2))
+    goal = pose(*displacement, turn)
     assert tip.set_goal(goal, speed) == TrajectoryStatus.MOVING
     watch = Watch(tip)
     while not tip.arrived:
         watch.step()
         x = tip.pose[:3, 3]
         r = Rotation.from_matrix(tip.pose[:3, :3]).as_rotvec()
-        share = x @ way / (way @ way)
-        assert np.abs(x - share * way).max() < 1e-15
+        share = x @ displacement / (displacement @ displacement)
+        assert np.abs(x - share * displacement).max() < 1e-15
         assert np.abs(r - share * turn).max() < 1e-12
         assert np.linalg.norm(tip.velocity) <= speed * (1.0 + 1e-12)
     assert np.abs(tip.pose - goal).max() < 1e-15
@@ -85,7 +85,7 @@ def act(watch, action):
     if action[0] == "goal":
         tip.set_goal(pose(*action[1], action[2]), action[3])
     elif action[0] == "feed":
-        tip.set_feed(np.array(action[1]), action[3], None if action[2] is None else pose(turn=action[2]))
+        tip.set_velocity(np.array(action[1]), action[3], None if action[2] is None else pose(turn=action[2]))
     elif action[0] == "stop":
         tip.stop()
     else:
@@ -245,19 +245,19 @@ def test_a_corner_is_faster_than_stop_and_go_and_ends_straight(angle):
             tip.stop()
             ticks += run(watch, 1000, lambda tip: tip.status == TrajectoryStatus.RESTING)
         tip.set_goal(goal, 0.25)
-        ways = []
+        velocities = []
         while not tip.arrived:
             watch.step()
-            ways.append(tip.velocity.copy())
-        last = ways[-60]
+            velocities.append(tip.velocity.copy())
+        last = velocities[-60]
         left = goal[:3, 3] - tip.pose[:3, 3]
         assert not left.any()
-        return ticks + len(ways), ways, last
+        return ticks + len(velocities), velocities, last
 
-    through, ways, _ = turn_at_full_speed(False)
+    through, velocities, _ = turn_at_full_speed(False)
     stop_and_go, _, _ = turn_at_full_speed(True)
     assert through < stop_and_go
-    ends = np.array(ways[-50:-1])
+    ends = np.array(velocities[-50:-1])
     directions = ends / np.linalg.norm(ends, axis=1)[:, None]
     assert np.abs(directions - directions[0]).max() < 1e-6
 
@@ -296,7 +296,7 @@ def test_a_feed_is_kept_and_stops_by_itself():
     watch = Watch(tip_at_rest())
     tip = watch.tip
     for _ in range(400):
-        tip.set_feed(np.array((0.03, -0.04, 0.0)), 0.05)
+        tip.set_velocity(np.array((0.03, -0.04, 0.0)), 0.05)
         watch.step()
     assert tip.velocity == pytest.approx([0.03, -0.04, 0.0], abs=1e-12)
     assert tip.status == TrajectoryStatus.FEEDING
@@ -313,7 +313,7 @@ def test_a_feed_turns_to_its_orientation_meanwhile():
     tip = watch.tip
     wanted = pose(turn=(0.2, -0.3, 0.1))
     for _ in range(1500):
-        tip.set_feed(np.array((0.01, 0.02, 0.0)), 0.05, wanted)
+        tip.set_velocity(np.array((0.01, 0.02, 0.0)), 0.05, wanted)
         watch.step()
     assert np.abs(tip.pose[:3, :3] - wanted[:3, :3]).max() < 1e-11
     assert tip.velocity == pytest.approx([0.01, 0.02, 0.0], abs=1e-12)
@@ -324,7 +324,7 @@ def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
     tip = watch.tip
     for n in range(3000):
         wanted = 0.25 * np.array((np.cos(2e-3 * n), np.sin(2e-3 * n), 0.0))
-        tip.set_feed(wanted, 0.05)
+        tip.set_velocity(wanted, 0.05)
         watch.step()
         if n > 500:
             assert np.linalg.norm(tip.velocity - wanted) < 0.02
@@ -332,7 +332,7 @@ def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
 
 def test_a_feed_above_the_limit_is_shortened():
     watch = Watch(tip_at_rest())
-    watch.tip.set_feed(np.array((3.0, 4.0, 0.0)), 1.0)
+    watch.tip.set_velocity(np.array((3.0, 4.0, 0.0)), 1.0)
     for _ in range(600):
         watch.step()
     assert watch.tip.velocity == pytest.approx([0.15, 0.2, 0.0], abs=1e-12)
@@ -390,10 +390,10 @@ def test_the_preview_is_what_comes():
     tip.set_goal(pose(0.1, 0.1, 0.0, (0.3, 0.0, 0.2)), 0.2)
     for _ in range(50):
         tip.step()
-    poses, pace = np.empty((11, 4, 4)), np.empty(11)
-    tip.preview(0.1, poses, pace)
+    poses, speed_ratio = np.empty((11, 4, 4)), np.empty(11)
+    tip.preview(0.1, poses, speed_ratio)
     assert np.array_equal(poses[0], tip.pose)
-    for expected, share in zip(poses[1:], pace[1:]):
+    for expected, share in zip(poses[1:], speed_ratio[1:]):
         for _ in range(10):
             tip.step()
         assert np.abs(tip.pose - expected).max() < 1e-12
@@ -409,7 +409,11 @@ def test_a_pose_that_is_none_is_refused_and_the_motion_goes_on(bad):
     tip = tip_at_rest()
     tip.set_goal(pose(0.1), 0.1)
     tip.step()
-    for call in (lambda: tip.set_goal(bad, 0.1), lambda: tip.set_feed(np.zeros(3), 0.1, bad), lambda: tip.reset(bad)):
+    for call in (
+        lambda: tip.set_goal(bad, 0.1),
+        lambda: tip.set_velocity(np.zeros(3), 0.1, bad),
+        lambda: tip.reset(bad),
+    ):
         with pytest.raises(InputError, match="pose"):
             call()
     run(Watch(tip), 2000)
@@ -423,7 +427,7 @@ def test_a_bound_that_is_none_is_refused(bad):
         lambda: tip.set_goal(np.eye(4), bad),
         lambda: tip.set_goal(np.eye(4), 0.1, bad),
         lambda: tip.scale(bad),
-        lambda: tip.set_feed(np.array((bad, bad, 0.0)) if bad != -1.0 else np.zeros(2), 0.1 if bad else bad),
+        lambda: tip.set_velocity(np.array((bad, bad, 0.0)) if bad != -1.0 else np.zeros(2), 0.1 if bad else bad),
         lambda: CartesianTrajectory(bad, LIMITS),
         lambda: CartesianLimits(bad, 1.0, 1.0, 1.0, 1.0, 1.0),
     ):

@@ -18,7 +18,7 @@ HARD = [
 ]
 
 
-def follow(q, way, turn, governed):
+def follow(q, displacement, turn, governed):
     robot = lwr4()
     solver = IKSolver(robot)
     tip = CartesianTrajectory(1e-3, LIMITS)
@@ -26,26 +26,26 @@ def follow(q, way, turn, governed):
     robot.fk_into(q, start)
     tip.reset(start)
     goal = start.copy()
-    goal[:3, 3] += way
+    goal[:3, 3] += displacement
     goal[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ goal[:3, :3]
     governor = SpeedGovernor(tip, solver.track_all, robot.speed)
-    watch, out, most = Watch(tip), np.empty(7), 0.0
+    watch, out, largest = Watch(tip), np.empty(7), 0.0
     tip.set_goal(goal, 0.25)
     while not tip.arrived:
         watch.step()
         assert solver.track(tip.pose, q, out) == 0
-        most = max(most, float((np.abs(out - q) / robot.speed).max()) / tip.cycle)
+        largest = max(largest, float((np.abs(out - q) / robot.speed).max()) / tip.cycle)
         q = out.copy()
         if governed:
             governor.watch(q)
     assert np.abs(tip.pose - goal).max() < 1e-14
-    return most
+    return largest
 
 
-@pytest.mark.parametrize(("q", "way", "turn"), HARD)
-def test_near_a_singularity_the_joints_keep_their_speed_limits(q, way, turn):
-    assert follow(q, way, turn, governed=False) > 4.0
-    assert follow(q, way, turn, governed=True) < 1.0
+@pytest.mark.parametrize(("q", "displacement", "turn"), HARD)
+def test_near_a_singularity_the_joints_keep_their_speed_limits(q, displacement, turn):
+    assert follow(q, displacement, turn, governed=False) > 4.0
+    assert follow(q, displacement, turn, governed=True) < 1.0
 
 
 def test_a_governed_tip_that_rests_is_not_slowed_any_more():

@@ -1,6 +1,6 @@
 """UDP commands read and data records written byte by byte, as the device does.
 
-Written from the layout alone and sharing nothing with the driver's `wire`, so that each can judge the other.
+Written from the layout alone and sharing nothing with the driver's `wire`, so that each checks the other.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ class Dialogue:
 
     def _rate(self, words: list[str]) -> list[str]:
         if words:
-            rate = self._number(words[0], 5000, least=5)
+            rate = self._number(words[0], 5000, lowest=5)
             oversampling = self._number(words[1], 64) if len(words) > 1 else self.settings.oversampling
             if rate * oversampling > 4000:
                 raise Refused("Error: packet rate x oversample is limited to 4000 Hz")
@@ -162,7 +162,7 @@ class Dialogue:
 
     def _bright(self, words: list[str]) -> list[str]:
         if words:
-            self.settings.brightness = self._number(words[0], 100, least=0)
+            self.settings.brightness = self._number(words[0], 100, lowest=0)
         level = self.settings.brightness
         return [f"LED brightness: Analog Board = {level}% Power Button = {level}%"]
 
@@ -231,9 +231,9 @@ class Dialogue:
     def _active_line(self) -> str:
         return f"Active: Transducer = {self.settings.active} Calibration = {self._active.calibration}"
 
-    def _number(self, text: str, most: int, least: int = 1) -> int:
-        if not (text.isascii() and text.isdigit()) or not least <= int(text) <= most:
-            raise Refused(f"Error: '{text}' is not a number from {least} to {most}")
+    def _number(self, text: str, highest: int, lowest: int = 1) -> int:
+        if not (text.isascii() and text.isdigit()) or not lowest <= int(text) <= highest:
+            raise Refused(f"Error: '{text}' is not a number from {lowest} to {highest}")
         return int(text)
 
 

@@ -94,8 +94,6 @@ class Controller:
         self._sequence = (settings.first_sequence - 1) & 0xFFFF
         self._reflected = 0
         self._asked = [0] * 16
-        self._bools = 0
-        self._reals = np.zeros(16)
         self._sent_at = 0.0
         self._answer: np.void | None = None
         self._latency = 0.0
@@ -170,8 +168,6 @@ class Controller:
             return  # an early or very old one: its positions mean nothing
         self._reflected = int(command["sequence"])
         self._asked = command["krl_int"].tolist()
-        self._bools = int(command["krl_bool"])
-        self._reals = command["krl_real"]
         if age:
             self.late += 1
         elif self._answer is None:

@@ -1,6 +1,6 @@
 """Both datagrams of FRI 1.0 as the controller sees them: byte layouts by offset.
 
-Written from the layout alone and sharing nothing with the driver's `wire`, so that each can judge the other.
+Written from the layout alone and sharing nothing with the driver's `wire`, so that each checks the other.
 """
 
 from __future__ import annotations

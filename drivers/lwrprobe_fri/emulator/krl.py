@@ -57,7 +57,7 @@ class ProgramA:
             self.answers[15] = 10
         elif asked[15] == self.answers[14]:
             interface.fri_stop()
-            # The real program ends here and is started again by hand; the code alternates, so that an old one
+            # The real program ends here and is started again by a person; the code alternates, so that an old one
             # does not end the next run.
             self.answers[14] = 70 - self.answers[14]
             self.answers[15] = 10

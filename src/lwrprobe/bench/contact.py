@@ -149,8 +149,8 @@ def _tracks(probe: Probe) -> list[Track]:
 
 
 def _plane(name: str, radius: float, normal: np.ndarray, along: np.ndarray, count: int = 150) -> Track:
-    way = np.arange(count) * SPEED / RATE
-    centres = radius * normal + way[:, None] * along
+    displacement = np.arange(count) * SPEED / RATE
+    centres = radius * normal + displacement[:, None] * along
     return Track(name, centres, np.tile(normal, (count, 1)), np.tile(SPEED * along, (count, 1)))
 
 

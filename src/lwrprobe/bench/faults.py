@@ -96,7 +96,7 @@ class Outcome:
     ----------
     summary : of the run
     kept : contacts in the run folder afterwards; before : when the fault began
-    way : (m, 4) s since the fault began, negative before it, and the tip in m
+    path : (m, 4) s since the fault began, negative before it, and the tip in m
     peak : N, largest true force on the sphere since then
     collisions : of links other than the sphere; touching : the sphere, at the end
     """
@@ -106,7 +106,7 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     before: int = 0
     kept: int = 0
-    way: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    path: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
     peak: float = 0.0
     collisions: int = 0
     touching: bool = False
@@ -126,17 +126,17 @@ class Outcome:
     def rest_after(self) -> float:
         """s from the fault until the tip went on no more, to a twentieth of a millimetre."""
         ahead = self._ahead()
-        times = self.way[self.way[:, 0] > 0.0, 0]
+        times = self.path[self.path[:, 0] > 0.0, 0]
         return float(times[np.argmax(ahead >= ahead.max() - 5e-5)]) if len(ahead) else float("nan")
 
     def _ahead(self) -> np.ndarray:
         """(m,) m from the fault on, along the motion in which it found the tip."""
-        before, after = self.way[self.way[:, 0] <= 0.0, 1:], self.way[self.way[:, 0] > 0.0, 1:]
+        before, after = self.path[self.path[:, 0] <= 0.0, 1:], self.path[self.path[:, 0] > 0.0, 1:]
         if len(before) < 2 or len(after) == 0:
             return np.empty(0)
-        way, moved = before[-1] - before[0], after - before[-1]
-        length = np.linalg.norm(way)
-        return moved @ (way / length) if length > _MOTION else np.linalg.norm(moved, axis=1)
+        path, moved = before[-1] - before[0], after - before[-1]
+        length = np.linalg.norm(path)
+        return moved @ (path / length) if length > _MOTION else np.linalg.norm(moved, axis=1)
 
     def held(self) -> bool:
         """All that is promised."""
@@ -206,7 +206,7 @@ def _suffer_once(fault: Fault) -> Outcome:
         watch = _Trigger(operator, outcome)
         outcome.summary = explore(scene, Path(folder), watch=watch)
         operator.rest(0.5)
-        outcome.way = operator.way()
+        outcome.path = operator.path()
         truth = operator.truth()
         outcome.peak, outcome.collisions = truth["peak_since_mark_n"], truth["link_collisions"]
         outcome.touching = truth["force_n"] > 0.0
@@ -273,7 +273,7 @@ class _Operator:
     def truth(self) -> dict[str, Any]:
         return json.loads(self.ask("world status"))
 
-    def way(self) -> np.ndarray:
+    def path(self) -> np.ndarray:
         """(m, 4) world's s since the fault began, negative before it, and the tip; empty when it never began."""
         if not self._looks or self._begun is None:
             return np.empty((0, 4))

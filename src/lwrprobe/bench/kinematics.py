@@ -216,14 +216,14 @@ def _targets(robot: Robot, count: int, seed: int) -> tuple[Array, Array]:
 def _outcomes(
     robot: Robot, solvers: dict[Key, Solve], poses: Array, seeds: Array, rounds: int = 1
 ) -> dict[Key, Outcome]:
-    """What the solvers made of the poses, taking turns; the answers of the first round are judged."""
+    """What the solvers made of the poses, taking turns; the answers of the first round are rated."""
     outcomes = {name: Outcome.room(len(poses)) for name in solvers}
 
-    def judge(name: Key, k: int, q: Any) -> None:
-        _judge(robot, outcomes[name], k, q, poses[k], seeds[k])
+    def check(name: Key, k: int, q: Any) -> None:
+        _rate(robot, outcomes[name], k, q, poses[k], seeds[k])
 
     careful = {name: _none_for_errors(solve) for name, solve in solvers.items()}
-    seconds = take_turns(careful, list(zip(poses, seeds)), BLOCK, rounds, judge)
+    seconds = take_turns(careful, list(zip(poses, seeds)), BLOCK, rounds, check)
     for name, outcome in outcomes.items():
         outcome.seconds[:], outcome.work[:] = seconds[name][0], np.median(seconds[name], axis=0)
     return outcomes
@@ -239,7 +239,7 @@ def _none_for_errors(solve: Solve) -> Solve:
     return answer
 
 
-def _judge(robot: Robot, outcome: Outcome, k: int, q: Array | None, pose: Array, seed: Array) -> None:
+def _rate(robot: Robot, outcome: Outcome, k: int, q: Array | None, pose: Array, seed: Array) -> None:
     outcome.residual[k] = np.nan
     if q is None or len(q) != robot.n or not np.isfinite(q).all():
         return
@@ -317,28 +317,28 @@ def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: i
             outcome = _outcomes(robot, {peer.name: peer.cold}, poses[:20], seeds)[peer.name]
             called = "called a solution" if outcome.answered.any() else "nothing"
             rows.append([peer.name, 1e6 * np.median(outcome.seconds), called, None])
-    own, miss, told = _own_out_of_reach(robot, poses, seeds, nearest)
-    rows.insert(0, ["lwrprobe", own, f"{told} and the nearest pose", miss])
+    own, miss, verdict = _own_out_of_reach(robot, poses, seeds, nearest)
+    rows.insert(0, ["lwrprobe", own, f"{verdict} and the nearest pose", miss])
     columns = ["library", "median [us]", "answer", "error of the nearest pose [m]"]
     report.table(f"Targets {BEYOND} m out of reach", columns, rows)
-    held = own <= 20.0 and miss <= 1e-6 and told == "UNREACHABLE"
+    held = own <= 20.0 and miss <= 1e-6 and verdict == "UNREACHABLE"
     promise = "out of reach: <= 20 us, UNREACHABLE, nearest pose to 1e-6 m"
-    report.promise(promise, f"{own:.3g} us, {told}, {miss:.2g} m", held)
+    report.promise(promise, f"{own:.3g} us, {verdict}, {miss:.2g} m", held)
 
 
 def _own_out_of_reach(robot: Robot, poses: Array, seeds: Array, nearest: Array) -> tuple[float, float, str]:
     """Median us, largest error of the nearest pose and of the distance short, and the status they all have."""
     solver, q = IKSolver(robot), np.empty(robot.n)
-    seconds, misses, told = [], [], set()
+    seconds, misses, verdict = [], [], set()
     solver.reach(poses[0], seeds[0], q)
     for pose, seed, best in zip(poses, seeds, nearest):
         begin = time.perf_counter()
         status = solver.reach(pose, seed, q)
         seconds.append(time.perf_counter() - begin)
-        told.add(IKStatus(status).name)
+        verdict.add(IKStatus(status).name)
         short = _errors(robot, q, pose)[0]
         misses.append(max(*_errors(robot, q, best), abs(short - BEYOND)))
-    return 1e6 * float(np.median(seconds)), float(max(misses)), " or ".join(sorted(told))
+    return 1e6 * float(np.median(seconds)), float(max(misses)), " or ".join(sorted(verdict))
 
 
 def _invalid(report: BenchReport, robot: Robot, peers: list[Peer]) -> None:

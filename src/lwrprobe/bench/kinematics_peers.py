@@ -1,6 +1,6 @@
 """The installed kinematics libraries behind one face, each set up as its own documentation has it for speed.
 
-A peer is asked for 1e-6 m and 1e-6 rad unless its name says `default`. What it answers is judged elsewhere.
+A peer is asked for 1e-6 m and 1e-6 rad unless its name says `default`. What it answers is rated elsewhere.
 """
 
 from __future__ import annotations

@@ -141,20 +141,20 @@ def _verdicts(seconds: dict[str, dict[str, float]]) -> list[Verdict]:
 
 def _carving() -> list[str]:
     """What a millisecond of motion costs that has to be marked free; no peer marks a swept sphere."""
-    way = np.column_stack([np.linspace(0.0, 0.1, 2001), np.zeros(2001), np.zeros(2001)])
+    path = np.column_stack([np.linspace(0.0, 0.1, 2001), np.zeros(2001), np.zeros(2001)])
     voxels = VoxelMap(EDGE)
     sphere = SweptSphere(voxels, 0.005)
 
     def sweep() -> None:
-        for place in way:
+        for place in path:
             sphere.move_to(place)
         sphere.leave()
 
-    seconds = interleave({"steps": lambda: voxels.carve_path(way, 0.005), "sweep": sweep}, 5)
-    steps, sweeping = (1e6 * float(np.median(seconds[name])) / (len(way) - 1) for name in ("steps", "sweep"))
+    seconds = interleave({"steps": lambda: voxels.carve_path(path, 0.005), "sweep": sweep}, 5)
+    steps, sweeping = (1e6 * float(np.median(seconds[name])) / (len(path) - 1) for name in ("steps", "sweep"))
     return [
         f"marking free what a 5 mm sphere sweeps in steps of 0.05 mm costs {steps:.2g} us a step; told place after "
-        f"place, as in a run, {sweeping:.2g} us, since a straight way is marked at once"
+        f"place, as in a run, {sweeping:.2g} us, since a straight path is marked at once"
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a bench may be told with `--set`."""
+"""Options of a bench, given with `--set`."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Outcome:
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench reconstruction`; options `scenes`, `pitches` (mm) and `phases`, each separated by commas.
 
-    `runs` is the folder of run folders, `runs/bench` unless told otherwise, and nothing in a quick run; `explore=no`
+    `runs` is the folder of run folders, `runs/bench` unless set otherwise, and nothing in a quick run; `explore=no`
     takes only the runs that are there.
     """
     asked = Options("reconstruction", options, "explore", "phases", "pitches", "runs", "scenes")
@@ -263,11 +263,11 @@ def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
                 continue
             where = f"{pitch:g} mm lines, {data}"
             middle = float(np.median(list(found.values())))
-            told = f"median {middle:.3g} mm"
-            verdicts.append(Verdict(f"{label} error <= {limit:g} mm at {where}, median", told, middle <= limit))
+            verdict = f"median {middle:.3g} mm"
+            verdicts.append(Verdict(f"{label} error <= {limit:g} mm at {where}, median", verdict, middle <= limit))
             above = [scene for scene, error in found.items() if error > limit]
-            told = f"{len(found) - len(above)} of {len(found)}" + (f" (above: {', '.join(above)})" if above else "")
-            verdicts.append(Verdict(f"the same on each object: {label}, {where}", told, not above))
+            verdict = f"{len(found) - len(above)} of {len(found)}" + (f" (above: {', '.join(above)})" if above else "")
+            verdicts.append(Verdict(f"the same on each object: {label}, {where}", verdict, not above))
             if "bridge" in found and (pitch, data) in BRIDGE:
                 limit = BRIDGE[pitch, data][value]
                 promise = f"{label} error <= {limit:g} mm on the bridge at {where}"
@@ -276,8 +276,10 @@ def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
     for data in ("raw", "explored"):
         volume = _per_scene(outcomes, DEFAULT, 10.0, data, "volume")
         if volume:
-            told = f"median {_median(volume):.2g} %, largest {max(volume.values()):.2g} %"
-            verdicts.append(Verdict(f"volume error <= 3 % at 10 mm lines, {data}", told, max(volume.values()) <= 3.0))
+            verdict = f"median {_median(volume):.2g} %, largest {max(volume.values()):.2g} %"
+            verdicts.append(
+                Verdict(f"volume error <= 3 % at 10 mm lines, {data}", verdict, max(volume.values()) <= 3.0)
+            )
     open_ones = sum(not o.watertight for o in own)
     verdicts.append(Verdict("always watertight", f"{len(own) - open_ones} of {len(own)} meshes", not open_ones))
     slowest = max(o.seconds for o in own)
@@ -286,8 +288,8 @@ def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
         Verdict("<= 0.5 s of processor time", f"median {usual:.2f} s, slowest {slowest:.2f} s", slowest <= 0.5)
     )
     worse = [f"{s}, {p:g} mm, {d}" for s, p, d in _worse_than_hull(outcomes)]
-    told = "nowhere worse" if not worse else "worse on " + "; ".join(worse)
-    verdicts.append(Verdict("never worse than the hull on a convex object", told, not worse))
+    verdict = "nowhere worse" if not worse else "worse on " + "; ".join(worse)
+    verdicts.append(Verdict("never worse than the hull on a convex object", verdict, not worse))
     return verdicts
 
 

@@ -17,12 +17,12 @@ NOISE = 1e-4
 NORMAL_NOISE = np.radians(2.0)
 VOXEL = 0.002
 _MARGIN = 0.03  # m, from the object's box to the ends of the lines
-_CELL = 0.0008  # m, of the grid whose contour is the sphere's way
+_CELL = 0.0008  # m, of the grid whose contour is the sphere's path
 _GRAZE = 1e-6  # m, a sphere that passes this deep still touches nothing
 
 
 def sample_lines(solid: Solid, pitch: float, phase: float = 0.5, seed: int = 1) -> TouchRecord:
-    """Contacts of a sphere on a vertical stick on lines along y, `pitch` m apart, every 2 mm of the centre's way.
+    """Contacts of a sphere on a vertical stick on lines along y, `pitch` m apart, every 2 mm of the centre's path.
 
     Contact points carry 0.1 mm of noise per axis, normals 2 degrees. `phase` (0..1) shifts the lines by that share of
     the pitch. The lowest centre is 6 mm above the table; where the stick would touch, the sphere does not get.
@@ -34,8 +34,8 @@ def sample_lines(solid: Solid, pitch: float, phase: float = 0.5, seed: int = 1) 
     lines: list[np.ndarray] = []
     free: list[np.ndarray] = []
     for i, x in enumerate(places):
-        ways, path = _line(solid, x, lower, upper)
-        lines += [_every_step(way, rng) for way in ways]
+        paths, path = _line(solid, x, lower, upper)
+        lines += [_every_step(line_path, rng) for line_path in paths]
         free.append(path if i % 2 == 0 else path[::-1])
     centres = np.concatenate(lines)
     normals = centres - solid.nearest(centres).points
@@ -73,25 +73,25 @@ def voxelised(record: TouchRecord) -> TouchRecord:
 
 
 def _line(solid: Solid, x: float, lower: np.ndarray, upper: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """The ways (k, 3) of the centre in contact in the plane at x, and its free path (k, 3) at the lowest height."""
+    """The paths (k, 3) of the centre in contact in the plane at x, and its free path (k, 3) at the lowest height."""
     from contourpy import contour_generator
 
     y = np.arange(lower[1] - 0.008, upper[1] + 0.008, _CELL)
     z = np.arange(LOWEST - 2 * _CELL, upper[2] + 0.008, _CELL)
     nodes = np.stack(np.broadcast_arrays(x, y[None, :], z[:, None]), axis=-1)
     distance = solid.signed_distance(nodes.reshape(-1, 3)).reshape(len(z), len(y))
-    ways = []
+    paths = []
     for line in contour_generator(y, z, distance).lines(RADIUS - _GRAZE):
-        way = np.column_stack([np.full(len(line), x), np.asarray(line)])
-        ways += list(_runs(way, (way[:, 2] >= LOWEST) & _stick_is_free(solid, way, upper[2])))
-    way = np.column_stack(
+        line_path = np.column_stack([np.full(len(line), x), np.asarray(line)])
+        paths += list(_runs(line_path, (line_path[:, 2] >= LOWEST) & _stick_is_free(solid, line_path, upper[2])))
+    line_path = np.column_stack(
         [np.full(400, x), np.linspace(lower[1] - _MARGIN, upper[1] + _MARGIN, 400), np.full(400, LOWEST)]
     )
-    passed = (solid.signed_distance(way) > RADIUS - _GRAZE) & _stick_is_free(solid, way, upper[2])
+    passed = (solid.signed_distance(line_path) > RADIUS - _GRAZE) & _stick_is_free(solid, line_path, upper[2])
     blocked = np.flatnonzero(~passed)
     if len(blocked):  # from each side up to the first contact
         passed[blocked[0] : blocked[-1]] = False
-    return ways, way[passed]
+    return paths, line_path[passed]
 
 
 def _stick_is_free(solid: Solid, centres: np.ndarray, top: float) -> np.ndarray:
@@ -102,17 +102,17 @@ def _stick_is_free(solid: Solid, centres: np.ndarray, top: float) -> np.ndarray:
     return free
 
 
-def _runs(way: np.ndarray, kept: np.ndarray) -> Iterator[np.ndarray]:
+def _runs(line_path: np.ndarray, kept: np.ndarray) -> Iterator[np.ndarray]:
     change = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8)))
     for begin, end in zip(change[::2], change[1::2]):
         if end - begin > 1:
-            yield way[begin:end]
+            yield line_path[begin:end]
 
 
-def _every_step(way: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+def _every_step(line_path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line_path, axis=0), axis=1))])
     at = np.arange(rng.uniform(0.0, min(STEP, length[-1])), length[-1], STEP)
-    return np.column_stack([np.interp(at, length, way[:, m]) for m in range(3)])
+    return np.column_stack([np.interp(at, length, line_path[:, m]) for m in range(3)])
 
 
 def _tilted(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The simulator: error against time step and run time, energy, MuJoCo as judge, cost of a cycle.
+"""The simulator: error against time step and run time, energy, MuJoCo as reference, cost of a cycle.
 
 One sphere on a stick is pressed against a wall and let go again. The reference is scipy's Radau at 1e-10; beside the
 simulator stand the explicit, semi-implicit and implicit Euler steps of the same equation. The simulator itself runs
@@ -16,7 +16,7 @@ import numpy as np
 
 from lwrprobe.bench import simulation_kernels as kernels
 from lwrprobe.bench.gantry import build_world, follow
-from lwrprobe.bench.mujoco_judge import judge_by_mujoco
+from lwrprobe.bench.mujoco_reference import compare_with_mujoco
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.timing import interleave
@@ -50,7 +50,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     quiet = _error_at_rest(report, STEPS_MS if not quick else (0.1, 1.0, 5.0))
     swing = _error_swinging(report, (1, 4, 16, 64, 256) if quick else (1, 4, 16, 64, 256, 1024))
     _energy(report, quick)
-    judge_by_mujoco(report)
+    compare_with_mujoco(report)
     _cost(report, 0.3 if quick else 2.0)
     report.figures["error"] = lambda figure: _draw(figure, quiet, swing)
     return report

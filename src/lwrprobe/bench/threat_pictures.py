@@ -1,4 +1,4 @@
-"""The picture of what tells the strategies apart: an object taller than the probe's stick, touched by each of them."""
+"""The picture of how the strategies differ: an object taller than the probe's stick, touched by each of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 SCENE = "stacked_blocks"
-MOST_POINTS = 2500
+MAX_POINTS = 2500
 LEVEL = 0.2
 """Share of height in a piece of the way that counts as level."""
 STILL = 5e-5
@@ -24,11 +24,11 @@ def touches_of(folder: Path) -> dict[str, Any]:
     run = read_run(folder)
     record, normals = run.record, run.record.normals
     assert normals is not None, "contacts.csv has them"
-    way, pause = np.diff(record.points, axis=0), np.diff(run.times)
-    across = np.linalg.norm(way[:, :2], axis=1)
-    level = (across > STILL) & (np.abs(way[:, 2]) < LEVEL * across) & (pause < SOON)
+    displacement, pause = np.diff(record.points, axis=0), np.diff(run.times)
+    across = np.linalg.norm(displacement[:, :2], axis=1)
+    level = (across > STILL) & (np.abs(displacement[:, 2]) < LEVEL * across) & (pause < SOON)
     level &= np.abs(normals[1:, 2]) < 0.5
-    every = max(1, len(level) // MOST_POINTS)
+    every = max(1, len(level) // MAX_POINTS)
     return {"points": record.points[1::every].round(5).tolist(), "level": level[::every].tolist()}
 
 

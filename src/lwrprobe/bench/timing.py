@@ -28,13 +28,13 @@ def take_turns(
     tasks: Sequence[tuple[Any, ...]],
     block: int,
     rounds: int,
-    judge: Callable[[Name, int, Any], None] | None = None,
+    inspect: Callable[[Name, int, Any], None] | None = None,
 ) -> dict[Name, np.ndarray]:
     """Seconds (rounds, tasks) of each candidate's call with the arguments of each task.
 
     Candidates take turns, a `block` of tasks each. The first task of a block is done once more before it, not timed:
-    it pays for what the others left in the caches. `judge` is
-    shown candidate, number and answer of each task of the first round, outside the clock.
+    it pays for what the others left in the caches. `inspect` gets
+    candidate, number and answer of each task of the first round, outside the clock.
     """
     seconds = {name: np.empty((rounds, len(tasks))) for name in candidates}
     for call in candidates.values():
@@ -50,8 +50,8 @@ def take_turns(
                         begin = time.perf_counter()
                         answer = call(*given)
                         seconds[name][turn, k] = time.perf_counter() - begin
-                        if judge is not None and turn == 0:
-                            judge(name, k, answer)
+                        if inspect is not None and turn == 0:
+                            inspect(name, k, answer)
     return seconds
 
 

@@ -122,10 +122,10 @@ def _times(report: BenchReport, rng: np.random.Generator, rounds: int) -> None:
             rows.append([kind, name, 1e6 * median, 1e6 * float(np.quantile(s, 0.99)), median / base])
     columns = ["what", "generator", "median [us]", "p99 [us]", "times bare Ruckig"]
     report.table("Time of one call from Python", columns, rows)
-    for kind, seconds, most in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
+    for kind, seconds, largest in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
         slowest = max(float(np.median(s)) for name, s in seconds.items() if "bare" not in name)
         text = f"{1e6 * slowest:.3g} us, the slowest of ours"
-        report.promise(f"guarded {kind} <= {1e6 * most:.0f} us", text, slowest <= most)
+        report.promise(f"guarded {kind} <= {1e6 * largest:.0f} us", text, slowest <= largest)
     report.notes.append(
         f"A step of bare Ruckig is `update` with `pass_to_input`; steps are timed {STEPS} at a time, a re-plan "
         "together with the step that follows, since bare Ruckig plans in it. Ours checks the goal, plans, reads the "
@@ -168,7 +168,7 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
         bent.set_goal(_WAYS[n % len(_WAYS)], 0.25)
 
     def feed(n: int) -> None:
-        fed.set_feed(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
+        fed.set_velocity(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
 
     candidates: dict[str, tuple[Generator, Callable[[int], object]]] = {
         "bare Ruckig, 7 joints": (bare, lambda n: bare.set_goal(goals[n % 64])),
@@ -335,8 +335,8 @@ def _long_enough(tip: CartesianTrajectory, goal: np.ndarray, speed: float) -> in
     asked for, and a second for turning and for changes of speed. At 0.01 m/s that is several seconds."""
     limits = tip.limits
     to_rest = limits.speed * (limits.speed / limits.acceleration + limits.acceleration / limits.jerk) / 2.0
-    way = float(np.linalg.norm(goal[:3, 3] - tip.pose[:3, 3])) + to_rest
-    return int((2.0 * way / speed + 1.0) / tip.cycle)
+    distance = float(np.linalg.norm(goal[:3, 3] - tip.pose[:3, 3])) + to_rest
+    return int((2.0 * distance / speed + 1.0) / tip.cycle)
 
 
 def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
@@ -368,7 +368,7 @@ def _random_aim(tip: CartesianTrajectory, rng: np.random.Generator) -> None:
     kind = rng.random()
     if kind < 0.3:
         direction = rng.normal(size=3)
-        tip.set_feed(0.25 * rng.random() * direction / np.linalg.norm(direction), rng.uniform(1e-3, 0.2))
+        tip.set_velocity(0.25 * rng.random() * direction / np.linalg.norm(direction), rng.uniform(1e-3, 0.2))
     elif kind < 0.4:
         tip.stop()
     else:
@@ -456,8 +456,8 @@ def _corner(angle: float, stop_first: bool) -> float:
         while tip.status != TrajectoryStatus.RESTING:
             tip.step()
             ticks += 1
-    way = 0.1 * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0))
-    tip.set_goal(_pose(corner + way), 0.25)
+    displacement = 0.1 * np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0))
+    tip.set_goal(_pose(corner + displacement), 0.25)
     while not tip.arrived:
         tip.step()
         ticks += 1
@@ -472,11 +472,11 @@ def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> Non
     while len(cases) < wanted:
         q = rng.uniform(0.6 * robot.lower, 0.6 * robot.upper)
         q[5] = rng.uniform(-0.15, 0.15)
-        way, turn = 0.2 * _direction(rng), 0.3 * rng.normal(size=3)
-        free = _follow(q, way, turn, False)
+        displacement, turn = 0.2 * _direction(rng), 0.3 * rng.normal(size=3)
+        free = _follow(q, displacement, turn, False)
         if free is None or free[0] < 1.2:
             continue
-        governed = _follow(q, way, turn, True)
+        governed = _follow(q, displacement, turn, True)
         if governed is not None:
             cases.append((free[0], governed[0], free[1], governed[1]))
             watched.append(governed[2])
@@ -498,11 +498,13 @@ def _spread(values: np.ndarray) -> list[float]:
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
-    way = rng.normal(size=3)
-    return way / np.linalg.norm(way)
+    displacement = rng.normal(size=3)
+    return displacement / np.linalg.norm(displacement)
 
 
-def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) -> tuple[float, float, np.ndarray] | None:
+def _follow(
+    q: np.ndarray, displacement: np.ndarray, turn: np.ndarray, governed: bool
+) -> tuple[float, float, np.ndarray] | None:
     """(largest joint share, duration, seconds of each look) of a move; None where the line leaves the workspace."""
     robot = lwr4()
     solver, tip = IKSolver(robot), CartesianTrajectory(1e-3, FAST_TURN)
@@ -510,22 +512,22 @@ def _follow(q: np.ndarray, way: np.ndarray, turn: np.ndarray, governed: bool) ->
     robot.fk_into(q, start)
     tip.reset(start)
     goal = _pose(np.zeros(3), turn) @ start
-    goal[:3, 3] = start[:3, 3] + way
+    goal[:3, 3] = start[:3, 3] + displacement
     governor = SpeedGovernor(tip, solver.track_all, robot.speed)
     tip.set_goal(goal, 0.25)
-    most, ticks, looks, q = 0.0, 0, [], q.copy()
+    largest, ticks, looks, q = 0.0, 0, [], q.copy()
     while not tip.arrived and ticks < 20_000:
         tip.step()
         if solver.track(tip.pose, q, out) != 0:
             return None
-        most = max(most, robot.speed_use(q, out, tip.cycle))
+        largest = max(largest, robot.speed_use(q, out, tip.cycle))
         q[:] = out
         if governed:
             begin = time.perf_counter()
             governor.watch(q)
             looks.append(time.perf_counter() - begin)
         ticks += 1
-    return most, ticks * tip.cycle, np.array(looks)
+    return largest, ticks * tip.cycle, np.array(looks)
 
 
 def _bows(report: BenchReport, rng: np.random.Generator, count: int) -> None:

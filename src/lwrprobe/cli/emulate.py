@@ -1,4 +1,4 @@
-"""`lwrprobe emulate NAME ...`: the emulated devices, for whoever has no hardware."""
+"""`lwrprobe emulate NAME ...`: the emulated devices, for use without hardware."""
 
 from __future__ import annotations
 

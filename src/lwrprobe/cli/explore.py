@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-_MOST_ZONES = 3  # the widest, which are told one by one
+_MAX_ZONES = 3  # the widest, which are listed one by one
 
 
 def explore(
@@ -68,7 +68,7 @@ def explore(
     )
     overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
     with ProgressLine(quiet) as line:
-        line.tell(f"loading scene {scene}")
+        line.message(f"loading scene {scene}")
         loaded = load_scene(scene, overrides, profile)
         check_plugins(loaded)
         if dry:
@@ -78,7 +78,7 @@ def explore(
         from lwrprobe.exploration.safety.confirm import Confirm
         from lwrprobe.runs.explore import explore as run
 
-        asking = Confirm(confirm, line.tell) if confirm > 0 else None
+        asking = Confirm(confirm, line.message) if confirm > 0 else None
         found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
     finish(found.summary.as_dict(), folder, as_json, quiet)
 
@@ -98,7 +98,7 @@ def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) ->
 def _rehearse(scene: Any, line: Any, as_json: bool) -> None:
     from lwrprobe.exploration.procedures.dry_run import dry_run
 
-    found = dry_run(scene, line.tell)
+    found = dry_run(scene, line.message)
     for reading in found.readings:
         typer.echo(f"{'  ' if reading.good else '! '}{reading.name:<28} {reading.value}")
     if as_json:
@@ -151,9 +151,9 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["mesh_error_mm"] is not None:
         mesh = summary["mesh_error_mm"]
         rows.append(("mesh error", f"{mesh['method']}: mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
-    rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MOST_ZONES]]
-    if len(summary["bridged"]) > _MOST_ZONES:
-        rows.append(("bridged", f"{len(summary['bridged']) - _MOST_ZONES} more, narrower ones"))
+    rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MAX_ZONES]]
+    if len(summary["bridged"]) > _MAX_ZONES:
+        rows.append(("bridged", f"{len(summary['bridged']) - _MAX_ZONES} more, narrower ones"))
     if summary["open_borders"]:
         sides = ", ".join(side["side"] for side in summary["open_borders"])
         rows.append(("open border", f"{sides}: the object goes on beyond the area, the mesh is closed there"))

@@ -38,8 +38,8 @@ def merge(
     check_folder("--out", out)
     from lwrprobe.exploration.procedures.merge import merge as run
 
-    tell = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))
-    summary = run(runs, out, method=method, as_is=as_is, tell=tell)
+    message = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))
+    summary = run(runs, out, method=method, as_is=as_is, message=message)
     if not quiet:
         for fact in summary["merged"]:
             typer.echo(_line(fact), err=True)

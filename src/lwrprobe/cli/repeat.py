@@ -67,7 +67,7 @@ def repeat(
         count=count,
     )
     with ProgressLine(False) as line:
-        found = touch(loaded, plan, out, realtime=realtime, watch=line.watch, tell=line.tell)
+        found = touch(loaded, plan, out, realtime=realtime, watch=line.watch, message=line.message)
     _show(found["speeds"])
     if as_json:
         typer.echo(json.dumps(found))

@@ -35,6 +35,6 @@ def resume(
     from lwrprobe.exploration.safety.confirm import Confirm
 
     with ProgressLine(quiet) as line:
-        asking = Confirm(confirm, line.tell) if confirm > 0 else None
-        summary = take_up(run, realtime=realtime, watch=line.watch, tell=line.tell, confirm=asking)
+        asking = Confirm(confirm, line.message) if confirm > 0 else None
+        summary = take_up(run, realtime=realtime, watch=line.watch, message=line.message, confirm=asking)
     finish(summary, run, as_json, quiet)

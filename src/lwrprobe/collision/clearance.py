@@ -88,12 +88,12 @@ class ClearanceQuery:
         tolerance: float = 1e-4,
         enough: float = np.inf,
     ) -> Clearance:
-        """Smallest clearance on the way from one pose to another: never too large, hardly too small.
+        """Smallest clearance on the path from one pose to another: never too large, hardly too small.
 
         The tip's origin goes straight, the orientation turns about one axis; link frames likewise, each by itself. The
-        distance is a lower bound, short by at most `tolerance` [m] or 1/2000 of the longest way of a link's point. With
-        `enough` [m] the search ends as soon as no part of the way can come nearer than that. The witness points belong
-        to the worst place looked at.
+        distance is a lower bound, short by at most `tolerance` [m] or 1/2000 of the longest path of a link's point.
+        With `enough` [m] the search ends as soon as no part of the path can come nearer than that. The witness points
+        belong to the worst place that was evaluated.
         """
         step = self._step(pose_a, pose_b, frames_a, frames_b)
         answer = np.empty(kernels.ANSWER)
@@ -104,45 +104,31 @@ class ClearanceQuery:
             self.nearest_into(*step.at(fraction), answer)
             return float(answer[kernels.DISTANCE])
 
-        distance, where = smallest_along(distance_at, step.way, *_limits(tolerance, enough))
+        distance, where = smallest_along(distance_at, step.travel, *_limits(tolerance, enough))
         found = self._nearest(*step.at(where))
         found.distance = distance
         return found
 
-    def table_clearance(self, tip_pose: Any, link_frames: Any = None) -> tuple[float, str]:
-        """Distance [m] of the lowest link from the table, 0 when it touches or is below, and its name."""
-        return self._above_table(*self._poses(tip_pose, link_frames))
-
     def table_ahead(
         self, pose_a: Any, pose_b: Any, frames_a: Any = None, frames_b: Any = None, tolerance: float = 1e-4
     ) -> tuple[float, str]:
-        """The same along a step, as in `ahead`."""
+        """Smallest distance [m] of a link from the table along a step, as in `ahead`, and the link's name.
+
+        0 where a link touches the table or is below it.
+        """
         step = self._step(pose_a, pose_b, frames_a, frames_b)
         limits = _limits(tolerance, np.inf)
-        distance, where = smallest_along(lambda t: self._above_table(*step.at(t))[0], step.way, *limits)
+        distance, where = smallest_along(lambda t: self._above_table(*step.at(t))[0], step.travel, *limits)
         return distance, self._above_table(*step.at(where))[1]
 
     def self_clearance(
         self, pairs: Sequence[tuple[str, str]], tip_pose: Any, link_frames: Any = None
     ) -> tuple[float, tuple[str, str] | None]:
         """Smallest distance [m] between the given pairs of links (by name), 0 in collision, and which pair it is."""
-        return self._among(pairs, self._numbers(pairs), *self._poses(tip_pose, link_frames))
-
-    def self_ahead(
-        self,
-        pairs: Sequence[tuple[str, str]],
-        pose_a: Any,
-        pose_b: Any,
-        frames_a: Any = None,
-        frames_b: Any = None,
-        tolerance: float = 1e-4,
-    ) -> tuple[float, tuple[str, str] | None]:
-        """The same along a step, as in `ahead`."""
-        step, numbers = self._step(pose_a, pose_b, frames_a, frames_b), self._numbers(pairs)
-        limits = _limits(tolerance, np.inf)
-        # Both links of a pair may move, towards each other at worst.
-        distance, where = smallest_along(lambda t: self._among(pairs, numbers, *step.at(t))[0], 2.0 * step.way, *limits)
-        return distance, self._among(pairs, numbers, *step.at(where))[1]
+        numbers, answer = self._numbers(pairs), np.empty(kernels.ANSWER)
+        kernels.nearest_among(self._placed(*self._poses(tip_pose, link_frames)), numbers, answer)
+        which = int(answer[kernels.WHO])
+        return float(answer[kernels.DISTANCE]), pairs[which] if which >= 0 else None
 
     def _nearest(self, tip: np.ndarray, frames: np.ndarray) -> Clearance:
         answer = np.empty(kernels.ANSWER)
@@ -159,14 +145,6 @@ class ClearanceQuery:
         answer = np.empty(kernels.ANSWER)
         kernels.nearest_to_plane(self._placed(tip, frames), self._table, answer)
         return float(answer[kernels.DISTANCE]), self._names[int(answer[kernels.WHO])]
-
-    def _among(
-        self, pairs: Sequence[tuple[str, str]], numbers: np.ndarray, tip: np.ndarray, frames: np.ndarray
-    ) -> tuple[float, tuple[str, str] | None]:
-        answer = np.empty(kernels.ANSWER)
-        kernels.nearest_among(self._placed(tip, frames), numbers, answer)
-        which = int(answer[kernels.WHO])
-        return float(answer[kernels.DISTANCE]), pairs[which] if which >= 0 else None
 
     def _step(self, pose_a: Any, pose_b: Any, frames_a: Any, frames_b: Any) -> MotionStep:
         first, last = (

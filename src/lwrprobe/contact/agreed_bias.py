@@ -37,7 +37,7 @@ def agreed_bias(
     listen: Callable[[], Sequence[WrenchSample]],
     retreat: Callable[[], None],
     rotation: np.ndarray,
-    most_retreats: int = 4,
+    max_retreats: int = 4,
 ) -> AgreedBias:
     """Take the bias, retreat, take it again, until two places in a row agree.
 
@@ -52,7 +52,7 @@ def agreed_bias(
     """
     before = conditioner.take_bias(listen(), rotation)
     touched = before.reason == TOUCHING
-    for retreats in range(1, most_retreats + 1):
+    for retreats in range(1, max_retreats + 1):
         retreat()
         samples = listen()
         measured = before.reason in ("", TOUCHING)

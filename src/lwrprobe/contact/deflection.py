@@ -120,9 +120,9 @@ def identify_compliance(positions: np.ndarray, forces: np.ndarray, touches: Sequ
             )
         n = f[mine].mean(axis=0)
         n /= np.linalg.norm(n)
-        way, load = x[mine] @ n, f[mine] * n
+        displacement, load = x[mine] @ n, f[mine] * n
         rows.append(-(load - load.mean(axis=0)))
-        seen.append(way - way.mean())
+        seen.append(displacement - displacement.mean())
     a, b = np.concatenate(rows), np.concatenate(seen)
     return _solve_compliance(a, b)
 

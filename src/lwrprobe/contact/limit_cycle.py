@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.contracts import InputError
 
 _SWINGS = 4  # half periods that make a limit cycle
-_RECOVERY = 20.0  # delays of calm after which one step of backing off is taken back
+_RECOVERY = 20.0  # delays without oscillation after which one step of backing off is taken back
 
 
 class LimitCycle:

@@ -14,11 +14,11 @@ _FEWEST = 4
 
 @dataclass(slots=True, frozen=True)
 class TouchFit:
-    """Force against commanded way of one touch, fitted down to zero force.
+    """Force against commanded depth of one touch, fitted down to zero force.
 
     Attributes
     ----------
-    zero : m, way at which the force begins
+    zero : m, depth at which the force begins
     zero_sigma : m, its standard deviation
     stiffness : N/m, slope at the largest force: the series of all that gives way
     stiffness_sigma : N/m
@@ -44,7 +44,7 @@ def zero_force_point(displacements: np.ndarray, forces: np.ndarray, least: float
 
     Parameters
     ----------
-    displacements : (n,) m, way commanded into the surface
+    displacements : (n,) m, depth commanded into the surface
     forces : (n,) N, pressing positive
     least : N, readings below it are taken as not yet touching
 
@@ -60,7 +60,7 @@ def zero_force_point(displacements: np.ndarray, forces: np.ndarray, least: float
         raise InputError("forces", f"{pressed.sum()} readings above {least} N", f"at least {_FEWEST}")
     x, f = x[pressed], f[pressed]
     if np.ptp(f) < least or np.ptp(x) <= 0.0 or np.corrcoef(x, f)[0, 1] < 0.5:
-        raise InputError("forces", f"a change of {np.ptp(f):.3g} N", "a force that grows with the way")
+        raise InputError("forces", f"a change of {np.ptp(f):.3g} N", "a force that grows with the depth")
     origin = x.mean()
     straight, straight_cov, straight_error = _fit(np.column_stack([np.ones_like(f), f]), x - origin)
     curved, curved_cov, curved_error = _fit(np.column_stack([np.ones_like(f), f, f ** (2.0 / 3.0)]), x - origin)
@@ -71,7 +71,7 @@ def zero_force_point(displacements: np.ndarray, forces: np.ndarray, least: float
     slope = np.array([0.0, 1.0, 2.0 / 3.0 * top ** (-1.0 / 3.0)])[: len(a)]  # dx/dF at the largest force
     compliance = float(slope @ a)
     if not compliance > 0.0:
-        raise InputError("forces", "a falling force", "a force that grows with the way")
+        raise InputError("forces", "a falling force", "a force that grows with the depth")
     stiffness = 1.0 / compliance
     left = x - origin - (a[0] + a[1] * f + (a[2] * f ** (2.0 / 3.0) if hertzian else 0.0))
     return TouchFit(

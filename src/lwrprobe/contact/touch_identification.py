@@ -9,7 +9,7 @@ from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Contact
 from lwrprobe.contracts.samples import Vector
 
-MOST_SECONDS = 0.5
+MAX_SECONDS = 0.5
 PATIENCE = 6
 """Samples without a new largest force, by 2 % and more, after which the rise is over."""
 TOUCHES = 8
@@ -18,13 +18,13 @@ WORTH = 2e-5
 """m/N: a softer object is corrected for; a stiffer one is dented by less than 0.02 mm at 1 N."""
 FEWEST = 6
 SEEMING = 0.2
-"""Share of the way into the surface that may be sliding, seen with a wrong normal."""
+"""Share of the depth that may be sliding, seen with a wrong normal."""
 APART = 0.15
 """Share of the speed's spread that must not follow from the force, for the two to be told apart."""
 CERTAIN = 0.3
 """Largest standard deviation of a compliance over its value."""
 WAY_ERROR = 4e-5
-"""m, what a way in a touch is off the line that is fitted to it."""
+"""m, how far a depth in a touch is off the line that is fitted to it."""
 DISCERNIBLE = 0.5
 """Of the probe's own give along the normal: less than that on top of it may as well be an error of the probe's."""
 
@@ -72,7 +72,7 @@ class TouchIdentification:
         risen = wrench.magnitude > 1.02 * self._top
         self._top = wrench.magnitude if risen else self._top
         self._calm = 0 if risen else self._calm + 1
-        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MOST_SECONDS
+        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MAX_SECONDS
         return self._judge() if over and self._normal.any() else False
 
     def _judge(self) -> bool:
@@ -83,16 +83,16 @@ class TouchIdentification:
             return False
         self._looked_at += 1
         places, forces = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-        ways, normal_forces = -(places - places[0]) @ normal, forces @ normal
+        depths, normal_forces = -(places - places[0]) @ normal, forces @ normal
         rising = slice(0, int(np.argmax(normal_forces)) + 1)
-        sunk = float(np.ptp(ways[rising]))
-        aside = (places - places[0] + np.outer(ways, normal))[rising]
+        sunk = float(np.ptp(depths[rising]))
+        aside = (places - places[0] + np.outer(depths, normal))[rising]
         slid = float(np.linalg.norm(aside[-1]))
         if self._normal_error * slid > SEEMING * sunk:
             return False
         times = np.array([row[0] for row in rows])
         along = aside @ aside[-1] / max(slid, 1e-12)
-        fit = series_compliance(times[rising], ways[rising], normal_forces[rising], along, self._normal_error)
+        fit = series_compliance(times[rising], depths[rising], normal_forces[rising], along, self._normal_error)
         if fit is None:
             return False
         series, sigma = fit
@@ -109,7 +109,7 @@ class TouchIdentification:
 
 
 def series_compliance(
-    times: Vector, ways: Vector, forces: Vector, aside: Vector | None = None, normal_error: float = 0.0
+    times: Vector, depths: Vector, forces: Vector, aside: Vector | None = None, normal_error: float = 0.0
 ) -> tuple[float, float] | None:
     """m/N of everything in series and its standard deviation, from a press; None where it is not determined.
 
@@ -120,7 +120,7 @@ def series_compliance(
     """
     if len(times) < FEWEST or np.ptp(forces) <= 0.0 or (np.diff(times) <= 0.0).any():
         return None
-    speeds = np.gradient(ways, times)
+    speeds = np.gradient(depths, times)
     plain = np.column_stack([np.ones_like(forces), forces])
     apart = speeds - plain @ np.linalg.lstsq(plain, speeds, rcond=None)[0]
     changing = np.std(speeds) > 1e-6 * np.abs(speeds).max()
@@ -129,11 +129,11 @@ def series_compliance(
         prior = np.zeros(design.shape[1] + 1)
         prior[-1] = WAY_ERROR / normal_error
         design = np.vstack([np.column_stack([design, aside]), prior])
-        ways = np.append(ways, 0.0)
+        depths = np.append(depths, 0.0)
     scale = np.abs(design).max(axis=0)
-    found, _, rank, _ = np.linalg.lstsq(design / scale, ways, rcond=1e-6)
+    found, _, rank, _ = np.linalg.lstsq(design / scale, depths, rcond=1e-6)
     if rank < design.shape[1]:
         return None
-    left = ways - design @ (found / scale)
-    spread = np.linalg.pinv(design.T @ design) * float(left @ left) / max(len(ways) - design.shape[1], 1)
+    left = depths - design @ (found / scale)
+    spread = np.linalg.pinv(design.T @ design) * float(left @ left) / max(len(depths) - design.shape[1], 1)
     return float(found[1] / scale[1]), float(np.sqrt(spread[1, 1]))

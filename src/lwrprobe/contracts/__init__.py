@@ -1,4 +1,4 @@
-"""The vocabulary of the house: all that a plug-in author has to know.
+"""The vocabulary of the library: all that a plug-in author has to know.
 
 Plain dataclasses and protocols on numpy arrays, SI units, float64, world frame unless said otherwise.
 """

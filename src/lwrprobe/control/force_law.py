@@ -102,8 +102,8 @@ def choose_force_law(
     turn: float = 0.5 * math.pi,
     slope: float = math.radians(10.0),
     tip_mass: float = 0.0,
-    least_speed: float = 2e-4,
-    most_speed: float = 0.05,
+    min_speed: float = 2e-4,
+    max_speed: float = 0.05,
     reserve: float = 0.8,
 ) -> ForceLaw | Refusal:
     """Damping and speeds that keep the force below the limit, or the reason why there are none.
@@ -122,14 +122,14 @@ def choose_force_law(
     turn : rad, sharpest concave corner expected while contouring (a right angle)
     slope : rad, steepest steady misdirection of the tangent that must not break the contact
     tip_mass : kg, what strikes before the loop can act
-    least_speed, most_speed : m/s, below the first a touch is of no use and is refused; the second caps
+    min_speed, max_speed : m/s, below the first a touch is of no use and is refused; the second caps
     reserve : share of the room up to the limit that is planned with
 
     Raises
     ------
     InputError : values that are not positive and finite, or threshold < target < limit broken
     """
-    given = {"stiffness": stiffness, "force_target": force_target, "braking": braking, "least_speed": least_speed}
+    given = {"stiffness": stiffness, "force_target": force_target, "braking": braking, "min_speed": min_speed}
     for name, value in given.items():
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"force.{name}", value, "a positive number")
@@ -146,20 +146,20 @@ def choose_force_law(
     if s > REFUSED_ABOVE:
         return Refusal(f"stability number K tau / B = {s:.3g} is above {REFUSED_ABOVE:g}: the force would swing", s)
     room = reserve * (force_limit - force_threshold)
-    approach = min(approach_speed(room, stiffness, delay, braking), most_speed)
+    approach = min(approach_speed(room, stiffness, delay, braking), max_speed)
     if tip_mass > 0.0:
         approach = min(approach, room / math.sqrt(stiffness * tip_mass))
-    if approach < least_speed:
+    if approach < min_speed:
         return Refusal(
             f"the force would pass {force_limit:g} N at any useful speed: with {stiffness:.3g} N/m and a delay of "
-            f"{1e3 * delay:.3g} ms at most {1e3 * approach:.3g} mm/s are safe, {1e3 * least_speed:g} mm/s are needed",
+            f"{1e3 * delay:.3g} ms at most {1e3 * approach:.3g} mm/s are safe, {1e3 * min_speed:g} mm/s are needed",
             s,
         )
-    contour = min(contour_speed(stiffness, delay, force_target, force_limit, b, turn, slope, reserve), most_speed)
+    contour = min(contour_speed(stiffness, delay, force_target, force_limit, b, turn, slope, reserve), max_speed)
     warnings = []
     if s > NO_OVERSHOOT * (1.0 + 1e-9):
         warnings.append(f"stability number K tau / B = {s:.3g} is above 1/e: the force overshoots")
-    if contour < least_speed:
+    if contour < min_speed:
         warnings.append(f"contouring at {1e3 * contour:.3g} mm/s only: stiff surface, long delay")
     return ForceLaw(stiffness, delay, b, approach, contour, force_target, force_limit, tuple(warnings))
 

@@ -23,10 +23,10 @@ class Line:
     dots: bool = False
 
 
-def ticks(low: float, high: float, most: int = 6) -> np.ndarray:
+def ticks(low: float, high: float, max_count: int = 6) -> np.ndarray:
     """Round numbers from `low` to `high`."""
     span = max(high - low, 1e-12)
-    rough = span / most
+    rough = span / max_count
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * m for m in (1.0, 2.0, 5.0, 10.0) if power * m >= rough * (1.0 - 1e-9))
     return np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1.0) * step + 0.0
@@ -91,11 +91,11 @@ def histogram(values: np.ndarray, x_label: str, limit: float, bins: int = 81) ->
 def bars(rows: Sequence[tuple[str, float, str]]) -> str:
     """Horizontal bars: name, length, what stands behind it."""
     tall = 26.0 * len(rows) + 8.0
-    most = max((value for _, value, _ in rows), default=1.0) or 1.0
+    largest = max((value for _, value, _ in rows), default=1.0) or 1.0
     parts = []
     for i, (name, value, note) in enumerate(rows):
         y = 6.0 + 26.0 * i
-        wide = 230.0 * value / most
+        wide = 230.0 * value / largest
         parts.append(f'<text x="132" y="{y + 13:.0f}" text-anchor="end">{escape(name)}</text>')
         parts.append(f'<rect class="bar a" x="142" y="{y + 1:.0f}" width="{max(wide, 1.0):.1f}" height="16" rx="2"/>')
         parts.append(f'<text class="note" x="{150 + wide:.0f}" y="{y + 13:.0f}">{escape(note)}</text>')

@@ -18,6 +18,10 @@ _FACING = 0.7071  # share of the normal along the axis
 _SAME_WAY = 0.5  # cosine of the angle, 60 degrees, within which a contact faces as the surface does
 
 
+DEFAULT_SPACING = 0.010
+"""m, line spacing that coverage is computed with where there are no lines."""
+
+
 @dataclass(slots=True, frozen=True)
 class Coverage:
     """Shares (0..1) of the reachable surface that have a contact nearby which faces the same way within 60 degrees.

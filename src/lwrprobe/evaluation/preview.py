@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _INK, _FAINT, _RULE, _WALL = "#22303c", "#7b8794", "#e0e4e8", "#f7f9fa"
 _MESH, _TRUTH = (0.98, 0.66, 0.32), (0.47, 0.62, 0.78)
 _AZIMUTH, _ELEVATION = np.radians(-58.0), np.radians(26.0)
-_MOST_POINTS = 20_000
+_MAX_POINTS = 20_000
 _BALL = 7e-4  # m, radius of a contact in the picture
 _WIDTH, _HEIGHT = 500, 440  # of one panel
 _TOP, _SIDE = 90, 20
@@ -74,7 +74,7 @@ def preview(
 def _points(points: np.ndarray, view: View) -> np.ndarray | None:
     if not len(points):
         return None
-    shown = points[:: len(points) // _MOST_POINTS + 1]
+    shown = points[:: len(points) // _MAX_POINTS + 1]
     low, high = points[:, 2].min(), points[:, 2].max()
     return render_points(shown, ERROR.colours((shown[:, 2] - low) / max(high - low, 1e-9)), view, _BALL)
 

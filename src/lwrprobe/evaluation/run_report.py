@@ -29,7 +29,7 @@ from lwrprobe.scene.solid import Solid
 _PLAIN = np.array([0.80, 0.74, 0.62])
 _BEYOND = np.array([0.62, 0.36, 0.70])
 _STAGES_OF_TIME = (1 / 3, 2 / 3)  # of the run, at which the mesh is made as well
-_MOST_VERTICES = 60_000  # of a mesh that the page can turn about
+_MAX_VERTICES = 60_000  # of a mesh that the page can turn about
 _SAMPLES = 4000
 
 
@@ -173,7 +173,7 @@ class _Page:
         return found + [sentence[:1].upper() + sentence[1:] for sentence in self.summary.warnings]
 
     def _viewer(self) -> str:
-        if self.surface is None or len(self.surface.mesh.vertices) > _MOST_VERTICES:
+        if self.surface is None or len(self.surface.mesh.vertices) > _MAX_VERTICES:
             return ""
         mesh = self.surface.mesh
         lower, upper = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -365,9 +365,9 @@ class _Page:
         )
 
 
-def _peaks(time: np.ndarray, value: np.ndarray, most: int = 700) -> tuple[np.ndarray, np.ndarray]:
-    """The largest value of each of `most` spans of time, so that no peak is lost."""
-    span = max(1, -(-len(time) // most))
+def _peaks(time: np.ndarray, value: np.ndarray, max_count: int = 700) -> tuple[np.ndarray, np.ndarray]:
+    """The largest value of each of `max_count` spans of time, so that no peak is lost."""
+    span = max(1, -(-len(time) // max_count))
     starts = np.arange(0, len(time), span)
     return time[starts], np.maximum.reduceat(value, starts)
 

@@ -94,7 +94,7 @@ class Summary:
     mesh_error_mm: Table | None = None
     """Mesh against the true shape: `method`, lengths in mm, `normals_deg`, `watertight`, `volume_error`, `iou`."""
     mesh_error_aligned_mm: Table | None = None
-    """The same after the rigid motion that lays the mesh over the true surface."""
+    """The same after the rigid motion that aligns the mesh with the true surface."""
     lower_bound_time_s: float | None = None
     """s, no exploration of this object at this line spacing and speed is faster; free space counts at free speed."""
     lower_bound_descending_s: float | None = None
@@ -122,7 +122,7 @@ class Summary:
     devices: dict[str, Table] = field(default_factory=dict)
     """What each driver counted on its connection, by the driver's name."""
     resumed: Table | None = None
-    """For a run that was taken up again: `from_s` [s], `contacts_before`."""
+    """For a run that was resumed: `from_s` [s], `contacts_before`."""
     unreachable_area: str = ""
     """The part of the area that the arm cannot reach, one sentence; empty where it reaches all."""
     wall_time_s: float | None = None

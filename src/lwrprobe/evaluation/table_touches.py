@@ -43,9 +43,9 @@ class TablePlane:
         return plane | {"tilt_deg": round(tilt, 3), "contacts": contacts}
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> TablePlane:
+    def of(cls, stored: Mapping[str, Any]) -> TablePlane:
         """From a summary."""
-        return cls(np.array(told["normal"], dtype=np.float64), float(told["offset_m"]))
+        return cls(np.array(stored["normal"], dtype=np.float64), float(stored["offset_m"]))
 
 
 def find_table(points: np.ndarray, normals: np.ndarray, area: Area, radius: float, stated: float) -> TablePlane | None:

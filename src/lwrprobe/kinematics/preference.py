@@ -19,7 +19,7 @@ class Preference:
     off_limits : weight of leaving joint limits that are nearer than `zone`
     off_singularity : weight of growing manipulability (Yoshikawa 1985)
     zone : rad (lengths of the arm, for prismatic joints) from a joint limit within which the preference acts
-    pace : rad that one call of `track` moves a joint for it at most; 0 switches the preference off
+    null_space_step : rad that one call of `track` moves a joint for it at most; 0 switches the preference off
     """
 
     posture: Array | None = None
@@ -27,10 +27,10 @@ class Preference:
     off_limits: float = 1.0
     off_singularity: float = 0.0
     zone: float = 0.2
-    pace: float = 5e-4
+    null_space_step: float = 5e-4
 
     def __post_init__(self) -> None:
-        for name in ("near_posture", "off_limits", "off_singularity", "zone", "pace"):
+        for name in ("near_posture", "off_limits", "off_singularity", "zone", "null_space_step"):
             value = getattr(self, name)
             if not 0.0 <= value < float("inf"):
                 raise InputError(f"preference.{name}", value, "a number from 0 up")

@@ -194,7 +194,7 @@ class IKSolver:
             seed = posture if q0 is None else self.robot.joint_values(q0, "q0")
             status = self.reach(target, self.robot.middle if seed is None else seed, q)
         if posture is not None and status == IKStatus.CONVERGED:
-            self._prefer(self._cold, Preference(posture, near_posture=1.0, off_limits=0.0, pace=0.0))
+            self._prefer(self._cold, Preference(posture, near_posture=1.0, off_limits=0.0, null_space_step=0.0))
             kernels.settle(self._cold, target, q)
         return self._result(IKStatus(status), target, q)
 
@@ -262,7 +262,7 @@ class IKSolver:
         settings[preference_kernels.NEAR_POSTURE] = wanted.near_posture
         settings[preference_kernels.OFF_LIMITS] = wanted.off_limits
         settings[preference_kernels.OFF_SINGULARITY] = wanted.off_singularity
-        settings[preference_kernels.PACE] = wanted.pace
+        settings[preference_kernels.PACE] = wanted.null_space_step
         posture = self.robot.middle if wanted.posture is None else wanted.posture
         places = table[n + kernels.PLACES : n + kernels.SHAPE, :n]
         places[preference_kernels.POSTURE] = self.robot.joint_values(posture, "preference.posture")

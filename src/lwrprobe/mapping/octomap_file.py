@@ -18,7 +18,7 @@ from lwrprobe.mapping.voxel_set import VoxelSet
 
 _HEADER = {".bt": "# Octomap OcTree binary file", ".ot": "# Octomap OcTree file"}
 _LONGEST_HEADER = 1 << 16
-_MOST_LEAVES_AT_ONCE = 1 << 20
+_MAX_LEAVES_AT_ONCE = 1 << 20
 _CLAMPED = (0.5, 0.1192, 0.971)
 """Probabilities that OctoMap gives unknown, free and occupied when it reads a `.bt`."""
 
@@ -54,7 +54,7 @@ class Octree:
 
 def octree(occupied: VoxelSet, carved: VoxelSet) -> Octree:
     """Pruned octree over both sets."""
-    room = min(72 * (occupied.nodes + carved.nodes), _MOST_LEAVES_AT_ONCE)
+    room = min(72 * (occupied.nodes + carved.nodes), _MAX_LEAVES_AT_ONCE)
     while True:
         places, codes = np.empty(room, np.int64), np.empty(room, np.uint16)
         count = kernels.octree(occupied.words, carved.words, places, codes)

@@ -21,7 +21,7 @@ _TYPES = {
     f"{kind}{size}": f"<{kind.lower()}{size}" for kind in "IUF" for size in (1, 2, 4, 8) if kind + str(size) != "F1"
 }
 _LONGEST_HEADER = 1 << 16
-_MOST_GROWTH = 88  # LZF: three bytes stand for 264 at most
+_MAX_GROWTH = 88  # LZF: three bytes stand for 264 at most
 
 
 @dataclass(slots=True)
@@ -167,7 +167,7 @@ def _compressed(path: Path, content: bytes, header: _Header) -> dict[str, np.nda
     packed = np.frombuffer(content, np.uint8, offset=header.start)[8 : 8 + packed_size]
     if len(packed) != packed_size:
         raise FormatError(f"{path}: byte {header.start}: {len(packed)} compressed bytes; allowed: {packed_size}")
-    if plain_size != header.points * header.row.itemsize or plain_size > _MOST_GROWTH * packed_size:
+    if plain_size != header.points * header.row.itemsize or plain_size > _MAX_GROWTH * packed_size:
         raise FormatError(
             f"{path}: byte {header.start + 4}: {plain_size} bytes unpacked do not fit {header.points} points"
         )

@@ -17,7 +17,7 @@ from lwrprobe.contracts.samples import Vector
 from lwrprobe.mapping import carve_kernels, kernels, octomap_file
 from lwrprobe.mapping.voxel_set import VoxelSet
 
-MOST_VOXELS_LISTED = 50_000_000
+MAX_VOXELS_LISTED = 50_000_000
 WIDEST_SPHERE = 256  # voxels
 _NO_POINT = "three finite coordinates within the map's range of +-{:.6g} m"
 
@@ -212,8 +212,8 @@ class VoxelMap:
         wanted = (tree.codes == 0) & (tree.states == state)
         keys, sizes = tree.keys[wanted], tree.sizes[wanted]
         count = sum(int(size) ** 3 for size in sizes)
-        if count > MOST_VOXELS_LISTED:
-            raise InputError("map", f"{count} voxels", f"at most {MOST_VOXELS_LISTED} in one list; leaves() has cubes")
+        if count > MAX_VOXELS_LISTED:
+            raise InputError("map", f"{count} voxels", f"at most {MAX_VOXELS_LISTED} in one list; leaves() has cubes")
         centres = np.empty((count, 3))
         kernels.expand(keys, sizes, self._resolution, centres)
         return centres

@@ -8,7 +8,7 @@ from lwrprobe.contracts import InputError
 from lwrprobe.mapping import kernels
 
 WORDS_AT_FIRST = 1 << 13
-MOST_WORDS = 1 << 28
+MAX_WORDS = 1 << 28
 """2 GiB: no input, however made, makes a map larger than that."""
 
 
@@ -22,9 +22,9 @@ class VoxelSet:
         kernels.clear(self.words, resolution)
 
     def grow(self) -> None:
-        """Double the capacity; raises InputError where the tree would need more than `MOST_WORDS`."""
-        if self.words.size >= MOST_WORDS:
-            raise InputError("map", f"{self.words.size * 8 >> 20} MiB of voxels", f"at most {MOST_WORDS * 8 >> 20} MiB")
+        """Double the capacity; raises InputError where the tree would need more than `MAX_WORDS`."""
+        if self.words.size >= MAX_WORDS:
+            raise InputError("map", f"{self.words.size * 8 >> 20} MiB of voxels", f"at most {MAX_WORDS * 8 >> 20} MiB")
         words = np.empty(2 * self.words.size, np.int64)
         used = self.words[kernels.USED]
         words[:used] = self.words[:used]

@@ -33,7 +33,7 @@ from lwrprobe.reconstruction.undersides import find_undersides
 
 _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, and of those that bear it out
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
-_MOST_NODES = 3_000_000
+_MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
@@ -134,7 +134,7 @@ class _Work:
         lower, upper = clusters.points.min(axis=0) - 1.1 * pitch, clusters.points.max(axis=0) + 1.1 * pitch
         if touches.table is not None:
             lower[2] = touches.table - touches.radius
-        step = max(step, float(np.cbrt(np.prod(upper - lower + 8.0 * step) / _MOST_NODES)))
+        step = max(step, float(np.cbrt(np.prod(upper - lower + 8.0 * step) / _MAX_NODES)))
         lower, upper = lower - 3.0 * step, upper + 3.0 * step
         if touches.table is not None:  # the table's plane half way between two layers of nodes
             lower[2] = touches.table - (np.ceil((touches.table - lower[2]) / step) + 0.5) * step

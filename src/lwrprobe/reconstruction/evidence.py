@@ -204,16 +204,16 @@ def _refine(
     towards = arcs.direction
     same_line = np.abs((arcs.centres - contact) @ towards) < 0.25 * settings.pitch
     members = np.flatnonzero(same_line & np.isfinite(arcs.radii[:, 0]))
-    told, scratch = np.empty(5), np.empty((len(members), 3))
+    fitted, scratch = np.empty(5), np.empty((len(members), 3))
     if not extrapolate(
         arcs.centres, arcs.pairs, arcs.radii, members, towards, start[row], settings.radius, _EVIDENCE_FLOOR,
-        scratch, told,
+        scratch, fitted,
     ):  # fmt: skip
         return
     unit = direction[row]
-    prior, seen = 1.0 / deviation[row] ** 2, 1.0 / told[1] ** 2
-    excess = (prior * 0.5 * gap[row] + seen * (told[0] - start[row] @ towards) / (unit @ towards)) / (prior + seen)
+    prior, seen = 1.0 / deviation[row] ** 2, 1.0 / fitted[1] ** 2
+    excess = (prior * 0.5 * gap[row] + seen * (fitted[0] - start[row] @ towards) / (unit @ towards)) / (prior + seen)
     place[row] = start[row] + np.clip(excess, 0.0, gap[row]) * unit
     deviation[row] = 1.0 / np.sqrt(prior + seen)
-    mixed = seen * told[2:] + prior * unit
+    mixed = seen * fitted[2:] + prior * unit
     facing[row] = mixed / np.linalg.norm(mixed)

@@ -1,11 +1,9 @@
-"""One call for any reconstructor, and for clouds that come from elsewhere."""
+"""One call for any reconstructor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, Reconstruction, TouchRecord
 from lwrprobe.contracts.plugins import load
@@ -30,15 +28,3 @@ def reconstruct(
     if progress is not None and hasattr(worker, "progress"):
         worker.progress = progress
     return worker.reconstruct(record)
-
-
-def record_from_cloud(
-    points: np.ndarray,
-    normals: np.ndarray | None = None,
-    *,
-    probe_radius: float | None = None,
-    table: float | None = None,
-    resolution: float = 0.0,
-) -> TouchRecord:
-    """A record from a bare cloud: points (n, 3) m, normals (n, 3) or None; what else is missing stays unknown."""
-    return TouchRecord(points, normals=normals, probe_radius=probe_radius, table=table, resolution=resolution)

@@ -78,7 +78,7 @@ def register(moving: TouchRecord, fixed: TouchRecord, on_table: bool) -> Registr
         misfit=float((np.abs(found.apart) > 1.5e-3).mean()) if len(found.apart) else 1.0,
         overlap=len(found.apart) / len(fit.points),
         pairs=len(found.apart),
-        open=tuple(dict.fromkeys(DIRECTIONS[int(np.argmax(np.abs(way)))] for way in unknown)),
+        open=tuple(dict.fromkeys(DIRECTIONS[int(np.argmax(np.abs(direction)))] for direction in unknown)),
     )
 
 
@@ -109,8 +109,8 @@ def _thinned_record(name: str, record: TouchRecord) -> tuple[np.ndarray, np.ndar
 def thinned(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means of the touches (n, 3) in each cell that face the same of six ways, and of their normals."""
     axis = np.argmax(np.abs(normals), axis=1)
-    way = 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0.0)
-    cells = np.column_stack([np.floor(points / CELL).astype(np.int64), way])
+    direction = 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0.0)
+    cells = np.column_stack([np.floor(points / CELL).astype(np.int64), direction])
     _, which, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     which = which.ravel()
     mean = np.stack([np.bincount(which, points[:, k]) for k in range(3)], axis=1) / count[:, None]

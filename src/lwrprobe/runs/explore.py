@@ -39,7 +39,7 @@ def explore(
     out : run folder, None = nothing is kept on disk
     reconstructor : name of a plug-in, or an object with `reconstruct(record)`; None = the scene's
     realtime : a simulator keeps pace with the wall clock
-    progress : show what is going on; or a display of one's own with `tell` and `watch`
+    progress : show what is going on; or a display of one's own with `message` and `watch`
     confirm : asks the operator for each of the first motions, None = does not ask
 
     Returns

@@ -26,7 +26,7 @@ class ProgressDisplay(Protocol):
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None: ...
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
 
     def watch(self, snapshot: ProgressSnapshot) -> None:
@@ -66,7 +66,7 @@ class ProgressLine:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._bar.stop()
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
         self._clear()
         self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
@@ -98,7 +98,7 @@ class ProgressLine:
 
 
 class NotebookProgress:
-    """For a notebook: one line of HTML under the cell that is rewritten as the run goes on; it needs no widgets."""
+    """For a notebook: one line of HTML under the cell that is rewritten during the run; it needs no widgets."""
 
     def __init__(self) -> None:
         self._handle: Any = None
@@ -109,7 +109,7 @@ class NotebookProgress:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         return None
 
-    def tell(self, sentence: str) -> None:
+    def message(self, sentence: str) -> None:
         """A new phase."""
         self._show(f"<i>{escape(sentence)}</i>")
 

@@ -28,7 +28,7 @@ Settings = Mapping[str, Any] | Sequence[str]
 class Session:
     """One exploration in one's own hands: step by step, with a look at everything in between.
 
-    The arm moves inside the `with` block, and only while it is asked to: each `step` goes on to the next wrench sample.
+    The arm moves inside the `with` block, and only during a call: each `step` advances to the next wrench sample.
     At the end of the block the arm is brought to rest and the devices are released. ::
 
         with Session("block", strategy="grid_version", seed=7) as session:
@@ -48,7 +48,7 @@ class Session:
     out : run folder, None = nothing is kept on disk
     reconstructor : name of a plug-in, or an object with `reconstruct(record)`; None = the scene's
     realtime : a simulator keeps pace with the wall clock
-    progress : show what is going on; or a display of one's own with `tell` and `watch`
+    progress : show what is going on; or a display of one's own with `message` and `watch`
     confirm : asks the operator for each of the first motions, None = does not ask
 
     Attributes
@@ -101,7 +101,7 @@ class Session:
                 self._out,
                 realtime=self._realtime,
                 watch=self._display.watch,
-                tell=self._display.tell,
+                message=self._display.message,
                 choices=self._choices,
                 confirm=self._confirm,
             )
@@ -153,7 +153,7 @@ class Session:
 
     @property
     def outcome(self) -> Outcome | None:
-        """How the run ended, None while it goes on."""
+        """How the run ended, None while it runs."""
         return self._begun.explorer.outcome
 
     @property
@@ -165,7 +165,7 @@ class Session:
         return strategy.inner if isinstance(strategy, OwnStrategy) else strategy
 
     def finish(self) -> Run:
-        """End the run where it still goes on, make the mesh, compare it with the truth; what was found."""
+        """End the run where it still runs, make the mesh, compare it with the truth; what was found."""
         exploration = self._begun
         summary = exploration.finish()
         self._display.__exit__(None, None, None)

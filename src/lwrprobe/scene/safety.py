@@ -31,6 +31,6 @@ class SafetyTable(Table):
     arm_silence: Length = 1.0
     """s between two states of the arm; what the strategy planned before such a gap is not resumed."""
     retreat: NonNegative = 0.02
-    """m that the tip goes back on its own way when the sensor is lost, lifted off where it touched."""
+    """m that the tip goes back on its own path when the sensor is lost, lifted off where it touched."""
     lift: NonNegative = 0.002
-    """m off the surface on that way."""
+    """m off the surface on that path."""

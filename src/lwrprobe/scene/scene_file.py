@@ -142,9 +142,9 @@ def _toml_text(value: Any) -> str:
 
 
 def _override(content: dict[str, Any], key: str, text: str) -> None:
-    *way, last = key.split(".")
+    *parents, last = key.split(".")
     place: Any = content
-    for step in way:
+    for step in parents:
         place = place[_index(place, step, key)] if isinstance(place, list) else place.setdefault(step, {})
         if not isinstance(place, dict | list):
             raise SceneError(f"override {key}", text, f"a key inside a table; {step!r} is a single value")

@@ -162,10 +162,11 @@ class Solid:
         levels = [np.array([s.a[axis] for s in level if abs(s.u[axis]) > 0.5]) for axis in range(3)]
         return contour(self.numbers, self.indices, levels, float(np.sqrt(8.0 * 0.005 * tolerance)))
 
-    def touch(self, centre: np.ndarray, radius: float, most: int = 16) -> Touch:
+    def touch(self, centre: np.ndarray, radius: float, max_contacts: int = 16) -> Touch:
         """All contacts of a sphere at `centre` (3,) m: the distinct local minima of the distance below `radius`."""
         centre = _as_points(np.atleast_2d(centre))[0]
-        points, normals, parts = np.empty((most, 3)), np.empty((most, 3)), np.empty(most, dtype=np.int64)
+        points, normals = np.empty((2, max_contacts, 3))
+        parts = np.empty(max_contacts, dtype=np.int64)
         count, _ = sphere_contacts(self.numbers, self.indices, centre, float(radius), points, normals, parts)
         points, normals, parts = points[:count], normals[:count], parts[:count]
         return Touch(points, normals, parts, radius - np.einsum("ij,ij->i", centre - points, normals))

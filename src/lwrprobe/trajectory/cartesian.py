@@ -102,7 +102,7 @@ class CartesianTrajectory:
         self._mode, self._hold, self._stops = k.TO_GOAL, inf, False
         return self._begin()
 
-    def set_feed(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
+    def set_velocity(self, velocity: object, hold_seconds: float, pose: object | None = None) -> int:
         """Keep the tip at a velocity (3,) m/s; stop by itself `hold_seconds` after the last call.
 
         `pose` gives an orientation to hold or turn to meanwhile, None comes to rest in orientation. A velocity
@@ -172,13 +172,13 @@ class CartesianTrajectory:
             float(k.ramp_time(self._asked[1], limits.turn_acceleration, limits.turn_jerk)),
         )
 
-    def preview(self, seconds: float, poses: np.ndarray, pace: np.ndarray) -> None:
+    def preview(self, seconds: float, poses: np.ndarray, speed_ratio: np.ndarray) -> None:
         """Write the poses (m, 4, 4) of the present plan at m even steps from now to `seconds` ahead.
 
-        `pace` (m,) receives the ratio of speed or turning rate to the requested one, the larger of both. Where the plan
-        is still to be replaced (after a bend or a brake), the present one is extrapolated.
+        `speed_ratio` (m,) receives the ratio of speed or turning rate to the requested one, the larger of both. Where
+        the plan is still to be replaced (after a bend or a brake), the present one is extrapolated.
         """
-        k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, pace)
+        k.preview(self._plan, self._time, seconds, self._asked[0], self._asked[1], self._scout, poses, speed_ratio)
 
     @property
     def remaining(self) -> float:
@@ -201,7 +201,7 @@ class CartesianTrajectory:
         return self.come_to(time)
 
     @property
-    def course(self) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def plan_state(self) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Plan, state, time on the plan, and time of the next event, as `cartesian_kernels.advance` takes them.
 
         A caller that evaluates the plan in its own kernel reports the new time to `come_to`.

@@ -62,7 +62,7 @@ class SpeedGovernor:
         self._speed = np.array(speed, dtype=np.float64)
         self._every, self._slowest = every, slowest
         self._lowest, self._middle, self._highest = lowest, 0.5 * (lowest + highest), highest
-        self._poses, self._pace = np.empty((samples, 4, 4)), np.empty(samples)
+        self._poses, self._speed_ratio = np.empty((samples, 4, 4)), np.empty(samples)
         self._joints = np.empty((samples, self._speed.size))
         self._wait = 0
         self._calm = False
@@ -99,22 +99,22 @@ class SpeedGovernor:
         trajectory, joints = self._trajectory, self._joints
         self._asked = trajectory.asked
         seconds = trajectory.stopping_time + cycles * trajectory.cycle
-        count = len(self._pace) // 2 + 1 if self._calm else len(self._pace)
-        poses, pace = self._poses[:count], self._pace[:count]
+        count = len(self._speed_ratio) // 2 + 1 if self._calm else len(self._speed_ratio)
+        poses, speed_ratio = self._poses[:count], self._speed_ratio[:count]
         spacing = seconds / (count - 1)
-        trajectory.preview(seconds, poses, pace)
+        trajectory.preview(seconds, poses, speed_ratio)
         joints[0] = q
         solved = 1 + self._track_all(poses[1:], q, joints[1:count])
         self.blocked_in = solved * spacing if solved < count else inf
         use = (np.abs(np.diff(joints[:solved], axis=0)) / self._speed).max(axis=1, initial=0.0) / spacing
         self.use = float(use.max(initial=0.0))
-        self._scale(use, 0.5 * (pace[: solved - 1] + pace[1:solved]))
+        self._scale(use, 0.5 * (speed_ratio[: solved - 1] + speed_ratio[1:solved]))
 
-    def _scale(self, use: np.ndarray, pace: np.ndarray) -> None:
+    def _scale(self, use: np.ndarray, speed_ratio: np.ndarray) -> None:
         trajectory = self._trajectory
         if self.use > self._highest:
             over = use > self._highest
-            allowed = float((pace[over] / use[over]).min()) * self._middle
+            allowed = float((speed_ratio[over] / use[over]).min()) * self._middle
             wanted = max(self._slowest, min(allowed, trajectory.factor))
         elif self.use < self._lowest and trajectory.factor < 1.0:
             wanted = min(1.0, trajectory.factor * min(1.5, self._middle / max(self.use, 1e-3)))

@@ -69,7 +69,7 @@ class Result:
     """A case after its run."""
 
     case: Case
-    room: str
+    group: str
     findings: list[Finding]
     seconds: float
 
@@ -80,7 +80,7 @@ class Result:
 
 
 def all_cases() -> dict[int, tuple[str, Case]]:
-    """Room and case by number: what every module of `lwrprobe.bench.stability.cases` has in its `CASES`.
+    """Group and case by number: what every module of `lwrprobe.bench.stability.cases` has in its `CASES`.
 
     Raises PluginError for a number given twice or out of range.
     """
@@ -97,11 +97,11 @@ def all_cases() -> dict[int, tuple[str, Case]]:
     return dict(sorted(found.items()))
 
 
-def run_case(room: str, case: Case, quick: bool) -> Result:
+def run_case(group: str, case: Case, quick: bool) -> Result:
     """Run it; whatever it raises is a finding that falls short."""
     begin = time.perf_counter()
     try:
         findings = case.run(quick)
     except Exception as error:
         findings = [Finding("", f"raised {type(error).__name__}: {error}", False)]
-    return Result(case, room, findings, time.perf_counter() - begin)
+    return Result(case, group, findings, time.perf_counter() - begin)

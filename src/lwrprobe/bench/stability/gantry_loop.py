@@ -17,7 +17,7 @@ UPRIGHT = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(slots=True)
-class Course:
+class Response:
     """What a touch did.
 
     Attributes
@@ -25,20 +25,20 @@ class Course:
     peak_approach : N, until the tip stood still for the first time
     peak : N, ever
     rest : N, mean of the last quarter of the hold; swing : N, largest less smallest there
-    ways, forces : m and N, of the approach from the first reading above the threshold's twentieth on
+    depths, forces : m and N, of the approach from the first reading above the threshold's twentieth on
     """
 
     peak_approach: float
     peak: float
     rest: float
     swing: float
-    ways: list[float] = field(default_factory=list)
+    depths: list[float] = field(default_factory=list)
     forces: list[float] = field(default_factory=list)
 
 
 def press(
     law: ForceLaw, delay: float, threshold: float, braking: float, settings: list[str], *, cycle: float = 1e-4
-) -> Course:
+) -> Response:
     """Approach the block's top at the law's speed, brake at the threshold, then hold the target force by the law.
 
     The loop sees each force `delay` [s] late, to the cycle. `settings` are the scene's.
@@ -47,14 +47,14 @@ def press(
     gap = 2e-4
     height = TOP + gap
     world.place(np.array([0.0, 0.0, height]))
-    felt: deque[float] = deque([0.0] * (round(delay / cycle) + 1))
-    speed, touched, course = law.approach_speed, False, Course(0.0, 0.0, 0.0, 0.0)
+    delayed: deque[float] = deque([0.0] * (round(delay / cycle) + 1))
+    speed, touched, response = law.approach_speed, False, Response(0.0, 0.0, 0.0, 0.0)
     held: list[float] = []
     hold_steps = round(max(15.0 * law.damping / law.stiffness, 20.0 * delay, 0.02) / cycle)
     slowest = (gap + 2.0 * law.force_limit / law.stiffness) / law.approach_speed + law.approach_speed / braking + delay
     steps_left = round(3.0 * slowest / cycle) + 100
     while steps_left > 0 and len(held) < hold_steps:
-        seen = felt.popleft()
+        seen = delayed.popleft()
         if not touched:
             touched = seen >= threshold
         elif speed > 0.0:
@@ -67,15 +67,15 @@ def press(
         world.command(np.array([0.0, 0.0, height]))
         world.advance()
         force = -float(world.wrench[2])
-        felt.append(force)
-        course.peak = max(course.peak, force)
+        delayed.append(force)
+        response.peak = max(response.peak, force)
         if speed > 0.0:
-            course.peak_approach = course.peak
+            response.peak_approach = response.peak
             if force > 0.05 * threshold:
-                course.ways.append(TOP - height)
-                course.forces.append(force)
+                response.depths.append(TOP - height)
+                response.forces.append(force)
         else:
             held.append(force)
     last = np.array(held[-len(held) // 4 :] if held else [np.nan])
-    course.rest, course.swing = float(last.mean()), float(np.ptp(last))
-    return course
+    response.rest, response.swing = float(last.mean()), float(np.ptp(last))
+    return response

@@ -21,7 +21,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         if not cases.keys() >= set(numbers):
             raise InputError("case", options["case"], "one of " + ", ".join(str(n) for n in cases))
         chosen = {number: cases[number] for number in sorted(set(numbers))}
-    results = [run_case(room, case, quick) for room, case in chosen.values()]
+    results = [run_case(group, case, quick) for group, case in chosen.values()]
     report = BenchReport("stability", "Stiff and extreme cases", machine=machine() | versions("numpy", "numba"))
     report.tables = [_summary(results), _details(results)]
     report.verdicts = [_verdict(result) for result in results]
@@ -41,8 +41,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 
 def _summary(results: list[Result]) -> Table:
-    rows = [[r.case.number, r.case.title, r.room, "pass" if r.held else "falls short", r.seconds] for r in results]
-    return Table("Cases", ["case", "what", "room", "outcome", "s"], rows)
+    rows = [[r.case.number, r.case.title, r.group, "pass" if r.held else "falls short", r.seconds] for r in results]
+    return Table("Cases", ["case", "what", "group", "outcome", "s"], rows)
 
 
 def _details(results: list[Result]) -> Table:
@@ -57,9 +57,9 @@ def _details(results: list[Result]) -> Table:
 
 def _verdict(result: Result) -> Verdict:
     short = [finding for finding in result.findings if not finding.sound]
-    told = "; ".join(f"{f.setting}: {f.happened}" if f.setting else f.happened for f in short)
+    failures = "; ".join(f"{f.setting}: {f.happened}" if f.setting else f.happened for f in short)
     good = sum(finding.sound for finding in result.findings)
-    measured = told or f"{good} of {len(result.findings)} settings"
+    measured = failures or f"{good} of {len(result.findings)} settings"
     return Verdict(f"{result.case.number} {result.case.title}: {result.case.wanted}", measured, result.held)
 
 
@@ -68,7 +68,7 @@ def _record(result: Result) -> dict[str, Any]:
         "case": result.case.number,
         "title": result.case.title,
         "wanted": result.case.wanted,
-        "room": result.room,
+        "group": result.group,
         "held": result.held,
         "seconds": round(result.seconds, 3),
         "findings": [

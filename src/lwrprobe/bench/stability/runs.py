@@ -26,7 +26,7 @@ class Run:
     ----------
     points, normals : (n, 3) of the contacts that were trusted
     distance : (n,) m of these from the true surface, outside positive
-    way : (m, 3) m, where the sphere was; force : (m,) N; touching : (m,) at those times
+    path : (m, 3) m, where the sphere was; force : (m,) N; touching : (m,) at those times
     """
 
     scene: Scene
@@ -34,7 +34,7 @@ class Run:
     points: np.ndarray
     normals: np.ndarray
     distance: np.ndarray
-    way: np.ndarray
+    path: np.ndarray
     force: np.ndarray
     touching: np.ndarray
 
@@ -53,7 +53,7 @@ class Run:
         """The true force stayed below the scene's limit."""
         return self.summary["peak_force_n"] <= self.scene.contact.limit
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """The figures that every run has."""
         s = self.summary
         return f"{self.ended}; {s['contacts']} contacts in {s['sim_time_s']:.0f} s, peak {s['peak_force_n']:.2f} N"
@@ -81,7 +81,7 @@ def explored(name: str, settings: list[str]) -> Run:
         summary = explore(scene, Path(folder))
         left = read_run(folder)
     solid = scene.solid()
-    points, normals, way = left.record.points, left.record.normals, left.trace
+    points, normals, path = left.record.points, left.record.normals, left.trace
     assert normals is not None
     distance = solid.signed_distance(points) if len(points) and scene.objects else np.full(len(points), np.nan)
-    return Run(scene, summary, points, normals, distance, way[:, 1:4], way[:, 4], way[:, 5] > 0.0)
+    return Run(scene, summary, points, normals, distance, path[:, 1:4], path[:, 4], path[:, 5] > 0.0)

@@ -106,7 +106,7 @@ class Explorer:
     ----------
     arm : its motion, with the motion guard
     start_up : what comes before the strategy
-    outcome : how the run ended, None while it goes on
+    outcome : how the run ended, None while it runs
     """
 
     def __init__(
@@ -188,7 +188,7 @@ class Explorer:
         return self.outcome
 
     def observations(self, time_limit: float) -> Generator[Observation, None, None]:
-        """What the strategy is shown, as the run goes on; whatever ends it early, what was measured is kept.
+        """What the strategy is shown during the run; whatever ends it early, what was measured is kept.
 
         The arm is brought to rest at the end, also where the caller stops earlier; then `outcome` says how it ended.
         """

@@ -56,7 +56,7 @@ def warm_up(scene: Scene, choices: Choices, cycle: float, rate: float, pose: np.
     ahead[2, 3] -= 0.01
     pipe.trajectory.set_goal(ahead, scene.motion.free_speed)
     pipe.trajectory.step()
-    pipe.trajectory.set_feed(np.array([0.01, 0.0, 0.0]), 0.05, None)
+    pipe.trajectory.set_velocity(np.array([0.01, 0.0, 0.0]), 0.05, None)
     pipe.trajectory.step()
     if pipe.governor is not None:
         pipe.governor.watch(q)

@@ -52,11 +52,11 @@ class JointSpaceTip:
         self.q, self._qd = self._joints.q, self._joints.qd
         self.pose, self.velocity = np.eye(4), np.zeros(3)
         self._jacobian = np.empty((6, robot.n))
-        self._judged = b""
+        self._reachable = b""
         self._wanted, self._aim = np.empty(robot.n), np.empty(robot.n)
         self._asked: tuple | None = None
         self._to_goal = False
-        self._feed, self._turn, self._left = np.zeros(3), np.eye(3), 0.0
+        self._commanded, self._turn, self._left = np.zeros(3), np.eye(3), 0.0
         self._look()
 
     @property
@@ -75,31 +75,31 @@ class JointSpaceTip:
         self._asked, self._to_goal, self._left = None, True, 0.0
         self._look()
 
-    def judge(self, pose: np.ndarray) -> int:
+    def ik_status(self, pose: np.ndarray) -> int:
         """An `IKStatus` value: whether the arm can go to a pose (4, 4) from here without leaving its branch."""
         key = pose.tobytes()
-        if key != self._judged:
+        if key != self._reachable:
             status = self._follow(pose)
             # what was in vain from here may be free from elsewhere
-            self._judged = key if status == IKStatus.CONVERGED else b""
+            self._reachable = key if status == IKStatus.CONVERGED else b""
             return status
         return IKStatus.CONVERGED
 
     def set_goal(self, pose: np.ndarray, speed: float, turn_rate: float | None = None) -> int:
         """Go to a pose (4, 4) and rest there, the tip at `speed` m/s and `turn_rate` rad/s at most; an `IKStatus`.
 
-        Where the pose cannot be reached the motion goes on as it was.
+        Where the pose cannot be reached the motion continues as before.
         """
         asked = (pose.tobytes(), speed, turn_rate)
         if asked != self._asked:
-            status = self.judge(pose)
+            status = self.ik_status(pose)
             if status != IKStatus.CONVERGED:
                 return status
             self._asked, self._to_goal, self._left = asked, True, 0.0
             self._go(self._wanted, speed, turn_rate)
         return IKStatus.CONVERGED
 
-    def set_feed(self, velocity: np.ndarray, hold_seconds: float, pose: np.ndarray | None = None) -> int:
+    def set_velocity(self, velocity: np.ndarray, hold_seconds: float, pose: np.ndarray | None = None) -> int:
         """Keep the tip at a velocity (3,) m/s; stop by itself `hold_seconds` after the last call; an `IKStatus`.
 
         `pose` gives an orientation to turn to meanwhile; without, the one at the first call is held.
@@ -109,8 +109,8 @@ class JointSpaceTip:
         elif self._to_goal or self._left <= 0.0:
             self._turn = self.pose[:3, :3].copy()
         self._asked, self._to_goal = None, False
-        self._feed, self._left = np.array(velocity, dtype=np.float64), hold_seconds
-        return self._feed_on()
+        self._commanded, self._left = np.array(velocity, dtype=np.float64), hold_seconds
+        return self._aim_ahead()
 
     def stop(self) -> None:
         """Come to rest as fast as the limits allow."""
@@ -121,7 +121,7 @@ class JointSpaceTip:
         """Advance by one cycle."""
         if self._left > FORESIGHT:
             self._left -= self.cycle
-            self._feed_on()
+            self._aim_ahead()
         self._joints.step()
         self._look()
 
@@ -143,9 +143,9 @@ class JointSpaceTip:
             seed = self._wanted
         return IKStatus.CONVERGED
 
-    def _feed_on(self) -> int:
+    def _aim_ahead(self) -> int:
         """Aim at where the feed leads while it holds."""
-        speed = float(np.sqrt(self._feed @ self._feed))
+        speed = float(np.sqrt(self._commanded @ self._commanded))
         ahead = min(self._left, FORESIGHT)
         axis, angle = axis_angle(self.pose[:3, :3].T @ self._turn)
         if speed * ahead < 1e-9 and angle < 1e-9:
@@ -153,7 +153,7 @@ class JointSpaceTip:
             return IKStatus.CONVERGED
         target = np.eye(4)
         target[:3, :3] = self.pose[:3, :3] @ rotations(axis, np.array([min(angle, self.limits.turn_rate * ahead)]))[0]
-        target[:3, 3] = self.pose[:3, 3] + ahead * self._feed
+        target[:3, 3] = self.pose[:3, 3] + ahead * self._commanded
         status = self._solver.track(target, self.q, self._aim)
         if status == IKStatus.CONVERGED:
             self._go(self._aim, speed or self.limits.speed, None)

@@ -53,7 +53,7 @@ class MotionRequest:
                 ahead[:3, 3] += LOOK_AHEAD * motion.velocity
                 if not self._permitted(ahead):
                     return
-            trajectory.set_feed(motion.velocity, motion.hold, motion.pose)
+            trajectory.set_velocity(motion.velocity, motion.hold, motion.pose)
 
     def reachable(self, poses: Sequence[np.ndarray]) -> bool:
         """Whether the arm can take the tip straight through these poses (4, 4) in turn; see `Task.reachable`."""
@@ -74,7 +74,7 @@ class MotionRequest:
     def _permitted(self, pose: np.ndarray) -> bool:
         """Whether the arm may go to a pose (4, 4); else the generator is stopped and the arm says what blocks it."""
         pipeline, arm = self._pipeline, self._arm
-        status = pipeline.judge(pose, arm.q, self._ahead)
+        status = pipeline.ik_status(pose, arm.q, self._ahead)
         arm.blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
         if not arm.blocked and pipeline.clearance is not None:
             arm.blocked = pipeline.clearance.objection(pipeline.trajectory.pose, pose, arm.q)

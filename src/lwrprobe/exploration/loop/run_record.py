@@ -66,4 +66,4 @@ class RunRecord:
             near = seen.clearance
             distance = near.distance if near is not None else np.inf
             state = self._strategy.progress().state
-            self._recorder.way(seen.time, tip, force, seen.contact is not None, distance, state)
+            self._recorder.trace_row(seen.time, tip, force, seen.contact is not None, distance, state)

@@ -43,7 +43,7 @@ class SetPoints:
         if isinstance(trajectory, CartesianTrajectory):
             self._table = solver.table
             self._guarded = solver.robot.chain, *guard.arrays, self.rows, self.velocities
-            plan, state, _, _ = trajectory.course
+            plan, state, _, _ = trajectory.plan_state
             self._generate = entry(
                 k.generate, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
             )
@@ -63,7 +63,7 @@ class SetPoints:
         trajectory, filled, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
-            plan, state, time, event = trajectory.course
+            plan, state, time, event = trajectory.plan_state
             filled, ended, then, cut, detail = self._generate(
                 plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
                 *self._guarded, filled, last,

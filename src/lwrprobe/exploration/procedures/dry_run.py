@@ -37,7 +37,7 @@ class DryRun:
         return all(reading.good for reading in self.readings)
 
 
-def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> DryRun:
+def dry_run(scene: Scene, message: Callable[[str], None] = lambda text: None) -> DryRun:
     """Drive the scene in the simulator, at the real arm's cycle and with the real sensor's rate and delay.
 
     The objects are those of the scene file; where it has none, as for an unknown object, the lines are driven
@@ -46,7 +46,7 @@ def dry_run(scene: Scene, tell: Callable[[str], None] = lambda text: None) -> Dr
     devices = Devices.assemble(scene, scene.run.seed, False)
     cycle, latency = devices.arm.cycle, devices.sensor.latency
     readings = [*_posture(scene), stability(scene, cycle, latency)]
-    summary = explore(_simulated(scene, cycle, latency), tell=tell)
+    summary = explore(_simulated(scene, cycle, latency), message=message)
     return DryRun(readings + _driven(scene, summary), summary)
 
 

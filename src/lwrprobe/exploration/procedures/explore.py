@@ -29,7 +29,7 @@ from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.scene import Scene, write_scene
 
-Tell = Callable[[str], None]
+Message = Callable[[str], None]
 
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
@@ -38,7 +38,7 @@ BIAS_SECONDS = 0.8
 class Exploration:
     """One exploration: prepared when it is made, explored inside its `with` block, evaluated by `finish`.
 
-    Iterating over it goes on sample by sample, each the observation that the strategy was shown; when the strategy is
+    Iterating over it advances sample by sample, each the observation that the strategy was shown; when the strategy is
     done, or anything ends the run early, there are no more. The arm moves only while it is iterated over.
 
     Parameters
@@ -47,10 +47,10 @@ class Exploration:
     out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
     realtime : a simulator keeps pace with the wall clock
     watch : called some ten times a second with a `ProgressSnapshot`
-    tell : called with a sentence at each new phase
+    message : called with a sentence at each new phase
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
-    earlier : a run that was cut off, in the folder `out`, which is taken up; see `resume`
+    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
 
     Attributes
     ----------
@@ -70,12 +70,12 @@ class Exploration:
         *,
         realtime: bool = False,
         watch: WatchFunction | None = None,
-        tell: Tell = lambda text: None,
+        message: Message = lambda text: None,
         choices: Choices | None = None,
         confirm: Confirm | None = None,
         earlier: RunFolder | None = None,
     ) -> None:
-        self.scene, self.out, self._tell, self._earlier = scene, out, tell, earlier
+        self.scene, self.out, self._message, self._earlier = scene, out, message, earlier
         self._ahead = CompileAhead.where_it_pays(scene)
         try:
             with collector_paused():
@@ -91,18 +91,18 @@ class Exploration:
 
     def _prepare(self, realtime: bool, watch: WatchFunction | None, choices: Choices, confirm: Confirm | None) -> None:
         begin = perf_counter()
-        scene, out, tell, earlier = self.scene, self.out, self._tell, self._earlier
+        scene, out, message, earlier = self.scene, self.out, self._message, self._earlier
         robot = robot_of(scene)
         self._start = pose, q = start_posture(scene, robot)
         self._beyond = unreachable_part(scene, robot, pose, q)
         if self._beyond:
-            tell(self._beyond)
+            message(self._beyond)
         self.recorder = Recorder(out, earlier)
         if out is not None:
             write_scene(scene, out / "scene.toml")
         self._seconds = {"prepare": perf_counter() - begin}
 
-        tell("loading kernels; the first time they are compiled, which takes about a minute")
+        message("loading kernels; the first time they are compiled, which takes about a minute")
         begin = perf_counter()
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
@@ -114,7 +114,7 @@ class Exploration:
         self._log = _logged(self.pipeline, out, earlier)
         self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm)
         if isinstance(self.pipeline.strategy, Resumed):
-            tell("going through what was done")
+            message("going through what was done")
             self.pipeline.place_tip(pose, q)
             self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
         self._contacts_before = len(self.recorder.contacts)
@@ -129,7 +129,7 @@ class Exploration:
                 self._make_ready()
             self._stack = stack.pop_all()
         self._seconds["compile"] += perf_counter() - begin
-        self._tell("exploring")
+        self._message("exploring")
         self._began = perf_counter()
         return self
 
@@ -181,7 +181,7 @@ class Exploration:
         table = _leave_table_out(recorder, scene, pipeline)
         self._seconds["explore"] += perf_counter() - begin
 
-        self._tell("reconstructing and comparing")
+        self._message("reconstructing and comparing")
         begin = perf_counter()
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = _reconstruct(self.record, pipeline)
@@ -207,7 +207,7 @@ class Exploration:
                 self._log.discard()
             from lwrprobe.evaluation.run_report import write_report
 
-            self._tell("writing the report")
+            self._message("writing the report")
             write_report(self.out, self.surface)
         return summary
 
@@ -217,7 +217,7 @@ class Exploration:
 
     @property
     def _elapsed(self) -> float:
-        """s of the run before it was taken up."""
+        """s of the run before it was resumed."""
         return self._earlier.duration if self._earlier is not None else 0.0
 
     def _make_ready(self) -> None:

@@ -13,27 +13,27 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import InputError, LeftOut, LwrprobeError, Reconstruction, TouchRecord
+from lwrprobe.evaluation.coverage import DEFAULT_SPACING
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.recording.results import write_run
-from lwrprobe.exploration.recording.summary import DEFAULT_SPACING
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.reconstruction.registration import Registration, intruding, register
 from lwrprobe.scene import Scene
 
 FARTHEST, FARTHEST_TURN = 0.010, np.radians(6.0)
 """m and rad, by which an object may have been moved between two runs."""
-LEAST_PAIRS, LEAST_OVERLAP = 40, 0.15
-MOST_MISFIT, MOST_APART = 0.15, 0.4e-3
+MIN_PAIRS, MIN_OVERLAP = 40, 0.15
+MAX_MISFIT, MAX_APART = 0.15, 0.4e-3
 """Share of the pairs that may stay far apart; m, median distance of the pairs."""
-MOST_INTRUDING = 0.01
+MAX_INTRUDING = 0.01
 """Share of one run's touches that may lie where the other run's sphere was."""
 TABLE_SLACK = 1e-3
 """m, by which the tables of two runs may differ in height."""
 
-Tell = Callable[[str], None]
+Message = Callable[[str], None]
 
 
 def merge(
@@ -42,7 +42,7 @@ def merge(
     *,
     method: str | None = None,
     as_is: bool = False,
-    tell: Tell = lambda text: None,
+    message: Message = lambda text: None,
 ) -> dict[str, Any]:
     """Join the contacts of run folders into a run folder `out` and return its summary.
 
@@ -50,8 +50,8 @@ def merge(
     ----------
     folders : two or more; the first one's frame and scene are kept
     method : reconstructor, None = the one that the first run's scene names
-    as_is : leave every run where it is; whether they belong together is judged all the same
-    tell : called with a sentence at each step
+    as_is : leave every run where it is; whether they belong together is checked all the same
+    message : called with a sentence at each step
 
     Raises InputError naming the run (`runs[i]`) and why it does not belong to those before it, FormatError for a
     folder that is no run's. Nothing is written then.
@@ -66,7 +66,7 @@ def merge(
     which = [np.zeros(len(joined.points), dtype=np.int64)]
     force = [runs[0].force]
     for i, run in enumerate(runs[1:], start=1):
-        tell(f"laying {run.folder} over what is there")
+        message(f"aligning {run.folder} with the runs before it")
         _same_setting(runs[0], run, i)
         found = register(run.record, joined, on_table=joined.table is not None)
         if as_is:
@@ -79,7 +79,7 @@ def merge(
         joined, trace = _join(joined, moved), np.concatenate([trace, path])
         which.append(np.full(len(moved.points), i, dtype=np.int64))
         force.append(run.force)
-    tell("reconstructing")
+    message("reconstructing")
     scene = _scene(runs)
     surface, lack = _reconstruct(joined, scene, method)
     voxels = VoxelMap(scene.map.resolution)
@@ -115,9 +115,9 @@ def _same_setting(first: RunFolder, run: RunFolder, i: int) -> None:
 def _not_too_far(found: Registration, run: RunFolder, i: int) -> None:
     if found.shift > FARTHEST or found.angle > FARTHEST_TURN:
         moved = f"{1e3 * found.shift:.1f} mm and {np.degrees(found.angle):.1f} deg"
-        most = f"{1e3 * FARTHEST:g} mm and {np.degrees(FARTHEST_TURN):g} deg"
+        limits = f"{1e3 * FARTHEST:g} mm and {np.degrees(FARTHEST_TURN):g} deg"
         raise InputError(
-            f"runs[{i}]", str(run.folder), f"an object moved by {most} at most (it fits best when moved by {moved})"
+            f"runs[{i}]", str(run.folder), f"an object moved by {limits} at most (it fits best when moved by {moved})"
         )
 
 
@@ -127,17 +127,17 @@ def _belongs(found: Registration, moved: TouchRecord, joined: TouchRecord, run: 
     def refuse(why: str) -> InputError:
         return InputError(f"runs[{i}]", str(run.folder), f"touches of the same object ({why})")
 
-    if found.pairs < LEAST_PAIRS or found.overlap < LEAST_OVERLAP:
+    if found.pairs < MIN_PAIRS or found.overlap < MIN_OVERLAP:
         raise refuse(f"only {found.pairs} of its touches, {found.overlap:.0%}, have one of the others near them")
-    if not as_is and found.after > MOST_APART:
+    if not as_is and found.after > MAX_APART:
         raise refuse(f"the surfaces are {1e3 * found.after:.2f} mm apart when they fit best")
-    if not as_is and found.misfit > MOST_MISFIT:
+    if not as_is and found.misfit > MAX_MISFIT:
         raise refuse(f"{found.misfit:.0%} of its touches are 1.5 mm off the others' surface when they fit best")
-    if as_is and found.before > MOST_APART:
+    if as_is and found.before > MAX_APART:
         raise refuse(f"the surfaces are {1e3 * found.before:.2f} mm apart and are not to be moved")
     for points, others, whose in ((moved.points, joined, "its"), (joined.points, moved, "the others'")):
         inside = intruding(points, others)
-        if inside.mean() > MOST_INTRUDING:
+        if inside.mean() > MAX_INTRUDING:
             place = ", ".join(f"{1e3 * value:.0f}" for value in points[inside].mean(axis=0))
             raise refuse(f"{inside.mean():.0%} of {whose} touches, about ({place}) mm, lie where a sphere went freely")
 

@@ -100,7 +100,7 @@ class RepeatedTouch:
     def __init__(self, plan: Plan, log: list[Touch]) -> None:
         self._plan, self._log = plan, log
         self._left = [min(plan.speeds), *(speed for speed in plan.speeds for _ in range(plan.count))]
-        self._way: list[np.ndarray] = []
+        self._path: list[np.ndarray] = []
         self._felt: list[Contact] = []
         self._held = 0
         self._seeking = False
@@ -116,17 +116,17 @@ class RepeatedTouch:
         depth = self._from[2] - area.lower[2]
         self._reach = plan.reach or (depth if depth > 0.0 else 0.05)
         level = np.array([self._from[0], self._from[1], max(task.start[2], self._from[2])])
-        self._way = [level, self._from]
+        self._path = [level, self._from]
 
     def step(self, observation: Observation) -> Motion:
         """Go there, touch, go back."""
         if self._seeking:
             return self._approach(observation)
-        if observation.goal_reached and self._way and self._at(observation, self._way[0]):
-            self._way.pop(0)
-        if self._way:
+        if observation.goal_reached and self._path and self._at(observation, self._path[0]):
+            self._path.pop(0)
+        if self._path:
             speed = self._task.free_speed if self._first else self._task.approach_speed
-            return self._goal(self._way[0], speed)
+            return self._goal(self._path[0], speed)
         if not self._left:
             return Done("touched as often as asked for")
         self._seeking = True
@@ -152,7 +152,7 @@ class RepeatedTouch:
             self._reach = 2.0 * STANDOFF
             self._left.pop(0)
             self._first = self._seeking = False
-            self._way = [self._from]
+            self._path = [self._from]
             return self._goal(self._from, self._task.approach_speed)
         gone = float((seen.pose[:3, 3] - self._from) @ direction)
         if gone > self._reach:
@@ -184,7 +184,7 @@ def repeat(
     *,
     realtime: bool = False,
     watch: WatchFunction | None = None,
-    tell: Callable[[str], None] = lambda text: None,
+    message: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Touch as planned; a row a speed: mean, sigma and range along the direction, sigma across, and bias.
 
@@ -200,7 +200,7 @@ def repeat(
             raise InputError("speeds", speed, f"up to {fastest:.6f} m/s, or the force limit would be passed")
     touches: list[Touch] = []
     choices = choose(scene, lambda: RepeatedTouch(plan, touches), plan)
-    summary = explore(scene, out, realtime=realtime, watch=watch, tell=tell, choices=choices)
+    summary = explore(scene, out, realtime=realtime, watch=watch, message=message, choices=choices)
     if summary["status"] != "done":
         raise SafetyStop(f"the touches ended early: {summary['reason']}")
     return {"speeds": statistics(touches), "summary": summary}

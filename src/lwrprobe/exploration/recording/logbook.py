@@ -100,7 +100,7 @@ class Logbook:
         self._rows.write(array("d", row))
 
     def close(self) -> None:
-        """The run was cut off, and may be taken up."""
+        """The run was cut off and may be resumed."""
         self._rows.close()
         self._words.close()
 
@@ -203,10 +203,10 @@ class Past:
         return Observation(float(row[1]), pose, row[14:17], row[17:20], contact, near, bool(row[20]), blocked)
 
 
-def read_log(folder: Path, quiet: float) -> Past:
+def read_log(folder: Path, free_force: float) -> Past:
     """The log of a run that was cut off; a row that was not written to its end is left out.
 
-    Below `quiet` N the probe is free. Raises FormatError where there is no log, or none that can be taken up.
+    Below `free_force` N the probe is free. Raises FormatError where there is no log, or none that can be resumed.
     """
     path = folder / OBSERVATIONS
     if not path.is_file():
@@ -219,16 +219,16 @@ def read_log(folder: Path, quiet: float) -> Past:
     if not {words[int(code)] for code in rows[:, 37]} <= set(Doubt):
         raise FormatError(f"{path}: the reason of a contact's low trust is unknown")
     first = rows[0]
-    last = _last_free(rows[1:], quiet)
+    last = _last_free(rows[1:], free_force)
     if last is None:
         raise FormatError(f"{folder}: nothing to take up: the run was cut off before the probe had moved freely")
     return Past(first[2:11].reshape(3, 3).copy(), first[11:14].copy(), float(first[14]), rows[1:], words, last)
 
 
-def _last_free(rows: np.ndarray, quiet: float) -> int | None:
+def _last_free(rows: np.ndarray, free_force: float) -> int | None:
     """Index of the last observation at the end of at least FREE without a force and not blocked."""
     seen = np.flatnonzero(rows[:, 0] == SEEN)
-    free = (np.linalg.norm(rows[seen, 17:20], axis=1) < quiet) & (rows[seen, 22] == 0.0) & (rows[seen, 21] == 0.0)
+    free = (np.linalg.norm(rows[seen, 17:20], axis=1) < free_force) & (rows[seen, 22] == 0.0) & (rows[seen, 21] == 0.0)
     ends = np.flatnonzero(np.convolve(free, np.ones(FREE))[: len(seen)] >= FREE)
     return int(seen[ends[-1]]) if len(ends) else None
 

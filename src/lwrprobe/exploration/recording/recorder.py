@@ -1,4 +1,4 @@
-"""The run folder, written while the run goes on: killed at any moment, what was touched so far can be read back."""
+"""The run folder, written during the run: killed at any moment, what was touched so far can be read back."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ class Recorder:
             )
             self._contact_file.write(line.encode())
 
-    def way(self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str) -> None:
+    def trace_row(
+        self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str
+    ) -> None:
         """Where the sphere's centre is, whether it touches, and what the strategy is doing."""
         x, y, z = tip.tolist()
         self._trace.append((time, x, y, z, force, touching, clearance))

@@ -3,7 +3,7 @@
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts and the memory of
 where the sphere has been are restored the same way: an object that was moved in the meantime is noticed at the first
 touch that contradicts. The probe goes over the top of the area to where it was, and down where its stick has been;
-from there on the strategy goes on as if nothing had happened.
+from there on the strategy continues as if nothing had happened.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Resumed(Logged):
     Parameters
     ----------
     strategy : a new one
-    log : goes on with what follows
+    log : continues with what follows
     past : what the strategy had been shown
     """
 
@@ -41,12 +41,12 @@ class Resumed(Logged):
         self._recalling = True
         self._motion: Motion | None = None
         self._old_steps = 0
-        self._way: list[np.ndarray] = []
+        self._path: list[np.ndarray] = []
         self._speeds = (0.0, 0.0)
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
-        """The strategy's own since it was taken up."""
+        """The strategy's own time since the run was resumed."""
         return super().trace[self._old_steps :]
 
     def recall(self, task: Task, pipeline: Pipeline, recorder: Recorder) -> None:
@@ -75,41 +75,41 @@ class Resumed(Logged):
         self._recalling = False
         self._old_steps = len(super().trace)
         self._speeds = task.free_speed, task.approach_speed
-        self._way = _way_back(past.observation(past.last).pose, float(task.area.upper[2]))
+        self._path = _path_back(past.observation(past.last).pose, float(task.area.upper[2]))
 
     def start(self, task: Task) -> None:
         """The strategy has started long ago."""
 
     def step(self, seen: Observation) -> Motion:
         """The return first; then what the strategy answers."""
-        if not self._way:
+        if not self._path:
             return super().step(seen)
         here = seen.pose[:3, 3]
-        known = np.abs(here - self._way[-1][:3, 3]).max() < KNOWN
-        if seen.contact is not None and not (known and len(self._way) == 1):
+        known = np.abs(here - self._path[-1][:3, 3]).max() < KNOWN
+        if seen.contact is not None and not (known and len(self._path) == 1):
             return Done("something stands in the way back to where the run was cut off", complete=False)
         if seen.blocked:
             return Done(f"no way back to where the run was cut off: {seen.blocked}", complete=False)
-        there = np.abs(here - self._way[0][:3, 3]).max() < ARRIVED and seen.goal_reached
+        there = np.abs(here - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached
         if there or seen.contact is not None:
-            self._way.pop(0)
-            if not self._way:
+            self._path.pop(0)
+            if not self._path:
                 assert self._motion is not None
                 return self._motion
-        speed = self._speeds[len(self._way) == 1]
-        return Goal(self._way[0], speed, "back to where the run was cut off")
+        speed = self._speeds[len(self._path) == 1]
+        return Goal(self._path[0], speed, "back to where the run was cut off")
 
     def progress(self) -> Progress:
         """The strategy's own, or that the probe returns."""
         progress = super().progress()
-        return replace(progress, doing="back to where the run was cut off") if self._way else progress
+        return replace(progress, doing="back to where the run was cut off") if self._path else progress
 
     def asked(self, ask: Question, poses: Sequence[np.ndarray]) -> bool:
         """The logged answer while the past is replayed, after that the present one."""
         return bool(next(self._answers, 0.0)) if self._recalling else super().asked(ask, poses)
 
 
-def _way_back(pose: np.ndarray, top: float) -> list[np.ndarray]:
+def _path_back(pose: np.ndarray, top: float) -> list[np.ndarray]:
     """Poses (4, 4): above the place, along the stick, at the area's top; then the place."""
     above, axis = pose.copy(), pose[:3, 2]
     if axis[2] < 0.0 and pose[2, 3] < top:

@@ -1,4 +1,4 @@
-"""What a run must not leave unsaid: sentences for whoever uses its result."""
+"""What a run must not leave unsaid: sentences for the user of its result."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ from lwrprobe.evaluation import (
     upright_coverage,
 )
 from lwrprobe.evaluation.align import align
+from lwrprobe.evaluation.coverage import DEFAULT_SPACING
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.evaluation.summary import Summary
@@ -37,8 +38,6 @@ from lwrprobe.scene import Scene
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
-DEFAULT_SPACING = 0.010
-"""m, line spacing that coverage is judged with for a strategy without lines."""
 _ALIGNED_SAMPLES = 1500
 _UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")

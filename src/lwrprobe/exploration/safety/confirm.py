@@ -49,15 +49,15 @@ class Confirm:
     Parameters
     ----------
     motions : how many are asked for; a goal is one, and so is a feed until its reason changes
-    tell : shows a sentence
+    message : shows a sentence
     typed : the line typed since the last call, None for none; standard input when left out
     """
 
     def __init__(
-        self, motions: int, tell: Callable[[str], None], typed: Callable[[], str | None] | None = None
+        self, motions: int, message: Callable[[str], None], typed: Callable[[], str | None] | None = None
     ) -> None:
         self.left = motions
-        self._tell, self._typed = tell, typed or TypedLines()
+        self._message, self._typed = message, typed or TypedLines()
         self._asked: tuple | None = None
         self._allowed: tuple | None = None
 
@@ -82,7 +82,7 @@ class Confirm:
         """Whether the operator has allowed it; asks once and never waits. Raises SafetyStop on a no."""
         if kind != self._asked:
             self._asked = kind
-            self._tell(f"next: {what}. Enter = go, and Enter again = stop; q = end here ({self.left} to confirm)")
+            self._message(f"next: {what}. Enter = go, and Enter again = stop; q = end here ({self.left} to confirm)")
         answer = self._typed()
         if answer is None:
             return False

@@ -49,8 +49,8 @@ class ForceGuard:
         size = hypot(*force.tolist())
         twisted = False
         if torque is not None:
-            (x, y, z), (most_x, most_y, most_z) = torque.tolist(), self._torque
-            twisted = abs(x) > most_x or abs(y) > most_y or abs(z) > most_z
+            (x, y, z), (max_x, max_y, max_z) = torque.tolist(), self._torque
+            twisted = abs(x) > max_x or abs(y) > max_y or abs(z) > max_z
         if self._since is None:
             if size <= self.limit and not twisted:
                 return None

@@ -27,7 +27,7 @@ class SilenceGuard:
 
     def __init__(self, allowed: float, cycle: float) -> None:
         self.allowed = allowed
-        self._most = 2.0 * cycle
+        self._max_step = 2.0 * cycle
         self._last: float | None = None
         self._silent = 0.0
         self._saturated = 0
@@ -47,12 +47,12 @@ class SilenceGuard:
     @property
     def looks_left(self) -> int:
         """How many looks, one a cycle, may follow before there is anything to be seen."""
-        return int((self.allowed - self._silent) / self._most)
+        return int((self.allowed - self._silent) / self._max_step)
 
     def check(self, time: float, looks: int = 1) -> None:
         """Raises SensorLost after `allowed` seconds of silence; `looks` are those that this one stands for."""
         if self._last is not None:
-            self._silent += min(time - self._last, looks * self._most)
+            self._silent += min(time - self._last, looks * self._max_step)
         self._last = time
         if self._silent > self.allowed:
             raise SensorLost(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")

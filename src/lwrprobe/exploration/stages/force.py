@@ -1,4 +1,4 @@
-"""What a run learns of its touch as it goes: how stiff the surface is, whether the loop is calm, where zero is."""
+"""What a run learns of its touch as it goes: how stiff the surface is, whether the loop oscillates, where zero is."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class ForceStage:
         c = self._contact
         series = 1.0 / (1.0 / c.stiffness + self._axial)
         law = choose_force_law(
-            series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, most_speed=1.0
+            series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
         )
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)

@@ -78,7 +78,7 @@ class ObjectMotionMonitor:
         self._push_began = self._doubt_began = 0.0
         self.moved_since: float | None = None
         """s, from which on the object was no longer where it had been; None while it stands."""
-        self._worst = self._most_pushed = 0.0
+        self._worst = self._max_pushed = 0.0
 
     def see(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float = 0.0) -> None:
         """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
@@ -112,7 +112,7 @@ class ObjectMotionMonitor:
         return {
             "moved_since_s": self.moved_since,
             "contradiction_mm": round(1e3 * self._worst, 4),
-            "pushed_mm": round(1e3 * self._most_pushed, 4),
+            "pushed_mm": round(1e3 * self._max_pushed, 4),
             "torque_disagreement": round(self._disagreement, 4),
         }
 
@@ -136,7 +136,7 @@ class ObjectMotionMonitor:
         # The mean of both normals: along a curve the chord leads into the surface as seen from one of its ends alone.
         out = 0.5 * ((x - x0) * (mx + nx) + (y - y0) * (my + ny) + (z - z0) * (mz + nz))
         self._pushed = max(0.0, self._pushed - out - slope * dist(here, before[1]))
-        self._most_pushed = max(self._most_pushed, self._pushed)
+        self._max_pushed = max(self._max_pushed, self._pushed)
         (fx, fy, fz), way = force.tolist(), dist(here, before[1])
         back = ((x - x0) * fx + (y - y0) * fy + (z - z0) * fz) / size
         self._against_force = max(0.0, self._against_force - back - FRICTION * way)

@@ -68,11 +68,11 @@ class Pipeline:
         else:
             self.trajectory.reset(pose)
 
-    def judge(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
+    def ik_status(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
         if isinstance(self.trajectory, JointSpaceTip):
-            return self.trajectory.judge(pose)
-        # A far goal is judged on its way, when it has come near; a jump of the joints is no verdict on it.
+            return self.trajectory.ik_status(pose)
+        # A far goal is checked once the tip has come near; a jump of the joints says nothing about it.
         return self.solver.track(pose, q, out) if _near(pose, self.trajectory.pose) else IKStatus.CONVERGED
 
 
@@ -151,8 +151,8 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         turn_jerk=motion.turn_jerk,
     )
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
-    pace = min(Preference().pace, NULL_SPACE_ACCELERATION * cycle * cycle)
-    solver = IKSolver(robot, preference=Preference(pace=pace))
+    null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
+    solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
     clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)

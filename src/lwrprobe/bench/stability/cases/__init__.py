@@ -1,1 +1,1 @@
-"""The cases, one module a room, each with a tuple `CASES`; a module put here is found by itself."""
+"""The cases, one module a group, each with a tuple `CASES`; a module put here is found by itself."""

@@ -26,12 +26,11 @@ def _friction_sweep(quick: bool) -> list[Finding]:
     for friction, static in sweep:
         run = strip("block", [f"object.0.friction={friction}", f"drivers.sim.static_friction={static}"])
         error = run.summary["normal_error_deg"]["median"]
-        told = (
-            f"{run.told()}; normal off by {error:.2f} deg, point by {run.summary['contact_error_mm']['median']:.3f} mm"
-        )
+        point = run.summary["contact_error_mm"]["median"]
+        text = f"{run.describe()}; normal off by {error:.2f} deg, point by {point:.3f} mm"
         setting = f"friction {friction}" + (", stick-slip (static 1.5 times)" if static > 1.0 else "")
         also = run.summary["status"] == "done" and run.within_limit
-        found.append(within(setting, told, error, 2.0, "deg", also=also))
+        found.append(within(setting, text, error, 2.0, "deg", also=also))
     return found
 
 
@@ -52,9 +51,9 @@ def _heavy_tip(quick: bool) -> list[Finding]:
             readings, rotation = _rest(world, np.radians(degrees), 0.3, 60)
             left = np.mean([conditioner.condition(sample, rotation).force for sample in readings], axis=0)
             residual = 1e3 * float(np.linalg.norm(left))
-            told = f"mass found {1e3 * payload.mass:.2f} g, {residual:.1f} mN left"
+            text = f"mass found {1e3 * payload.mass:.2f} g, {residual:.1f} mN left"
             half = 500.0 * world.scene.contact.threshold
-            found.append(within(f"{grams} g, turned by {degrees} deg", told, residual, half, "mN"))
+            found.append(within(f"{grams} g, turned by {degrees} deg", text, residual, half, "mN"))
     return found
 
 
@@ -89,8 +88,8 @@ def _wrong_probe(quick: bool) -> list[Finding]:
         radius_off = 1e3 * abs(seen.radius_error - (radius - 0.005))
         offset_off = 1e3 * float(np.abs(seen.offset - (bend, 0.0, 0.0)).max())
         offset = np.round(1e3 * seen.offset, 3).tolist()
-        told = f"radius error reported {1e3 * seen.radius_error:+.3f} mm, offset {offset} mm"
-        found.append(within(name, told, max(radius_off, offset_off), 0.05, "mm"))
+        text = f"radius error reported {1e3 * seen.radius_error:+.3f} mm, offset {offset} mm"
+        found.append(within(name, text, max(radius_off, offset_off), 0.05, "mm"))
     return found
 
 

@@ -28,21 +28,22 @@ def _pressed(stiffness: float, delay: float, rigid: bool) -> Finding:
     stick = "rigid stick" if rigid else "stick 1.3e6 N/m"
     setting = f"K {stiffness:.0e} N/m, {stick}, tau {1e3 * delay:g} ms"
     law = choose_force_law(
-        series, delay + CYCLE, TARGET, LIMIT, force_threshold=THRESHOLD, braking=BRAKING, most_speed=0.5
+        series, delay + CYCLE, TARGET, LIMIT, force_threshold=THRESHOLD, braking=BRAKING, max_speed=0.5
     )
     if isinstance(law, Refusal):
         return Finding(setting, f"refused: {law.reason}", held=True)
     settings = [f"object.0.stiffness={stiffness}", "object.0.damping=0.0"]
     settings += [f"probe.stiffness_axial={0.0 if rigid else STICK}"]
-    course = press(law, delay, THRESHOLD, BRAKING, settings, cycle=CYCLE)
+    response = press(law, delay, THRESHOLD, BRAKING, settings, cycle=CYCLE)
     formula = peak_force(law.approach_speed, series, delay, BRAKING, THRESHOLD)
-    off = abs(course.peak_approach - formula) / formula
-    calm = course.swing < 0.05 * TARGET and abs(course.rest - TARGET) < 0.05 * TARGET
-    told = (
-        f"S {law.stability_number:.3f}, {1e3 * law.approach_speed:.3g} mm/s, peak {course.peak_approach:.3f} N "
-        f"(formula {formula:.3f}), most {course.peak:.3f} N, rests at {course.rest:.3f} N within {course.swing:.2g} N"
+    off = abs(response.peak_approach - formula) / formula
+    steady = response.swing < 0.05 * TARGET and abs(response.rest - TARGET) < 0.05 * TARGET
+    text = (
+        f"S {law.stability_number:.3f}, {1e3 * law.approach_speed:.3g} mm/s, peak {response.peak_approach:.3f} N "
+        f"(formula {formula:.3f}), largest {response.peak:.3f} N, "
+        f"rests at {response.rest:.3f} N within {response.swing:.2g} N"
     )
-    return within(setting, told, off, 0.10, "of the formula", also=calm and course.peak <= LIMIT)
+    return within(setting, text, off, 0.10, "of the formula", also=steady and response.peak <= LIMIT)
 
 
 def _stiffness_sweep(quick: bool) -> list[Finding]:
@@ -56,7 +57,7 @@ def _latency_sweep(quick: bool) -> list[Finding]:
 
 
 def _start_in_contact(quick: bool) -> list[Finding]:
-    """The sensor's own offset hides a light touch: only a second place tells."""
+    """The sensor's own offset hides a light touch: only a second place shows it."""
     found = []
     for depth in (0.0, 1e-4) if quick else (0.0, 1e-5, 3e-5, 1e-4, 3e-4):
         world = build_world(
@@ -75,10 +76,10 @@ def _start_in_contact(quick: bool) -> list[Finding]:
         taken = agreed_bias(conditioner, readings, retreat, UPRIGHT)
         off = 1e3 * float(np.abs(conditioner.bias[:3] - OFFSET[:3]).max())
         right = taken.outcome.taken and taken.touched == (depth > 0.0)
-        told = (
+        text = (
             f"{'touch seen' if taken.touched else 'no touch seen'}, {taken.retreats} retreats, bias off by {off:.2g} mN"
         )
-        found.append(within(f"pressed with {1e4 * depth:.2g} N at t = 0", told, off, 5.0, "mN", also=right))
+        found.append(within(f"pressed with {1e4 * depth:.2g} N at t = 0", text, off, 5.0, "mN", also=right))
     return [*found, _run_from_contact()]
 
 
@@ -88,33 +89,37 @@ def _run_from_contact() -> Finding:
     post = "{ shape = 'box', size = [0.004, 0.004, 0.0531], at = { xyz = [0.0, -0.06, 0.02655] } }"
     run = strip("block", [f"object=[{block}, {post}]"])
     error = run.summary["contact_error_mm"]["median"] if run.summary["contact_error_mm"] else float("nan")
-    told = f"{run.told()}; contacts off by {error:.3f} mm, which a wrong zero of 2 N would not leave so"
-    return within("a run from the top of a post", told, error, 0.15, "mm", also=run.summary["contacts"] > 500)
+    text = f"{run.describe()}; contacts off by {error:.3f} mm, which a wrong zero of 2 N would not leave so"
+    return within("a run from the top of a post", text, error, 0.15, "mm", also=run.summary["contacts"] > 500)
 
 
 def _soft_object(quick: bool) -> list[Finding]:
-    """A slow touch, read at 125 Hz with 3 mN of noise, is extrapolated to zero force; the dent is what it saves."""
+    """A slow touch, read at 125 Hz with 3 mN of noise, is extrapolated to zero force.
+
+    Without that the place would be wrong by the indentation.
+    """
     found, random = [], np.random.default_rng(11)
     for stiffness in (1e2, 1e3) if quick else (1e2, 2e2, 5e2, 1e3):
-        law = choose_force_law(stiffness, 0.01, TARGET, LIMIT, force_threshold=THRESHOLD, most_speed=0.002)
+        law = choose_force_law(stiffness, 0.01, TARGET, LIMIT, force_threshold=THRESHOLD, max_speed=0.002)
         settings = [f"object.0.stiffness={stiffness}", "object.0.damping=0.0"]
         if isinstance(law, Refusal):
             found.append(Finding(f"one touch, K {stiffness:.0e} N/m", f"refused: {law}", False))
             continue
-        course = press(law, 0.01, THRESHOLD, BRAKING, settings)
-        ways, forces = np.array(course.ways)[::SAMPLING], np.array(course.forces)[::SAMPLING]
-        fit = zero_force_point(ways, forces + random.normal(0.0, 0.003, len(forces)))
-        dent = 1e3 * course.peak_approach / stiffness
-        told = f"K found {fit.stiffness:.4g} N/m, surface off by {1e3 * fit.zero:+.3f} mm; the dent was {dent:.2f} mm"
-        found.append(within(f"one touch, K {stiffness:.0e} N/m", told, 1e3 * abs(fit.zero), 0.2, "mm"))
+        response = press(law, 0.01, THRESHOLD, BRAKING, settings)
+        depths, forces = np.array(response.depths)[::SAMPLING], np.array(response.forces)[::SAMPLING]
+        fit = zero_force_point(depths, forces + random.normal(0.0, 0.003, len(forces)))
+        indentation = 1e3 * response.peak_approach / stiffness
+        text = f"K found {fit.stiffness:.4g} N/m, surface off by {1e3 * fit.zero:+.3f} mm; "
+        text += f"the indentation was {indentation:.2f} mm"
+        found.append(within(f"one touch, K {stiffness:.0e} N/m", text, 1e3 * abs(fit.zero), 0.2, "mm"))
     for stiffness in (1e3,) if quick else (3e2, 1e3):
         settings = [f"object.0.stiffness={stiffness}", f"contact.stiffness={2.0 * stiffness}"]
         run = strip("block", settings)
         off = run.summary["surface_error_mm"]["median"]
         control = run.summary["force_control"]
-        told = f"{run.told()}; K found {control['object_stiffness']} N/m, surface off by {off:.3f} mm"
+        text = f"{run.describe()}; K found {control['object_stiffness']} N/m, surface off by {off:.3f} mm"
         setting = f"a run, K {stiffness:.0e} N/m where twice that was stated"
-        found.append(within(setting, told, off, 0.2, "mm", also=run.summary["status"] == "done"))
+        found.append(within(setting, text, off, 0.2, "mm", also=run.summary["status"] == "done"))
     return found
 
 

@@ -21,7 +21,7 @@ _PHANTOM = 1.0
 
 
 _ENOUGH = "time limit"
-"""What ends a run that goes on: the line's first half, up the wall and over the edge, is long enough."""
+"""What ends a run that continues: the line's first half, up the wall and over the edge, is long enough."""
 
 
 def _run(*settings: str) -> Run:
@@ -34,17 +34,17 @@ def _phantoms(run: Run) -> float:
 
 
 def _goes_on(setting: str, run: Run) -> Finding:
-    """Nothing is felt where nothing is, and the run goes on as if nothing were amiss."""
+    """No contact is found where there is no object, and the run continues unchanged."""
     went_on = run.summary["status"] == "done" or _ENOUGH in run.summary["reason"]
     good = went_on and run.within_limit and len(run.points) > 20
-    return within(setting, run.told() + ", contact farthest off", _phantoms(run), _PHANTOM, "mm", also=good)
+    return within(setting, run.describe() + ", contact farthest off", _phantoms(run), _PHANTOM, "mm", also=good)
 
 
 def _ends(setting: str, run: Run, words: str) -> Finding:
     """The run stops by itself with that sentence, and the true force has stayed below the limit."""
     said = re.search(words, run.summary["reason"]) is not None
     held = said and run.summary["status"] == "ended early" and len(run.points) == run.summary["contacts"]
-    return within(setting, run.told(), run.summary["peak_force_n"], run.scene.contact.limit, "N", also=held)
+    return within(setting, run.describe(), run.summary["peak_force_n"], run.scene.contact.limit, "N", also=held)
 
 
 def _late_and_lost(quick: bool) -> list[Finding]:
@@ -65,12 +65,12 @@ def _frozen(quick: bool) -> list[Finding]:
     clean = _run()
     touching = np.flatnonzero(clean.touching)
     if len(touching) < 40:
-        return [Finding("a run without faults", f"{clean.told()}: too short to freeze in", False)]
+        return [Finding("a run without faults", f"{clean.describe()}: too short to freeze in", False)]
     # The way, noted at every fifth sample, counts from where the strategy took over, the freeze from where the world
     # began: a run that freezes in the air tells the difference, to the length of the silence.
     early = _run(f"drivers.sim.freeze_at={_EARLY}", "drivers.sim.freeze_for=1000.0")
     noted = 5.0 / clean.scene.sensor.rate
-    start = _EARLY + early.scene.safety.silence - noted * len(early.way)
+    start = _EARLY + early.scene.safety.silence - noted * len(early.path)
     instant = start + noted * (touching[20] + 1)
     run = _run(f"drivers.sim.freeze_at={instant}", "drivers.sim.freeze_for=1000.0")
     found = _ends("frozen at its last value while touching", run, "no usable wrench sample|cannot be relied on")
@@ -86,7 +86,7 @@ def _saturated(quick: bool) -> list[Finding]:
     findings.append(
         within(
             "torque range used up to a fifth: 0.48 N sideways",
-            f"{twist.told()}, {yields} times yielded, peak",
+            f"{twist.describe()}, {yields} times yielded, peak",
             twist.summary["peak_force_n"],
             twist.scene.contact.limit,
             "N",
@@ -114,8 +114,8 @@ def _nothing_felt(quick: bool) -> list[Finding]:
             contact = estimator.estimate(wrench, np.zeros(3), np.eye(3), np.zeros(3))
             finite &= bool(np.isfinite([*contact.point, *contact.normal, contact.magnitude]).all())
             worst = max(worst, contact.trust)
-        told = "every number finite, largest trust" if finite else "numbers that are none, largest trust"
-        findings.append(within(f"0 to 2 mN, {name}", told, worst, np.nextafter(TRUSTED, 0.0), "", also=finite))
+        text = "every number finite, largest trust" if finite else "numbers that are none, largest trust"
+        findings.append(within(f"0 to 2 mN, {name}", text, worst, np.nextafter(TRUSTED, 0.0), "", also=finite))
     return findings
 
 
@@ -157,8 +157,8 @@ def _skew(quick: bool) -> list[Finding]:
         except InputError as error:
             findings.append(Finding(f"{1e3 * true:g} ms", str(error), False))
             continue
-        told = f"estimated {1e3 * found.delay:.2f} ms, sigma {1e3 * found.sigma:.2f} ms, off by"
-        findings.append(within(f"{1e3 * true:g} ms", told, 1e3 * abs(found.delay - true), 1.0, "ms"))
+        text = f"estimated {1e3 * found.delay:.2f} ms, sigma {1e3 * found.sigma:.2f} ms, off by"
+        findings.append(within(f"{1e3 * true:g} ms", text, 1e3 * abs(found.delay - true), 1.0, "ms"))
     return findings
 
 

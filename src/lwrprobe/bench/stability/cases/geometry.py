@@ -17,10 +17,10 @@ def _sharp_edge(quick: bool) -> list[Finding]:
         lost = 1e3 * (0.06 - run.points[:, 2].max())
         both = run.normals[:, 1].min() < -0.7 and run.normals[:, 1].max() > 0.7
         off = 1e3 * float(np.percentile(np.abs(run.distance), 95))
-        told = f"{run.told()}; apex missed by {lost:.2f} mm, points off by {off:.2f} mm (95 %)"
-        told += "" if both else "; only one side felt"
+        text = f"{run.describe()}; apex missed by {lost:.2f} mm, points off by {off:.2f} mm (95 %)"
+        text += "" if both else "; only one side touched"
         setting = f"wedge {degrees} deg"
-        found.append(within(setting, told, max(lost, off), 0.5, "mm", also=both and run.within_limit))
+        found.append(within(setting, text, max(lost, off), 0.5, "mm", also=both and run.within_limit))
     return found
 
 
@@ -35,9 +35,9 @@ def _cliff(quick: bool) -> list[Finding]:
     levels = [
         z for z in (0.050, 0.048, 0.038) if ((np.abs(run.points[:, 2] - z) < 4e-4) & (run.normals[:, 2] > 0.9)).any()
     ]
-    told = f"{run.told()}; steps felt at {', '.join(f'{1e3 * z:g}' for z in levels)} mm"
+    text = f"{run.describe()}; steps touched at {', '.join(f'{1e3 * z:g}' for z in levels)} mm"
     limit = run.scene.contact.limit
-    return [within("2, 10 and 38 mm down", told, run.summary["peak_force_n"], limit, "N", also=len(levels) == 3)]
+    return [within("2, 10 and 38 mm down", text, run.summary["peak_force_n"], limit, "N", also=len(levels) == 3)]
 
 
 def _inner_corner(quick: bool) -> list[Finding]:
@@ -47,9 +47,9 @@ def _inner_corner(quick: bool) -> list[Finding]:
         run = strip("block", [_groove(degrees)], top=0.058)
         wrong = float((np.abs(run.distance) > 5e-4).mean()) if len(run.distance) else 1.0
         worst = 1e3 * float(np.abs(run.distance).max(initial=0.0))
-        told = f"{run.told()}; {100 * wrong:.2f} % of the points more than 0.5 mm off, the worst {worst:.2f} mm"
+        text = f"{run.describe()}; {100 * wrong:.2f} % of the points more than 0.5 mm off, the worst {worst:.2f} mm"
         setting = f"groove of {degrees} deg"
-        found.append(within(setting, told, 100 * wrong, 2.0, "% off", also=run.within_limit and _done(run)))
+        found.append(within(setting, text, 100 * wrong, 2.0, "% off", also=run.within_limit and _done(run)))
     return found
 
 
@@ -69,13 +69,13 @@ def _groove(degrees: int) -> str:
 def _narrow_slot(quick: bool) -> list[Finding]:
     run = strip("slot_8mm")
     inside = (np.abs(run.points[:, 1]) < 3.5e-3) & (run.points[:, 2] < 0.0485)
-    told = f"{run.told()}; {int(inside.sum())} points claimed inside of the slot"
-    claimed = within("slot 8 mm", told, float(inside.sum()), 0.0, "points", also=_done(run))
+    text = f"{run.describe()}; {int(inside.sum())} points claimed inside of the slot"
+    claimed = within("slot 8 mm", text, float(inside.sum()), 0.0, "points", also=_done(run))
     gaps = [zone for zone in run.summary["bridged"] if zone["kind"] == "gap"]
     if len(gaps) != 1:
         return [claimed, Finding("slot 8 mm", f"{len(gaps)} gaps reported as bridged", held=False)]
-    told = f"one gap of {gaps[0]['width_mm']:.2f} mm reported as bridged, off by"
-    return [claimed, within("slot 8 mm", told, abs(gaps[0]["width_mm"] - 8.0), 0.5, "mm")]
+    text = f"one gap of {gaps[0]['width_mm']:.2f} mm reported as bridged, off by"
+    return [claimed, within("slot 8 mm", text, abs(gaps[0]["width_mm"] - 8.0), 0.5, "mm")]
 
 
 def _wide_slot(quick: bool) -> list[Finding]:
@@ -84,17 +84,17 @@ def _wide_slot(quick: bool) -> list[Finding]:
     run = strip("slot_12mm", ["object.0.children.1.size=[0.12, 0.0102, 0.06]"])
     depth = 1e3 * (0.05 - run.points[np.abs(run.points[:, 1]) < 5.2e-3, 2].min(initial=0.05))
     times = run.summary["sim_time_s"] / plain
-    told = f"{run.told()}; {times:.2f} times as long as without the slot, felt {depth:.1f} mm deep"
+    text = f"{run.describe()}; {times:.2f} times as long as without the slot, measured {depth:.1f} mm deep"
     also = run.within_limit and _done(run)
-    return [within("slot 10.2 mm", told, times, 3.0, "times", also=also)]
+    return [within("slot 10.2 mm", text, times, 3.0, "times", also=also)]
 
 
 def _overhang(quick: bool) -> list[Finding]:
     """Where the stick touches first, nothing may be stored as a contact of the sphere."""
     run = strip("overhang")
     wrong = float((np.abs(run.distance) > 1e-3).mean())
-    told = f"{run.told()}; {100 * wrong:.2f} % of the points more than 1 mm off the surface"
-    return [within("T-shape", told, 100 * wrong, 0.5, "% off", also=run.within_limit and _done(run))]
+    text = f"{run.describe()}; {100 * wrong:.2f} % of the points more than 1 mm off the surface"
+    return [within("T-shape", text, 100 * wrong, 0.5, "% off", also=run.within_limit and _done(run))]
 
 
 def _tiny(quick: bool) -> list[Finding]:
@@ -114,8 +114,8 @@ def _tiny(quick: bool) -> list[Finding]:
             found.append(Finding(name, f"{run.ended}: not found", held=False))
             continue
         width = 1e3 * float(np.ptp(run.points[:, :2], axis=0).max())
-        told = f"{run.told()}; width felt {width:.2f} mm for {size:g} mm"
-        found.append(within(name, told, abs(width - size), 0.5, "mm", also=run.within_limit))
+        text = f"{run.describe()}; width measured {width:.2f} mm for {size:g} mm"
+        found.append(within(name, text, abs(width - size), 0.5, "mm", also=run.within_limit))
     return found
 
 
@@ -124,10 +124,10 @@ def _thin_plate(quick: bool) -> list[Finding]:
     run = strip("thin_plate")
     sides = [run.normals[:, 1] * sign > 0.9 for sign in (1.0, -1.0)]
     if not all(side.any() for side in sides):
-        return [Finding("0.5 mm", f"{run.told()}; one face only", held=False)]
+        return [Finding("0.5 mm", f"{run.describe()}; one face only", held=False)]
     y = [float(np.median(run.points[side, 1])) for side in sides]
-    told = f"{run.told()}; faces felt {1e3 * (y[0] - y[1]):.3f} mm apart"
-    return [within("0.5 mm", told, 1e3 * abs(y[0] - y[1] - 5e-4), 0.15, "mm", also=run.within_limit and _done(run))]
+    text = f"{run.describe()}; faces measured {1e3 * (y[0] - y[1]):.3f} mm apart"
+    return [within("0.5 mm", text, 1e3 * abs(y[0] - y[1] - 5e-4), 0.15, "mm", also=run.within_limit and _done(run))]
 
 
 def _at_the_border(quick: bool) -> list[Finding]:
@@ -136,26 +136,28 @@ def _at_the_border(quick: bool) -> list[Finding]:
         "block",
         ["area.lower=[-0.006, -0.06, 0.006]", "area.upper=[0.006, 0.0, 0.058]", "strategy.step=0.012", *LINES_ONLY],
     )
-    beyond = 1e3 * float(max(run.way[:, 1].max(initial=0.0), 0.0))
-    felt = within("y < 0 of the block", f"{run.told()}; way beyond the border {beyond:.2f} mm", beyond, 0.5, "mm",
-                  also=_done(run))  # fmt: skip
+    beyond = 1e3 * float(max(run.path[:, 1].max(initial=0.0), 0.0))
+    text = f"{run.describe()}; path beyond the border {beyond:.2f} mm"
+    bounded = within("y < 0 of the block", text, beyond, 0.5, "mm", also=_done(run))
     sides = [side["side"] for side in run.summary["open_borders"]]
     words = f"open borders reported: {', '.join(sides) or 'none'}; the block is cut at -x, +x, +y"
-    return [felt, Finding("y < 0 of the block", words, sorted(sides) == ["+x", "+y", "-x"])]
+    return [bounded, Finding("y < 0 of the block", words, sorted(sides) == ["+x", "+y", "-x"])]
 
 
 def _nothing_there(quick: bool) -> list[Finding]:
     run = explored("empty", [])
     good = _done(run) and run.summary["contacts"] == 0 and "no contact" in run.summary["reason"]
-    return [Finding("empty area", run.told(), good)]
+    return [Finding("empty area", run.describe(), good)]
 
 
 def _tilted_table(quick: bool) -> list[Finding]:
     run = strip("tilted_table")
     of_table = float((np.abs(run.distance) > 1e-3).mean())
-    told = f"{run.told()}; {100 * of_table:.1f} % of the contacts are the table's and stay among the object's"
-    scraping = within("3 deg", run.told(), run.summary["peak_force_n"], run.scene.contact.limit, "N", also=_done(run))
-    return [scraping, within("3 deg", told, 100 * of_table, 1.0, "%")]
+    text = f"{run.describe()}; {100 * of_table:.1f} % of the contacts are the table's and stay among the object's"
+    scraping = within(
+        "3 deg", run.describe(), run.summary["peak_force_n"], run.scene.contact.limit, "N", also=_done(run)
+    )
+    return [scraping, within("3 deg", text, 100 * of_table, 1.0, "%")]
 
 
 def _moving_object(quick: bool) -> list[Finding]:
@@ -167,11 +169,11 @@ def _moving_object(quick: bool) -> list[Finding]:
         noticed = "moved" in run.summary["reason"]
         off = 1e3 * float(np.abs(run.distance).max(initial=0.0))
         if mass < 0.5:
-            told = f"{run.told()}; stored contact farthest off the first place"
-            found.append(within(setting, told, off, 1.0, "mm", also=noticed and run.within_limit))
+            text = f"{run.describe()}; stored contact farthest off the first place"
+            found.append(within(setting, text, off, 1.0, "mm", also=noticed and run.within_limit))
         else:
-            told = f"{run.told()}; it stood still; contact farthest off"
-            found.append(within(setting, told, off, 0.5, "mm", also=_done(run)))
+            text = f"{run.describe()}; it stood still; contact farthest off"
+            found.append(within(setting, text, off, 0.5, "mm", also=_done(run)))
     return found
 
 
@@ -180,7 +182,7 @@ def _tipping_object(quick: bool) -> list[Finding]:
     slab = "{ shape = 'box', size = [0.06, 0.006, 0.06], at = { xyz = [0.0, 0.0, 0.03] }, movable = true, mass = 0.02 }"
     run = strip("block", [f"object=[{slab}]", "drivers.sim.foot_friction=1.0"], top=0.068)
     ended = _done(run) or "moved" in run.summary["reason"]
-    return [within("slab of 6 mm, 20 g", run.told(), run.summary["peak_force_n"], run.scene.contact.limit, "N",
+    return [within("slab of 6 mm, 20 g", run.describe(), run.summary["peak_force_n"], run.scene.contact.limit, "N",
                    also=ended)]  # fmt: skip
 
 
@@ -191,8 +193,8 @@ def _tall_object(quick: bool) -> list[Finding]:
         run = strip("stacked_blocks", [f"strategy.name='{strategy}'"])
         hits = run.summary["link_collisions"]
         least = run.summary["min_clearance_m"]
-        told = f"{run.told()}; {hits} collisions, nearest {1e3 * (least or 0.0):.2f} mm"
-        found.append(within(strategy, told, float(hits), 0.0, "collisions", also=run.within_limit and _done(run)))
+        text = f"{run.describe()}; {hits} collisions, nearest {1e3 * (least or 0.0):.2f} mm"
+        found.append(within(strategy, text, float(hits), 0.0, "collisions", also=run.within_limit and _done(run)))
     return found
 
 
@@ -202,7 +204,7 @@ def _done(run: Run) -> bool:
 
 CASES = (
     Case(12, "very sharp edge", "apex within 0.5 mm, both sides, force below the limit", _sharp_edge),
-    Case(13, "step down", "all steps felt, force below the limit", _cliff),
+    Case(13, "step down", "all steps touched, force below the limit", _cliff),
     Case(14, "inner edge, two contacts at once", "at most 2 % of the points off a wall", _inner_corner),
     Case(15, "slot narrower than the probe", "no surface claimed inside; bridged, width right", _narrow_slot),
     Case(16, "slot just wider than the probe", "no chatter, no jam", _wide_slot),

@@ -55,10 +55,10 @@ def _governed(setting: str, robot: Robot, q: np.ndarray, goal: np.ndarray, reach
         governor.watch(q)
         if trajectory.arrived:
             break
-    told = f"{'arrived' if trajectory.arrived else 'stopped: ' + (ended or 'not there in a minute')}; "
-    told += f"{100 * fastest:.0f} % of a joint's speed limit wanted, clipped to it the tip is {behind:.3f} mm behind"
+    text = f"{'arrived' if trajectory.arrived else 'stopped: ' + (ended or 'not there in a minute')}; "
+    text += f"{100 * fastest:.0f} % of a joint's speed limit wanted, clipped to it the tip is {behind:.3f} mm behind"
     right = bool(trajectory.arrived) if reached else bool(ended) and bool(np.isfinite(q).all())
-    return within(setting, told, behind, 0.1, "mm", also=right)
+    return within(setting, text, behind, 0.1, "mm", also=right)
 
 
 def _joint_limit(quick: bool) -> list[Finding]:
@@ -66,19 +66,19 @@ def _joint_limit(quick: bool) -> list[Finding]:
     robot = lwr4(tool=TOOL)
     q0 = np.deg2rad([0.0, 60, 50, -80, 20, 95, 30])
     path = straight_line(robot.fk(q0), robot.fk(q0).A @ _turn_y(-0.6), turn=0.002)
-    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(pace=0.0)))
-    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, pace=0.005)))
+    bold = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(null_space_step=0.0)))
+    wary = follow(robot, path, q0, solver=IKSolver(robot, preference=Preference(zone=0.4, null_space_step=0.005)))
     margins = np.degrees([bold.limit_margin.min(), wary.limit_margin.min()])
-    told = f"nearest limit {margins[0]:.1f} deg off without, {margins[1]:.1f} deg with the null space"
-    found = [Finding("joint 6 towards 120 deg", told, bool(wary.complete and margins[1] > margins[0] + 2.0))]
+    text = f"nearest limit {margins[0]:.1f} deg off without, {margins[1]:.1f} deg with the null space"
+    found = [Finding("joint 6 towards 120 deg", text, bool(wary.complete and margins[1] > margins[0] + 2.0))]
     q0 = np.deg2rad([0.0, 30, 0, -90, 0, 60, 0])
     for degrees in (120.0, -120.0):
         turned = straight_line(robot.fk(q0), robot.fk(q0).A @ _turn_y(np.radians(degrees)), turn=0.005)
         report = follow(robot, turned, q0)
-        told = "followed to its end" if report.complete else f"ends after {report.reached} poses: {report.reason}"
+        text = "followed to its end" if report.complete else f"ends after {report.reached} poses: {report.reason}"
         jump = float(np.abs(np.diff(report.q, axis=0)).max())
         found.append(
-            within(f"tip turned by {degrees:g} deg", told + f"; largest step {jump:.3f} rad", jump, 0.1, "rad")
+            within(f"tip turned by {degrees:g} deg", text + f"; largest step {jump:.3f} rad", jump, 0.1, "rad")
         )
     return found
 
@@ -102,9 +102,9 @@ def _branches(quick: bool) -> list[Finding]:
         report = follow(robot, path, q0)
         kept = bool((np.sign(report.q[:, 3]) == np.sign(bend)).all())
         jump = float(np.abs(np.diff(report.q, axis=0)).max())
-        told = f"{report.reached} of {len(path)} poses, {'branch kept' if kept else 'branch swapped'}, "
-        told += f"largest step {jump:.4f} rad"
-        found.append(within(f"elbow at {bend:g} deg", told, jump, 0.05, "rad", also=report.complete and kept))
+        text = f"{report.reached} of {len(path)} poses, {'branch kept' if kept else 'branch swapped'}, "
+        text += f"largest step {jump:.4f} rad"
+        found.append(within(f"elbow at {bend:g} deg", text, jump, 0.05, "rad", also=report.complete and kept))
     return found
 
 
@@ -122,8 +122,8 @@ def _self_and_table(quick: bool) -> list[Finding]:
     above[2, 3], below[:3, 3] = 0.1, (0.05, 0.0, 0.02)
     below[:3, :3] = _turn_y(np.radians(100.0))[:3, :3] @ below[:3, :3]
     distance, link = query.table_ahead(above, below)
-    told = f"the way to a tip leaning by 100 deg: {1e3 * distance:.2f} mm of the table, {link}"
-    found.append(Finding("holder towards the table", told, distance == 0.0))
+    text = f"the path to a tip leaning by 100 deg: {1e3 * distance:.2f} mm of the table, {link}"
+    found.append(Finding("holder towards the table", text, distance == 0.0))
     return [*found, *_folding(probe)]
 
 
@@ -144,13 +144,13 @@ def _folding(probe: Probe) -> list[Finding]:
     stage = ArmClearanceStage(probe, robot, IKSolver(robot), VoxelMap(0.002), keep, 1e-4, None)
     meets = next((bend for bend in np.arange(0.0, 120.0, 0.1) if distance_at(bend) < keep - PLAY), np.inf)
     before, beyond = (stage.objection_to_swing(bent(0.0), bent(bend)) for bend in (meets - 1.0, 119.9))
-    told = f"joint 6 by {meets - 1.0:.1f} deg: {before or 'allowed'}; by 119.9 deg: {beyond or 'allowed'}"
-    return [Finding("folding the wrist", told, bool(beyond) and not before)]
+    text = f"joint 6 by {meets - 1.0:.1f} deg: {before or 'allowed'}; by 119.9 deg: {beyond or 'allowed'}"
+    return [Finding("folding the wrist", text, bool(beyond) and not before)]
 
 
 CASES = (
-    Case(25, "singularity on the way", "joint speeds within limits, arrives or stops and says so", _singularities),
-    Case(26, "joint limit on the way", "seen ahead, avoided or named, no jump", _joint_limit),
+    Case(25, "singularity on the path", "joint speeds within limits, arrives or stops and says so", _singularities),
+    Case(26, "joint limit on the path", "seen ahead, avoided or named, no jump", _joint_limit),
     Case(27, "two near branches", "the branch is kept, no jump", _branches),
     Case(29, "holder against table, probe against forearm", "refused before the motion", _self_and_table),
 )

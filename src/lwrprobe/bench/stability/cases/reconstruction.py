@@ -81,18 +81,18 @@ def _refusal_or_mesh(name: str, method: type, setting: str, points: np.ndarray) 
         return Finding(label, f"refused: {error}", setting in _REFUSED or name != "convex_hull")
     if setting in _REFUSED:
         return Finding(label, f"{len(found.mesh.faces)} triangles of points that span no solid", False)
-    told = f"{len(found.mesh.faces)} triangles, {'closed' if found.report['watertight'] else 'said to be open'}"
-    return Finding(label, told, found.report["watertight"] == is_watertight(found.mesh))
+    text = f"{len(found.mesh.faces)} triangles, {'closed' if found.report['watertight'] else 'said to be open'}"
+    return Finding(label, text, found.report["watertight"] == is_watertight(found.mesh))
 
 
 def _many(name: str, worker: ConvexHull | ContactSurface, count: int) -> Finding:
-    """A ball felt with an error of up to 0.1 mm."""
+    """A ball touched with an error of up to 0.1 mm."""
     points, normals = _ball(count, 0.05)
     points += np.clip(np.random.default_rng(1).normal(0.0, 3e-5, (count, 1)), -1e-4, 1e-4) * normals
     found = worker.reconstruct(TouchRecord(points, normals=normals, probe_radius=0.005))
     error = 1e3 * float(np.abs(np.linalg.norm(found.mesh.vertices, axis=1) - 0.05).max())
-    told = f"{len(found.mesh.faces)} triangles; the farthest vertex off a ball of 50 mm"
-    return within(f"{name}, {count} points", told, error, 0.2, "mm", also=_closed(found))
+    text = f"{len(found.mesh.faces)} triangles; the farthest vertex off a ball of 50 mm"
+    return within(f"{name}, {count} points", text, error, 0.2, "mm", also=_closed(found))
 
 
 def _alphas(quick: bool) -> list[Finding]:
@@ -111,9 +111,9 @@ def _alphas(quick: bool) -> list[Finding]:
             continue
         pieces, closed = count_pieces(found.mesh.faces), is_watertight(found.mesh)
         honest = found.report["watertight"] == closed and found.report["components"] == pieces
-        told = f"{pieces} pieces, {'closed' if closed else 'open'}, and says so; alpha {found.report['alpha']:.3g} m"
+        text = f"{pieces} pieces, {'closed' if closed else 'open'}, and says so; alpha {found.report['alpha']:.3g} m"
         single = pieces == 1 if label in ("alpha 1 m, convex", "automatic") else True
-        findings.append(Finding(label, told, bool(honest and single)))
+        findings.append(Finding(label, text, bool(honest and single)))
     return findings
 
 

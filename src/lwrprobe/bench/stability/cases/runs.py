@@ -45,25 +45,25 @@ def _killed(quick: bool) -> list[Finding]:
         lines = contacts.read_text(encoding="utf-8").splitlines()[1:] if contacts.is_file() else []
         whole = [line for line in lines if line.count(",") == 8]
         readable = len(whole) >= _ENOUGH and len(lines) - len(whole) <= 1
-        told = f"{len(whole)} whole rows of {len(lines)} in contacts.csv"
-        found = [Finding("SIGKILL in mid-run", told, readable)]
+        text = f"{len(whole)} whole rows of {len(lines)} in contacts.csv"
+        found = [Finding("SIGKILL in mid-run", text, readable)]
         call = [sys.executable, "-c", COMMAND, "resume", "run", "--quiet"]
         code = subprocess.run(call, cwd=folder, stdout=subprocess.DEVNULL, check=False).returncode
         if code != 0:
             return [*found, Finding("lwrprobe resume", f"exit code {code}", held=False)]
         kept = contacts.read_text(encoding="utf-8").splitlines()[1:][: len(whole)] == whole
-        taken_up = json.loads((folder / "run" / "summary.json").read_text(encoding="utf-8"))
+        resumed = json.loads((folder / "run" / "summary.json").read_text(encoding="utf-8"))
         _explore(folder, "--out", "unbroken").wait(PATIENCE)
         unbroken = json.loads((folder / "unbroken" / "summary.json").read_text(encoding="utf-8"))
-    told = (
-        f"taken up at {taken_up['resumed']['from_s']:.0f} s, {taken_up['status']} after "
-        f"{taken_up['sim_time_s']:.1f} s of robot time (never cut off: {unbroken['sim_time_s']:.1f} s), coverage "
-        f"{100 * taken_up['coverage']:.1f} % ({100 * unbroken['coverage']:.1f} %), what was on disk "
+    text = (
+        f"resumed at {resumed['resumed']['from_s']:.0f} s, {resumed['status']} after "
+        f"{resumed['sim_time_s']:.1f} s of robot time (never cut off: {unbroken['sim_time_s']:.1f} s), coverage "
+        f"{100 * resumed['coverage']:.1f} % ({100 * unbroken['coverage']:.1f} %), what was on disk "
         f"{'is still there' if kept else 'has changed'}; more time"
     )
-    also = kept and taken_up["coverage"] > unbroken["coverage"] - 0.01
-    more = taken_up["sim_time_s"] - unbroken["sim_time_s"]
-    return [*found, within("lwrprobe resume", told, more, 10.0, "s", also=also)]
+    also = kept and resumed["coverage"] > unbroken["coverage"] - 0.01
+    more = resumed["sim_time_s"] - unbroken["sim_time_s"]
+    return [*found, within("lwrprobe resume", text, more, 10.0, "s", also=also)]
 
 
 def _determinism(quick: bool) -> list[Finding]:
@@ -78,12 +78,12 @@ def _determinism(quick: bool) -> list[Finding]:
                 return [Finding(f"seed {seed}", f"exit code {code}", held=False)]
     same, other = texts[0] == texts[1], texts[0] != texts[2]
     rows = texts[0].count(b"\n") - 1
-    told = f"contacts.csv of {rows} rows is {'equal' if same else 'not equal'} to the byte"
-    told += "; another seed gives others" if other else "; another seed gives the same"
-    return [Finding("two processes, one seed", told, same and other and rows > 100)]
+    text = f"contacts.csv of {rows} rows is {'equal' if same else 'not equal'} to the byte"
+    text += "; another seed gives others" if other else "; another seed gives the same"
+    return [Finding("two processes, one seed", text, same and other and rows > 100)]
 
 
 CASES = (
-    Case(39, "kill -9 in mid-run", "readable to the last sample; the run goes on where it was", _killed),
+    Case(39, "kill -9 in mid-run", "readable to the last sample; the run continues where it was", _killed),
     Case(40, "determinism", "same seed, same bytes", _determinism),
 )

@@ -35,9 +35,9 @@ def _time_steps(quick: bool) -> list[Finding]:
                     break
             off = float(np.abs(watch.tip.pose - goal).max())
             setting = f"cycle {1e3 * cycle:g} ms" + (", irregular (0.1 to 3 cycles)" if irregular else "")
-            told = f"ends {off:.1g} m off the goal, at rest: {'yes' if watch.tip.resting else 'no'}"
+            text = f"ends {off:.1g} m off the goal, at rest: {'yes' if watch.tip.resting else 'no'}"
             also = off == 0.0 and bool(watch.tip.arrived)
-            found.append(within(setting, told, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=also))
+            found.append(within(setting, text, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=also))
     return found
 
 
@@ -57,7 +57,7 @@ def _goals(quick: bool) -> list[Finding]:
             watch.tip.set_goal(_pose(0.1 if k % 1000 == 0 else -0.1, 0.0, 0.0), 1e3)
 
     def flickering_feed(watch: Watch, k: int) -> None:
-        watch.tip.set_feed(random.normal(size=3), 0.05)
+        watch.tip.set_velocity(random.normal(size=3), 0.05)
 
     found = [
         _driven(name, act, ticks)
@@ -84,8 +84,8 @@ def _driven(name: str, act: Callable[[Watch, int], None], ticks: int) -> Finding
     for _ in range(4000):
         watch.step()
     off = float(np.abs(watch.tip.pose - _pose(0.05, 0.0, 0.0)).max())
-    told = f"{watch.tip.failures} plans refused by the planner; the last goal is met to {off:.1g} m"
-    return within(name, told, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=off == 0.0)
+    text = f"{watch.tip.failures} plans refused by the planner; the last goal is met to {off:.1g} m"
+    return within(name, text, watch.worst.max(), 1.0 + 1e-9, "of the limits", also=off == 0.0)
 
 
 CASES = (

@@ -1,4 +1,4 @@
-"""MuJoCo as an independent judge of contact: a sphere pressed on a plane and into a slot, then pushed along.
+"""MuJoCo as an independent reference for contact: a sphere pressed on a plane and into a slot, then pushed along.
 
 The same sphere hangs on the same springs over the same boxes. MuJoCo's contacts are soft by regularisation and its
 friction creeps, so the comparison is of forces in slow motion.
@@ -53,17 +53,17 @@ _CASES = (
 )
 
 
-def judge_by_mujoco(report: BenchReport) -> None:
+def compare_with_mujoco(report: BenchReport) -> None:
     """Add table and verdict to the report, or a note where MuJoCo is not installed."""
     try:
         import mujoco
     except ImportError:
-        report.notes.append("mujoco is not installed: sphere on plane and in slot are not judged")
+        report.notes.append("mujoco is not installed: sphere on plane and in slot are not compared")
         return
     rows = []
     worst = 0.0
-    for name, scene, walls, height, way in _CASES:
-        path = _path(height, np.array(way))
+    for name, scene, walls, height, push_by in _CASES:
+        path = _path(height, np.array(push_by))
         ours, theirs = _ours(scene, path), _theirs(mujoco, walls, path)
         rest, pushed = slice(140, 151), slice(400, len(path))
         for stage, when in (("pressed", rest), ("pushed", pushed)):
@@ -72,7 +72,7 @@ def judge_by_mujoco(report: BenchReport) -> None:
             worst = max(worst, off)
             rows.append([name, stage, _as_text(mine), _as_text(other), 100 * off])
     columns = ["sphere", "stage", "simulator: force x, y, z [N]", "MuJoCo", "apart [%]"]
-    report.table(f"MuJoCo {mujoco.__version__} as judge, friction {FRICTION}", columns, rows)
+    report.table(f"MuJoCo {mujoco.__version__} as reference, friction {FRICTION}", columns, rows)
     report.promise(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", worst <= TOLERANCE)
 
 
@@ -80,12 +80,12 @@ def _as_text(force: np.ndarray) -> str:
     return ", ".join(f"{component:.3f}" for component in force + 0.0)
 
 
-def _path(height: float, way: np.ndarray) -> np.ndarray:
+def _path(height: float, push_by: np.ndarray) -> np.ndarray:
     """(n, 3): down within 100 cycles, at rest for 50, pushed for 400, at rest for 50."""
     down = np.zeros((101, 3))
     down[:, 2] = np.linspace(height + 1e-4, height - DEPTH, 101)
     rest = np.repeat(down[-1:], 50, axis=0)
-    push = down[-1] + np.linspace(0.0, 1.0, 401)[1:, None] * way
+    push = down[-1] + np.linspace(0.0, 1.0, 401)[1:, None] * push_by
     return np.vstack([down, rest, push, np.repeat(push[-1:], 50, axis=0)])
 
 
