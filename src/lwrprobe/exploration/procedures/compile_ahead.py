@@ -142,7 +142,7 @@ def _make_contacts(scene: Scene, recorder: Recorder, voxels: VoxelMap) -> None:
         recorder.contact(Contact(0.1 * k, point, normal, normal, point + radius * normal), k)
         voxels.insert_point(point)
     for k, x in enumerate(np.linspace(lower[0], upper[0], 60)):
-        recorder.way(0.1 * k, np.array([x, middle[1], upper[2]]), 0.0, False, np.inf, "free")
+        recorder.trace_row(0.1 * k, np.array([x, middle[1], upper[2]]), 0.0, False, np.inf, "free")
 
 
 _OUTCOME = Outcome(
