@@ -164,7 +164,7 @@ class Exploration:
         self.close()
         try:
             if self._ahead is not None and self._ahead.running:
-                self._tell("waiting for kernels that are being compiled")
+                self._message("waiting for kernels that are being compiled")
                 self._ahead.wait()
             with collector_paused():
                 self._summary = self._evaluate()
