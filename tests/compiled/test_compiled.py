@@ -8,7 +8,9 @@ import sys
 import textwrap
 
 import pytest
+from filelock import FileLock
 
+from lwrprobe.compiled import disk_cache
 from lwrprobe.compiled.disk_cache import IndexFile
 
 CALLEE = """
@@ -138,3 +140,23 @@ def test_callees_are_compiled_for_types_and_not_for_literals(folder, monkeypatch
         assert total(np.array([1.0, 2.0]), 3) == 15.0
     assert gc.isenabled()
     assert sorted(names) == ["total", "weighted.inner"]
+
+
+def test_a_lock_that_is_never_given_back_costs_a_compilation_and_no_hang(tmp_path, monkeypatch):
+    monkeypatch.setattr(disk_cache, "MAX_WAIT", 0.05)
+    index = IndexFile(str(tmp_path), "kernel", 1)
+    index.save("key", b"code")
+    assert index.load("key") == b"code"
+    with FileLock(tmp_path / disk_cache.LOCK_NAME, is_singleton=False):
+        assert index.load("key") is None
+        index.save("other", b"code")
+    assert index.load("key") == b"code"
+    assert index.load("other") is None
+
+
+def test_without_locks_of_the_system_a_file_left_behind_stops_nobody(tmp_path, monkeypatch):
+    monkeypatch.setattr(disk_cache, "FileLock", disk_cache.SoftFileLock)
+    (tmp_path / disk_cache.LOCK_NAME).touch()
+    index = IndexFile(str(tmp_path), "kernel", 1)
+    index.save("key", b"code")
+    assert index.load("key") == b"code"

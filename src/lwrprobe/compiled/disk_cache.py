@@ -19,10 +19,12 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from filelock import FileLock
+from filelock import FileLock, SoftFileLock, Timeout
 from numba.core.caching import IndexDataCacheFile
 
 LOCK_NAME = "kernels.lock"
+MAX_WAIT = 20.0
+"""s; a process that holds the lock for longer has been stopped. The kernel is then compiled without the cache."""
 
 loads: list[str] = []
 """Index files of the specialisations that this process took from the disk."""
@@ -48,14 +50,15 @@ class IndexFile(IndexDataCacheFile):
     """Index and data files of one kernel; a lock on the folder is held while they are read or written."""
 
     def save(self, key: Any, data: Any) -> None:
-        with _locked(self._cache_path):
-            super().save(key, data)
+        with _locked(self._cache_path) as held:
+            if held:
+                super().save(key, data)
 
     def load(self, key: Any) -> Any:
         if not Path(self._index_path).exists():
             return None
-        with _locked(self._cache_path):
-            found = super().load(key)
+        with _locked(self._cache_path) as held:
+            found = super().load(key) if held else None
         if found is not None:
             loads.append(self._index_path)
         return found
@@ -64,12 +67,13 @@ class IndexFile(IndexDataCacheFile):
         """Whether there is an entry for the kernel as it is now."""
         if not Path(self._index_path).exists():
             return False
-        with _locked(self._cache_path):
-            return bool(self._load_index())
+        with _locked(self._cache_path) as held:
+            return not held or bool(self._load_index())
 
     def flush(self) -> None:
-        with _locked(self._cache_path):
-            super().flush()
+        with _locked(self._cache_path) as held:
+            if held:
+                super().flush()
 
 
 @cache
@@ -78,15 +82,22 @@ def _lock(folder: str) -> FileLock:
 
 
 @contextmanager
-def _locked(folder: str) -> Iterator[None]:
+def _locked(folder: str) -> Iterator[bool]:
+    """Hold the lock of a folder; False where another process has not given it back within `MAX_WAIT`."""
+    if FileLock is SoftFileLock:  # no locks of the system: a file that a killed process left behind would never go
+        yield True
+        return
     lock = _lock(folder)
     try:
-        lock.acquire()
+        lock.acquire(timeout=MAX_WAIT)
+    except Timeout:
+        yield False
+        return
     except (OSError, NotImplementedError):  # read only, or a file system without locks: nobody else can be kept out
-        yield
+        yield True
         return
     try:
-        yield
+        yield True
     finally:
         lock.release()
 
