@@ -39,6 +39,8 @@ class Faulty:
     """Fails in the middle of a motion."""
     Config = Config
     contract = STRATEGY_CONTRACT
+    line_spacing = None
+    trace = ()
 
     def start(self, task):
         self.task = task

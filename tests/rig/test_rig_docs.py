@@ -49,7 +49,7 @@ def test_sentences_of_the_page_are_those_of_the_code():
         "the set point was not sent:",
         "rad away from its set point",
         "no measurement came",
-        "datagrams came from others",
+        "datagrams came from other addresses",
         "did not become",
         "command mode was not entered",
         "left command mode: now",
