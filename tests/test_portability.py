@@ -45,6 +45,7 @@ def test_what_is_taken_away_is_away(tmp_path):
 
 
 @pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.slow
 def test_every_module_is_imported_without_posix(package, tmp_path):
     code = """
 from importlib import import_module
@@ -61,6 +62,7 @@ print(count)
     assert int(done.stdout) >= 3
 
 
+@pytest.mark.slow
 def test_an_exploration_runs_without_posix(tmp_path):
     code = "from lwrprobe.cli.app import main; main()"
     area = ["--set", "area.lower=[-0.012, 0.0, 0.030]", "--set", "area.upper=[0.012, 0.045, 0.058]"]

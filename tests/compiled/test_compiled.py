@@ -13,6 +13,8 @@ from filelock import FileLock
 from lwrprobe.compiled import disk_cache
 from lwrprobe.compiled.disk_cache import IndexFile
 
+pytestmark = pytest.mark.slow
+
 CALLEE = """
 from lwrprobe.compiled import allocation_free_kernel
 

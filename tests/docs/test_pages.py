@@ -6,6 +6,8 @@ import sys
 import pytest
 from page_runner import PAGES, ROOT, PageRunner, blocks, check_line, lines
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page(page, tmp_path, monkeypatch):

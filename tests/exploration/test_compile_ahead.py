@@ -14,6 +14,8 @@ from lwrprobe.exploration.procedures import compile_ahead
 from lwrprobe.exploration.procedures.compile_ahead import CompileAhead, compile_late_kernels
 from lwrprobe.scene import load_scene, write_scene
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = """
 import json, sys
 from pathlib import Path

@@ -25,6 +25,7 @@ def test_unknown_names_are_refused(options):
         reality.run(False, options)
 
 
+@pytest.mark.slow
 def test_a_run_becomes_a_row_with_its_figures(monkeypatch):
     explore = procedure.explore
 

@@ -32,6 +32,7 @@ def test_each_figure_that_is_not_fine_makes_one_sentence(changed, sentence):
     assert sentence is None or sentence in found[0]
 
 
+@pytest.mark.slow
 def test_an_uncalibrated_sensor_has_touches_rejected_and_says_so(tmp_path):
     """Contacts that are not accepted are counted; the share is that of the recorded path."""
     sensor = ["truth.sensor_gain_percent={sigma=2.0}", "truth.sensor_crosstalk_percent={sigma=1.0}", "truth.seed=1"]

@@ -14,6 +14,8 @@ from lwrprobe.contracts import FormatError
 from lwrprobe.contracts.surface import TouchRecord
 from lwrprobe.mapping import VoxelMap
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = {"run.time_limit": 24.0, "run.seed": 7}
 
 

@@ -8,6 +8,8 @@ import pytest
 import lwrprobe as lp
 from lwrprobe.contracts import STRATEGY_CONTRACT, PluginError, Reconstruction, UnknownNameError
 
+pytestmark = pytest.mark.slow
+
 DOWN = np.array([0.0, 0.0, -0.02])
 SHORT = {"run.time_limit": 12.0}
 

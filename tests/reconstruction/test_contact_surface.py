@@ -73,6 +73,7 @@ def test_never_worse_than_the_hull_on_a_convex_object(scenes, name):
     assert error(surface(record).mesh, solid).mean < error(convex_hull(record.points), solid).mean
 
 
+@pytest.mark.slow
 def test_fifteen_millimetre_lines_and_voxels(scenes):
     solid, record = scenes("cylinder_vertical", 0.015)
     assert error(surface(record).mesh, solid).mean < 9e-4
@@ -137,6 +138,7 @@ def test_the_same_record_gives_the_same_mesh(scenes):
     assert np.array_equal(first.faces, second.faces)
 
 
+@pytest.mark.slow
 def test_it_says_what_it_had_to_do_without(scenes):
     solid, record = scenes("polystyrene_2")
     bare = TouchRecord(record.points, normals=record.normals)
@@ -349,6 +351,7 @@ def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     assert np.mean(result.unreachable[between]) > 0.7, "nobody was there"
 
 
+@pytest.mark.slow
 def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     def inferred(name):
         solid, record = scenes(name, 0.01, 0.375)

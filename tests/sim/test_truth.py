@@ -93,6 +93,7 @@ def test_no_stage_strategy_or_device_driver_reads_the_table():
 SLOW = ["run.time_limit=25.0", "run.seed=3"]
 
 
+@pytest.mark.slow
 def test_decisions_depend_on_sensor_data_and_not_on_the_table(tmp_path, monkeypatch):
     """The same devices' data with another table: the same contacts, way and states. The table alone: others."""
     one, other = (
@@ -422,6 +423,7 @@ def test_what_moves_nothing_leaves_the_area():
     assert load_scene("block", ["truth.probe_length_mm=0.5"]).area == load_scene("block").area
 
 
+@pytest.mark.slow
 def test_the_summary_says_what_was_drawn_and_compares_with_it(tmp_path):
     settings = ["truth.object_shift_mm=[0.0, 3.0]", "run.time_limit=25.0", "run.seed=3"]
     summary = explore(load_scene("block", settings), tmp_path)

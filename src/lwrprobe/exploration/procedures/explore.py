@@ -102,7 +102,7 @@ class Exploration:
             write_scene(scene, out / "scene.toml")
         self._seconds = {"prepare": perf_counter() - begin}
 
-        message("loading kernels; the first time they are compiled, which takes about a minute")
+        message("loading kernels; the first time they are compiled, which takes up to a minute")
         begin = perf_counter()
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
