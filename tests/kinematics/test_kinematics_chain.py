@@ -59,6 +59,7 @@ def test_lengths_of_any_scale(scale):
 
 
 @pytest.mark.parametrize("model", MODELS)
+@pytest.mark.slow
 def test_models_agree_with_roboticstoolbox(model):
     rng = np.random.default_rng(0)
     robot = model(tool=pose(rng), base=pose(rng))

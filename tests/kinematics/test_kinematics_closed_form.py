@@ -31,6 +31,7 @@ def test_cold_starts_survive_the_hard_cases(case):
         assert_solved(robot, solver.reach(pose, rng.uniform(robot.lower, robot.upper), q), q, pose)
 
 
+@pytest.mark.slow
 def test_branches_are_those_of_the_naive_enumeration():
     """On a fine comb of arm angles, an angle is on an arc exactly where the textbook solution is within limits."""
     robot = lwr4(tool=TOOL)

@@ -86,6 +86,7 @@ def test_a_start_leads_to_the_solution_next_to_it():
     assert result.branch == (-1, 1, 1)
 
 
+@pytest.mark.slow
 def test_a_posture_is_approached_along_the_null_space():
     robot = lwr4(tool=TOOL)
     solver, rng = IKSolver(robot), np.random.default_rng(3)

@@ -19,6 +19,8 @@ from lwrprobe.scene.shape import Box
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
+pytestmark = pytest.mark.slow
+
 ABOVE = 0.006
 
 
@@ -44,7 +46,6 @@ def error(mesh, solid):
     return mesh_error(mesh, solid, ABOVE, samples=4000)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "mean", "worst"),
     [
@@ -65,15 +66,12 @@ def test_ten_millimetre_lines(scenes, name, mean, worst):
     assert found.hausdorff < 1e-3 * worst
 
 
-@pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks"])
 def test_never_worse_than_the_hull_on_a_convex_object(scenes, name):
     solid, record = scenes(name)
     assert error(surface(record).mesh, solid).mean < error(convex_hull(record.points), solid).mean
 
 
-@pytest.mark.slow
 def test_fifteen_millimetre_lines_and_voxels(scenes):
     solid, record = scenes("cylinder_vertical", 0.015)
     assert error(surface(record).mesh, solid).mean < 9e-4
@@ -81,7 +79,6 @@ def test_fifteen_millimetre_lines_and_voxels(scenes):
     assert error(surface(voxelised(record)).mesh, solid).mean < 4.5e-4
 
 
-@pytest.mark.slow
 def test_an_edge_that_the_last_line_rolled_over_ends_the_object_there(scenes):
     """At this phase a line runs 2.5 mm beyond one end: its leaning normals tell where the edge is."""
     _, record = scenes("block")
@@ -138,7 +135,6 @@ def test_the_same_record_gives_the_same_mesh(scenes):
     assert np.array_equal(first.faces, second.faces)
 
 
-@pytest.mark.slow
 def test_it_says_what_it_had_to_do_without(scenes):
     solid, record = scenes("polystyrene_2")
     bare = TouchRecord(record.points, normals=record.normals)
@@ -151,8 +147,6 @@ def test_it_says_what_it_had_to_do_without(scenes):
     assert error(result.mesh, solid).mean < error(convex_hull(record.points), solid).mean
 
 
-@pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [0.005, 0.01, 0.015])
 @pytest.mark.parametrize("name", ["block", "polystyrene_1"])
 def test_the_pitch_of_the_lines_is_found(scenes, name, pitch):
@@ -229,7 +223,6 @@ def test_it_can_be_interrupted(scenes):
     assert stages[0] == "prepare"
 
 
-@pytest.mark.slow
 def test_a_million_contacts():
     rng = np.random.default_rng(8)
     normals = rng.normal(size=(1_000_000, 3))
@@ -338,7 +331,6 @@ def test_a_wall_thinner_than_the_usual_cell_is_not_lost():
     assert 4e-4 < result.report["step"] < 7e-4
 
 
-@pytest.mark.slow
 def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     """Below its axis a lying cylinder is touched at the rims of its end faces only."""
     solid, record = scenes("cylinder_horizontal", 0.01, 0.375)
@@ -351,7 +343,6 @@ def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     assert np.mean(result.unreachable[between]) > 0.7, "nobody was there"
 
 
-@pytest.mark.slow
 def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     def inferred(name):
         solid, record = scenes(name, 0.01, 0.375)

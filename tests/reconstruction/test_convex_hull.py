@@ -71,6 +71,7 @@ def test_degenerate_input_gets_one_typed_error(points, says):
     assert says in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_million_points():
     points = np.random.default_rng(2).normal(size=(1_000_000, 3))
     assert is_closed(convex_hull(points))

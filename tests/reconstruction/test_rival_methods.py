@@ -62,6 +62,7 @@ def test_a_wide_alpha_gives_the_convex_hull():
     assert result.report["components"] == 1
 
 
+@pytest.mark.slow
 def test_an_alpha_shape_follows_a_hollow():
     rng = np.random.default_rng(2)
     points = rng.uniform(-1, 1, (25_000, 3)) * [0.05, 0.02, 0.02]

@@ -24,6 +24,7 @@ def sample_link(link, rng, count):
 
 @pytest.mark.parametrize("scene", ["block", "bridge", "cylinder_horizontal", "inner_corner", "polystyrene_1"])
 @pytest.mark.parametrize("tilt", [0.0, 0.6])
+@pytest.mark.slow
 def test_the_bound_is_a_bound_and_an_overlap_an_overlap(scene, tilt):
     rig = Rig((0.0, 0.0, 0.3), scene=scene, tilt=tilt)
     world, rng = rig.world, np.random.default_rng(2)
@@ -72,6 +73,7 @@ def test_far_from_everything_it_is_looked_at_rarely():
     assert rig.world.counts[kernels.WATCH_COUNTS + links.LOOKS] < 5
 
 
+@pytest.mark.slow
 def test_a_distance_bound_never_exceeds_the_distance():
     for scene in ("block", "bridge", "combination", "polystyrene_2", "jaw_chuck"):
         rig = Rig((0.0, 0.0, 0.4), scene=scene)
