@@ -96,3 +96,9 @@ def test_numba_kernels_live_in_kernel_files():
             assert "numba.njit" not in names, f"{file}: use lwrprobe.compiled.kernel"
             if "lwrprobe.compiled.kernel" in names:
                 assert "kernels" in file.name, f"{file.relative_to(ROOT)}: kernels live in files named so"
+
+
+def test_every_folder_of_modules_is_a_package():
+    files = [file for top in ("src", "drivers", "strategies") for file in (ROOT / top).rglob("*.py")]
+    assert len(files) > 300
+    assert not {file.parent for file in files if not (file.parent / "__init__.py").is_file()}
