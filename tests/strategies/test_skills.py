@@ -313,7 +313,7 @@ def test_a_contour_that_does_not_come_on_is_jammed():
 @settings(max_examples=25, deadline=None)
 @given(
     slope=st.floats(-0.6, 0.6), noise=st.floats(0.0, 0.05), shift=st.floats(-0.002, 0.002),
-    stiffness=st.floats(300.0, 4000.0), delay=st.floats(0.005, 0.02),
+    stiffness=st.floats(1000.0, 4000.0), delay=st.floats(0.005, 0.02),
 )  # fmt: skip
 def test_a_contour_ends_and_keeps_its_limits_on_any_moving_noisy_slope(slope, noise, shift, stiffness, delay):
     out = np.array([0.0, -np.sin(slope), np.cos(slope)])
