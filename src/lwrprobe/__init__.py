@@ -15,7 +15,7 @@
 =====================  =============================================================================================
 
 The packages are reached the same way: `contracts`, `kinematics`, `trajectory`, `contact`, `mapping`, `collision`,
-`scene`, `reconstruction`, `evaluation`, `exploration`. See docs/explanation/architecture.md.
+`scene`, `reconstruction`, `evaluation`, `exploration`. See docs/architecture.md.
 """
 
 from importlib import import_module
