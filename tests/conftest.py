@@ -6,6 +6,11 @@ two of them compete for the processor: sockets, signals and loops that keep up w
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
+
+# Hypothesis also draws constants that it reads in the source of loaded modules. What is loaded depends on which tests
+# ran before, and reading takes seconds. A version without this function is not changed by the assignment.
+providers._get_local_constants = lambda: providers._local_constants
 
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")

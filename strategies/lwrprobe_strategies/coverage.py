@@ -143,7 +143,7 @@ class Coverage(SkillStrategy):
             case Ended.SHAFT_CONTACT:
                 self.rest = True
                 return self.raise_line()
-            case Ended.NO_CONTACT:
+            case Ended.NO_CONTACT | Ended.CEILING:
                 return self.give_up()
             case _:
                 return None

@@ -22,6 +22,8 @@ class Ended(StrEnum):
     LINE_END = "end of the line"
     """A contour has come to the end of its line."""
     TABLE = "table height reached"
+    CEILING = "upper end of the area reached"
+    """A contour would have to leave the area upwards to go on."""
     NOTHING_FOUND = "nothing found"
     RELEASED = "force released"
     RETRACTED = "retracted"

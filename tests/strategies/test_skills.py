@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_surface import FakeSurface, box, hole, plane, step
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from lwrprobe.contracts import Clearance, Done
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, Lost
@@ -216,6 +218,34 @@ def test_release_alone_ends_near_the_wanted_force():
     assert np.linalg.norm(surface.look().force) <= 1.25 * TASK.force_target
 
 
+def test_what_can_be_released_only_upwards_ends_at_the_area_s_upper_end():
+    def body(tip):
+        tip.control.begin(np.array([0.0, 0.0, 1.0]))
+        return (yield from release(tip, FRAME))
+
+    top = AREA.upper[2]
+    strategy, _ = run(body, over(plane(top - RADIUS + 0.0012), [0.0, 0.0, top]))
+    assert strategy.end is Ended.CEILING
+
+
+def test_an_edge_is_not_sought_above_the_area():
+    slope = lambda p: 0.9 * (p[2] - 0.03) - 0.436 * p[1]  # noqa: E731
+    strategy, _ = run(down_then(lambda tip: find_edge(tip, 1, 1.0)), over(slope, [0.0, 0.0, 0.05]))
+    assert strategy.end is Ended.CEILING
+
+
+def test_nothing_leaves_the_area():
+    inside = np.array([0.0, 0.0, 0.03])
+    for axis, sign in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)]:
+        place, outward = inside.copy(), np.full(3, 0.01)
+        place[axis] = (AREA.upper if sign > 0.0 else AREA.lower)[axis]
+        outward[axis] *= sign
+        kept = FRAME.bounded(place, outward.copy())
+        assert kept[axis] == 0.0
+        assert np.delete(kept, axis) == pytest.approx(np.delete(outward, axis))
+        np.testing.assert_array_equal(FRAME.bounded(place, -outward), -outward)
+
+
 def test_a_retraction_covers_its_distance():
     surface = over(plane(-1.0), [0.0, 0.0, 0.03])
     strategy, _ = run(lambda tip: retract(tip, FRAME, np.array([1.0, 0.0, 1.0]), 0.01), surface)
@@ -308,10 +338,13 @@ def test_a_contour_that_does_not_come_on_is_jammed():
 # For any surface and force: a skill ends, and never asks for more than its limits
 
 
-@pytest.mark.parametrize(
-    ("slope", "noise", "shift", "stiffness", "delay"),
-    [(0.0, 0.0, 0.0, 2000.0, 0.01), (0.3, 0.02, 0.0, 1500.0, 0.008), (-0.3, 0.02, 0.0, 3000.0, 0.01)],
-)
+@settings(max_examples=40)
+@given(
+    slope=st.floats(-0.6, 0.6), noise=st.floats(0.0, 0.05), shift=st.floats(-0.002, 0.002),
+    stiffness=st.floats(300.0, 4000.0), delay=st.floats(0.005, 0.02),
+)  # fmt: skip
+@example(slope=0.5, noise=0.0, shift=0.00199, stiffness=300.0, delay=0.0156)  # at the upper end of the area
+@example(slope=0.377, noise=0.0, shift=0.00076, stiffness=3930.0, delay=0.01336)
 def test_a_contour_ends_and_keeps_its_limits_on_any_moving_noisy_slope(slope, noise, shift, stiffness, delay):
     out = np.array([0.0, -np.sin(slope), np.cos(slope)])
     limits = replace(TASK, stiffness=max(stiffness, 1000.0), delay=delay)
@@ -327,6 +360,7 @@ def test_a_contour_ends_and_keeps_its_limits_on_any_moving_noisy_slope(slope, no
 
     strategy, done = run(body, surface, samples=20000)  # each motion is checked against the limits
     assert strategy.end is not None or not done.complete
+    assert surface.peak < TASK.force_limit
 
 
 def test_a_new_program_shown_the_same_observations_answers_the_same():

@@ -90,6 +90,10 @@ class TrackingFrame:
         """Whether a place (3,) is as low as the tip may be."""
         return place.item(Z) <= self.area.lower.item(Z) + AT_TABLE
 
+    def at_ceiling(self, place: np.ndarray) -> bool:
+        """Whether a place (3,) is as high as the tip may be."""
+        return place.item(Z) >= self.area.upper.item(Z)
+
     def back(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(3,) m/s within the surface towards the plane, for a probe at `place` (3,) that was pushed off it.
 
@@ -105,8 +109,8 @@ class TrackingFrame:
         return np.array((pull[X] - out * nx, pull[Y] - out * ny, pull[Z] - out * nz))
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """`velocity` (3,) without what leads out of the area in height or across the line; changed in place."""
-        for axis in (self.line.aside, Z):
+        """`velocity` (3,) without what leads out of the area; changed in place. Past the end of a line a skill ends."""
+        for axis in (X, Y, Z):
             here, onward = place.item(axis), velocity.item(axis)
             outward = onward > 0.0 and here >= self.area.upper.item(axis)
             inward = onward < 0.0 and here <= self.area.lower.item(axis)

@@ -8,7 +8,7 @@ from lwrprobe.contracts import Confidence
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Overload
 from lwrprobe_strategies.planning.lines import Line, X, Y
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills.follow_contour import slide
+from lwrprobe_strategies.skills.follow_contour import leaves_upwards, slide
 from lwrprobe_strategies.skills.reapproach import reapproach
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.skill import Procedure, skill
@@ -31,7 +31,8 @@ def find_edge(tip: Tip, axis: int, sign: float, bend: float = BEND, distance: fl
 
     Returns
     -------
-    Ended.EDGE with the edge touched, Ended.LINE_END at the area's border, Ended.TABLE or Ended.NOTHING_FOUND
+    Ended.EDGE with the edge touched, Ended.LINE_END at the area's border, Ended.TABLE, Ended.CEILING or
+    Ended.NOTHING_FOUND
     """
     area = tip.task.area
     end = float((area.upper if sign > 0.0 else area.lower)[axis])
@@ -43,13 +44,17 @@ def find_edge(tip: Tip, axis: int, sign: float, bend: float = BEND, distance: fl
             tip.memory.add(tip.here, contact.point, contact.normal, frame.grid_x)
         point = tip.here - tip.task.probe.radius * normal
         try:
-            yield slide(tip, frame, normal, find_edge.name)
+            motion = slide(tip, frame, normal, find_edge.name)
+            yield motion
         except Overload:
-            if (yield from release(tip, frame)) is Ended.LINE_END:
-                return Ended.LINE_END
+            released = yield from release(tip, frame)
+            if released is not Ended.RELEASED:
+                return released
             continue
         if frame.past_end(tip.here):
             return Ended.LINE_END
+        if leaves_upwards(tip, frame, motion):
+            return Ended.CEILING
         if tip.seen.contact is None:
             sought = yield from reapproach(tip, frame, point, distance)
             if sought is not Ended.CONTACT:

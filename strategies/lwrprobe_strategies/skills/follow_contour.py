@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.inner_edge import InnerEdge
 from lwrprobe_strategies.skills.release import release
@@ -28,7 +29,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
 
     Returns
     -------
-    What `until` says, Ended.LINE_END, or Lost with the point touched last
+    What `until` says, Ended.LINE_END, Ended.CEILING, or Lost with the point touched last
     """
     edge = InnerEdge(tip.task.force_target)
     binormal = frame.binormal()
@@ -41,22 +42,32 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
-            yield slide(tip, frame, normal, follow_contour.name)
+            motion = slide(tip, frame, normal, follow_contour.name)
+            yield motion
         except Overload:
             overload = True
         finally:
             edge.watch(tip.seen, tip.control, binormal)
         if overload:
-            if (yield from release(tip, frame)) is Ended.LINE_END:
-                return Ended.LINE_END
+            released = yield from release(tip, frame)
+            if released is not Ended.RELEASED:
+                return released
             continue
         if frame.past_end(tip.here):
             return Ended.LINE_END
+        if leaves_upwards(tip, frame, motion):
+            return Ended.CEILING
         outcome = until()
         if outcome is not None:
             return outcome
         if tip.seen.contact is None:
             return Lost(here - tip.task.probe.radius * normal)
+
+
+def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> bool:
+    """Whether the surface leads up and out of the area, and what is left of the motion does not lead onward."""
+    tangent = tip.control.tangent(frame.binormal())
+    return frame.at_ceiling(tip.here) and tangent[Z] > 0.0 and float(motion.velocity @ tangent) <= 0.0
 
 
 def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str) -> VelocityCommand:

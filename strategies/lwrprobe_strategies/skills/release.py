@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import VelocityCommand
-from lwrprobe_strategies.outcomes import Ended
+from lwrprobe_strategies.outcomes import Ended, Jammed
+from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
@@ -13,8 +14,11 @@ from lwrprobe_strategies.tip import Tip
 RELEASED = 1.25
 """Times the wanted force, below which the force is released: what the force law corrects by itself."""
 
+UPWARDS = 0.7
+"""Share of the motion that leads up, from which on too little of it remains at the upper end of the area."""
 
-@skill()
+
+@skill(Jammed)
 def release(tip: Tip, frame: TrackingFrame) -> Procedure:
     """Move along the force until it is near the wanted one.
 
@@ -24,12 +28,16 @@ def release(tip: Tip, frame: TrackingFrame) -> Procedure:
 
     Returns
     -------
-    Ended.RELEASED, or Ended.LINE_END where the line ends on the way
+    Ended.RELEASED, Ended.LINE_END where the line ends on the way, or Ended.CEILING where only a motion upwards out of
+    the area would release the force
     """
     while True:
         velocity = tip.control.release_velocity(tip.seen.force, tip.seen.pose[:3, :3])
+        upwards = bool(velocity[Z] > UPWARDS * np.sqrt(velocity @ velocity))
         yield VelocityCommand(frame.bounded(tip.here, velocity), reason=release.name)
         if frame.past_end(tip.here):
             return Ended.LINE_END
         if np.sqrt(tip.seen.force @ tip.seen.force) <= RELEASED * tip.task.force_target:
             return Ended.RELEASED
+        if upwards and frame.at_ceiling(tip.here):
+            return Ended.CEILING
