@@ -61,7 +61,7 @@ class Clean:
     """The environment with both wheels in it."""
 
     def __init__(self, folder, wheels):
-        self.folder, self.cache, self.wheels = folder, folder.parent / f"numba-{folder.name}", wheels
+        self.folder, self.cache, self.wheels = folder, folder.parent / "numba", wheels
         self.packages = folder / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
 
     def run(self, *command, cwd, seconds=900):
@@ -96,8 +96,7 @@ def clean(request, tmp_path_factory):
     wheels = tmp_path_factory.mktemp("wheels")
     build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", wheels]
     subprocess.run([*build, ROOT, ROOT / "examples" / "lwrprobe-edges"], check=True, timeout=300)
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "main")  # two workers must not remake one folder
-    folder = request.config.cache.mkdir("wheels") / f"env-{worker}"
+    folder = request.config.cache.mkdir("wheels") / "env"
     shutil.rmtree(folder, ignore_errors=True)
     venv.create(folder, with_pip=False, symlinks=True)
     made = Clean(folder, sorted(wheels.glob("*.whl")))
