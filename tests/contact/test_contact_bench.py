@@ -1,4 +1,4 @@
-"""`lwrprobe bench contact`, the short run: every promise that is not about time."""
+"""`lwrprobe bench contact`, the short run: every requirement that is not about time."""
 
 import json
 
@@ -10,9 +10,9 @@ from lwrprobe.contracts import UnknownNameError
 pytestmark = pytest.mark.slow
 
 
-def test_the_short_run_keeps_its_promises_and_can_be_written(tmp_path):
+def test_the_short_run_keeps_its_requirements_and_can_be_written(tmp_path):
     report = run(True, {"seed": "3"})
-    assert {v.promise: v.measured for v in report.verdicts if not v.held and " us " not in v.promise} == {}
+    assert {v.requirement: v.measured for v in report.verdicts if not v.held and " us " not in v.requirement} == {}
     assert len(report.verdicts) == 6
     written = report.write(tmp_path / "c.json", tmp_path)
     assert [path.suffix for path in written] == [".json", ".md", *[".csv"] * len(report.tables), ".png", ".png"]

@@ -1,4 +1,4 @@
-"""The bench of whole runs: what it runs, sets beside each other and promises. The runs themselves are others' tests."""
+"""The bench of whole runs: what it runs, compares and requires. The runs themselves have other tests."""
 
 import numpy as np
 import pytest
@@ -48,8 +48,8 @@ def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path)
     assert any("factor" in path.read_text() for path in written if path.suffix == ".csv")
 
 
-def test_the_promises_are_held_against_ours_alone(report):
-    coverage = next(verdict for verdict in report.verdicts if "coverage" in verdict.promise)
+def test_the_requirements_are_held_against_ours_alone(report):
+    coverage = next(verdict for verdict in report.verdicts if "coverage" in verdict.requirement)
     assert coverage.held
     assert coverage.measured.startswith("18 of 18")
 

@@ -23,7 +23,7 @@ def test_a_small_run(tmp_path):
     (table,) = report.tables
     assert [row[0] for row in table.rows] == list(report.data["seconds"])
     assert all(cell > 0.0 for row in table.rows for cell in row[2:])
-    same = [verdict for verdict in report.verdicts if "byte for byte" in verdict.promise]
+    same = [verdict for verdict in report.verdicts if "byte for byte" in verdict.requirement]
     assert same
     assert all(verdict.held for verdict in same)
     written = report.write(tmp_path / "m.json", tmp_path)

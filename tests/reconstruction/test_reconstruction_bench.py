@@ -1,4 +1,4 @@
-"""The bench of reconstructors runs, holds its promises where it can, and refuses what it does not know."""
+"""The bench of reconstructors runs, holds its requirements where it can, and refuses what it does not know."""
 
 import numpy as np
 import pytest

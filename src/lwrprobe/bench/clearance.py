@@ -22,7 +22,7 @@ from lwrprobe.contracts import LinkShape
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.mapping import VoxelMap
 
-OURS, COAL, FCL = "lwrprobe", "coal", "python-fcl"
+OWN, COAL, FCL = "lwrprobe", "coal", "python-fcl"
 LIBRARIES = {FCL: "fcl", COAL: "coal"}
 TENFOLD = (100, 1_000, 10_000, 100_000)
 BRUTE_VOXELS = 1_000
@@ -55,7 +55,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         rows.append([count, *bench.row(times[count])])
         if count == BRUTE_VOXELS:
             error = bench.error_against_brute_force(10 if quick else 40)
-    names = [OURS, *libraries]
+    names = [OWN, *libraries]
     columns = ["voxels", *(f"{name} {what}" for name in names for what in ("median", "p99"))]
     columns += ["batch, a pose", "add a voxel", "1 mm ahead", "watch, a sample", "nearest, mm (median)"]
     title = f"us a query over {poses_wanted} poses (each the median of {rounds} rounds)"
@@ -65,7 +65,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         report.notes.append("no brute force without coal: the error was not measured")
     else:
         text = f"{1e6 * error:.2g} um"
-        report.promise(f"error against brute force below 1 um, {BRUTE_VOXELS} voxels", text, error <= MAX_ERROR)
+        report.require(f"error against brute force below 1 um, {BRUTE_VOXELS} voxels", text, error <= MAX_ERROR)
     report.notes.append(
         f"Everyone in turn is asked {BLOCK} poses, {rounds} rounds; medians and 99th percentiles are over the poses, "
         "each the median of its rounds: what a pose costs, without the machine's pauses."
@@ -124,7 +124,7 @@ class _Setting:
         self.voxels.insert(self.centres)
         self.query = ClearanceQuery(probe_links(), self.voxels)
         self.libraries = libraries
-        self.asks = {OURS: self._ours()}
+        self.asks = {OWN: self._own()}
         self.asks |= {name: _Library(library, self.centres).managers() for name, library in libraries.items()}
 
     def times(self, rounds: int) -> dict[str, np.ndarray]:
@@ -136,7 +136,7 @@ class _Setting:
         return {name: np.median(each, axis=0) for name, each in seconds.items()}
 
     def row(self, times: dict[str, np.ndarray]) -> list[float]:
-        """Medians and 99th percentiles of everyone in us, then what only ours does."""
+        """Medians and 99th percentiles of everyone in us, then what lwrprobe alone does."""
         query, poses = self.query, self.poses
         steps = [(pose, _moved(pose, 0.001)) for pose in poses]
         fresh = iter(np.random.default_rng(1).uniform(0.5, 0.7, (5000, 3)))  # elsewhere: the object stays as it is
@@ -169,9 +169,9 @@ class _Setting:
         if COAL not in self.libraries:
             return None
         nearest = _Library(self.libraries[COAL], self.centres).all_pairs()
-        return max(abs(self.asks[OURS](pose) - nearest(pose)) for pose in self.poses[:poses])
+        return max(abs(self.asks[OWN](pose) - nearest(pose)) for pose in self.poses[:poses])
 
-    def _ours(self) -> Ask:
+    def _own(self) -> Ask:
         answer = np.empty(8)
 
         def ask(pose: np.ndarray) -> float:
@@ -257,31 +257,31 @@ class _Library:
 def _ratio_table(times: dict[int, dict[str, np.ndarray]], peers: list[str]) -> Table:
     columns = ["voxels", *(f"{name} {what}" for name in peers for what in ("median", "p99"))]
     rows = [[n, *(_ratio(by_who, name, q) for name in peers for q in (50, 99))] for n, by_who in times.items()]
-    return Table("Times as long as ours", columns, rows)
+    return Table("Times as long as lwrprobe", columns, rows)
 
 
 def _ratio(by_who: dict[str, np.ndarray], name: str, percent: float) -> float:
-    return float(np.percentile(by_who[name], percent) / np.percentile(by_who[OURS], percent))
+    return float(np.percentile(by_who[name], percent) / np.percentile(by_who[OWN], percent))
 
 
 def _verdicts(times: dict[int, dict[str, np.ndarray]], libraries: dict[str, Any]) -> list[Verdict]:
     held = []
-    ours = {n: [float(np.percentile(by_who[OURS], q)) for q in (50, 99)] for n, by_who in times.items()}
-    for n, (median, _) in ours.items():
+    own = {n: [float(np.percentile(by_who[OWN], q)) for q in (50, 99)] for n, by_who in times.items()}
+    for n, (median, _) in own.items():
         held.append(Verdict(f"{n} voxels: median <= {1e6 * NEED[n]:g} us", f"{1e6 * median:.3g} us", median <= NEED[n]))
-    slowest = max(p99 for _, p99 in ours.values())
+    slowest = max(p99 for _, p99 in own.values())
     held.append(Verdict(f"p99 <= {1e6 * NEED_P99:g} us throughout", f"{1e6 * slowest:.3g} us", slowest <= NEED_P99))
 
-    def promise(text: str, name: str, percent: float, lead: float, at_least: int) -> None:
+    def require(text: str, name: str, percent: float, lead: float, at_least: int) -> None:
         ratios = [_ratio(by_who, name, percent) for n, by_who in times.items() if n >= at_least]
         if ratios:
             held.append(Verdict(text, f"{min(ratios):.2g} x at worst", min(ratios) >= lead))
 
     if COAL in libraries:
-        promise(f"{COAL_LEAD:g} x faster than coal's managers", COAL, 50, COAL_LEAD, 0)
-        promise(f"{COAL_LEAD_P99:g} x at the 99th percentile from 10000 voxels on", COAL, 99, COAL_LEAD_P99, 10_000)
+        require(f"{COAL_LEAD:g} x faster than coal's managers", COAL, 50, COAL_LEAD, 0)
+        require(f"{COAL_LEAD_P99:g} x at the 99th percentile from 10000 voxels on", COAL, 99, COAL_LEAD_P99, 10_000)
     if FCL in libraries:
-        promise(f"{FCL_LEAD:g} x faster than python-fcl's managers from 1000 voxels on", FCL, 50, FCL_LEAD, 1_000)
+        require(f"{FCL_LEAD:g} x faster than python-fcl's managers from 1000 voxels on", FCL, 50, FCL_LEAD, 1_000)
     return held
 
 

@@ -30,7 +30,7 @@ SOURCE_SCENES = (
 )  # fmt: skip
 STRATEGIES = ("grid_version", "surface_contour", "orientation_change")
 QUICK_SCENES = ("block", "stacked_blocks")
-OURS, THESIS = "default", "thesis"
+DEFAULT, THESIS = "default", "thesis"
 
 COLUMNS = {
     "scene": "scene",
@@ -73,7 +73,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.table("Every run", list(COLUMNS), rows)
     report.tables += _summaries(found)
     report.tables += _beside_thesis(found)
-    report.verdicts = _verdicts([item for item in found if item["profile"] == OURS])
+    report.verdicts = _verdicts([item for item in found if item["profile"] == DEFAULT])
     report.figures["coverage"] = partial(_draw_growth, found=found)
     if any(item.get("touches") for item in found):
         report.figures["touches"] = partial(draw_touches, found=found)
@@ -85,7 +85,7 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, st
     asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs")
     scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
-    profiles = asked.words("profiles", (OURS,) if quick else (OURS, THESIS))
+    profiles = asked.words("profiles", (DEFAULT,) if quick else (DEFAULT, THESIS))
     seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
     return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1)
 
@@ -99,8 +99,8 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
     try:
         settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
-        scene = load_scene(name, settings, None if profile == OURS else profile)
-        if (name, profile, seed) == (STACKED, OURS, 1):
+        scene = load_scene(name, settings, None if profile == DEFAULT else profile)
+        if (name, profile, seed) == (STACKED, DEFAULT, 1):
             with TemporaryDirectory() as folder:
                 summary = explore(scene, Path(folder))
                 record["touches"] = touches_of(Path(folder))
@@ -163,23 +163,23 @@ def _summaries(found: list[dict[str, Any]]) -> list[Table]:
 
 
 def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
-    """Ours beside the source's way, medians over the seeds; a factor is how many times ours the other is."""
+    """The thesis profile beside the default, medians over the seeds; a factor is the first over the second."""
     compared = {"contact mm": "contact_median", "p95 mm": "contact_p95", "mesh mm": "mesh", "robot s": "time"}
     alone = {"coverage": "coverage", "ends mm": "ends", "peak N": "peak_force_n"}
     rows = []
     for scene, strategy in dict.fromkeys((item["scene"], item["strategy"]) for item in found):
         pair = [
             [item for item in found if (item["scene"], item["strategy"], item["profile"]) == (scene, strategy, profile)]
-            for profile in (OURS, THESIS)
+            for profile in (DEFAULT, THESIS)
         ]
         if not all(pair):
             continue
         row: list[Any] = [scene, strategy]
         for key in (*compared.values(), *alone.values()):
-            ours, thesis = (_median(runs, key) for runs in pair)
-            row += [ours, thesis]
+            default, thesis = (_median(runs, key) for runs in pair)
+            row += [default, thesis]
             if key in compared.values():
-                row.append(thesis / ours if ours and thesis is not None else None)
+                row.append(thesis / default if default and thesis is not None else None)
         row += [f"{sum(item['status'] == 'done' for item in runs)} of {len(runs)}" for runs in pair]
         rows.append(row)
     if not rows:
@@ -187,7 +187,7 @@ def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
     columns = ["scene", "strategy"]
     columns += [f"{name}{what}" for name in compared for what in ("", ", thesis", ", factor")]
     columns += [f"{name}{what}" for name in (*alone, "done") for what in ("", ", thesis")]
-    return [Table("The thesis profile beside ours, medians over the seeds", columns, rows)]
+    return [Table("The thesis profile beside the default, medians over the seeds", columns, rows)]
 
 
 def _median(runs: list[dict[str, Any]], key: str) -> float | None:
@@ -199,12 +199,11 @@ def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
     if not found:
         return []
 
-    def held(promise: str, key: str, good: Any) -> Verdict:
+    def held(requirement: str, key: str, good: Any) -> Verdict:
         bad = [item for item in found if item.get(key) is None or not good(item[key])]
         names = sorted({f"{item['scene']}/{item['strategy']}" for item in bad})
-        return Verdict(
-            promise, f"{len(found) - len(bad)} of {len(found)}" + (f"; not {', '.join(names)}" if bad else ""), not bad
-        )
+        measured = f"{len(found) - len(bad)} of {len(found)}" + (f"; not {', '.join(names)}" if bad else "")
+        return Verdict(requirement, measured, not bad)
 
     return [
         held("status done", "status", lambda v: v == "done"),
@@ -229,7 +228,7 @@ def _draw_growth(figure: Any, found: list[dict[str, Any]]) -> None:
             if item["strategy"] != strategy or item["seed"] != seed or not item["growth"]:
                 continue
             times, shares = zip(*item["growth"])
-            panel.plot(times, shares, "-" if item["profile"] == OURS else ":", label=item["scene"], lw=1)
+            panel.plot(times, shares, "-" if item["profile"] == DEFAULT else ":", label=item["scene"], lw=1)
         panel.set_title(strategy)
         panel.set_xlabel("robot time, s")
     axes[0].set_ylabel("coverage")

@@ -139,7 +139,7 @@ class Outcome:
         return moved @ (path / length) if length > _MOTION else np.linalg.norm(moved, axis=1)
 
     def held(self) -> bool:
-        """All that is promised."""
+        """All that is required."""
         fault = self.fault
         quiet = self.peak <= self.limit and self.collisions == 0 and self.kept >= self.before > 0
         if not fault.words:

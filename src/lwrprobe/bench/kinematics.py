@@ -69,7 +69,7 @@ class Outcome:
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
-    """`lwrprobe bench kinematics`; options `targets` and `cold`: poses every solver gets, and poses for ours alone."""
+    """`lwrprobe bench kinematics`; options `targets`: poses for every solver, `cold`: poses for lwrprobe alone."""
     asked = Options("kinematics", options, "targets", "cold")
     count, cold = asked.count("targets", 200 if quick else 2000), asked.count("cold", 5000 if quick else 100_000)
     robot = lwr4(tool=_shift(0.25))
@@ -124,12 +124,12 @@ def _forward(report: BenchReport, robot: Robot, peers: list[Peer], quick: bool) 
     for what, table in (("tip", forward), ("Jacobian", jacobian)):
         if rival in table:
             text = f"{1e6 * table[own]:.3g} us against {1e6 * table[rival]:.3g} us"
-            report.promise(f"one {what} not slower than pin's", text, table[own] <= table[rival])
-    report.promise("a tip in njit <= 0.2 us", f"{1e6 * compiled:.3g} us", compiled <= 0.2e-6)
+            report.require(f"one {what} not slower than pin's", text, table[own] <= table[rival])
+    report.require("a tip in njit <= 0.2 us", f"{1e6 * compiled:.3g} us", compiled <= 0.2e-6)
     if toolbox in batch:
         lead, text = batch[toolbox] / batch[own], f"{1e6 * batch[own]:.3g} us"
         held = batch[own] <= 0.25e-6 and lead >= 5.0
-        report.promise("a batch <= 0.25 us, 5 times ahead of rtb", f"{text}, {lead:.3g} times", held)
+        report.require("a batch <= 0.25 us, 5 times ahead of rtb", f"{text}, {lead:.3g} times", held)
 
 
 def _per_call(calls: dict[str, tuple[Callable, Array]], qs: Array, rounds: int) -> dict[str, float]:
@@ -180,19 +180,19 @@ def _solving_verdicts(
 ) -> None:
     for what, table, limits, factor in (("tracking", tracked, (6, 15), 4.0), ("a cold start", started, (5, 30), 10.0)):
         median, p99, work, success, jumps, false = table["lwrprobe"].row()
-        promise = f"{what}: median <= {limits[0]} us, p99 of work <= {limits[1]} us"
+        requirement = f"{what}: median <= {limits[0]} us, p99 of work <= {limits[1]} us"
         measured = f"{median:.3g} us, {work:.3g} us (single calls {p99:.3g} us)"
-        report.promise(promise, measured, median <= limits[0] and work <= limits[1])
+        report.require(requirement, measured, median <= limits[0] and work <= limits[1])
         done = f"{success:.4g} %, {false:.4g} %"
-        report.promise(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0)
+        report.require(f"{what}: 100 % of {count}, 0 false", done, success == 100.0 and false == 0.0)
         if what == "tracking":
-            report.promise(f"{what}: no jump", f"{jumps:.4g} %", jumps == 0.0)
+            report.require(f"{what}: no jump", f"{jumps:.4g} %", jumps == 0.0)
         whole = {name: o.row()[0] for name, o in table.items() if name != "lwrprobe" and o.success.all()}
         if whole:
             best = min(whole, key=whole.__getitem__)
             lead = whole[best] / median
-            promise = f"{what}: {factor:g} times faster than the best peer that solves all"
-            report.promise(promise, f"{lead:.3g} times ({best})", lead >= factor)
+            requirement = f"{what}: {factor:g} times faster than the best peer that solves all"
+            report.require(requirement, f"{lead:.3g} times ({best})", lead >= factor)
 
 
 def _many(report: BenchReport, robot: Robot, count: int) -> None:
@@ -202,8 +202,8 @@ def _many(report: BenchReport, robot: Robot, count: int) -> None:
     assert cold is not None, "lwrprobe solves from a cold start"
     outcome = _outcomes(robot, {"lwrprobe": cold}, poses, seeds)["lwrprobe"]
     failed, false = int((~outcome.success).sum()), int(outcome.false.sum())
-    promise = f"cold starts: all of {count} random poses, no false success"
-    report.promise(promise, f"{failed} failed, {false} false", failed == false == 0)
+    requirement = f"cold starts: all of {count} random poses, no false success"
+    report.require(requirement, f"{failed} failed, {false} false", failed == false == 0)
     worst = 1e6 * outcome.seconds.max()
     report.notes.append(f"slowest of {count} cold starts: {worst:.4g} us (the machine's own pauses included)")
 
@@ -298,7 +298,7 @@ def _hard_cases(report: BenchReport, robot: Robot, peers: list[Peer], count: int
             kept = kept and bool(outcomes["lwrprobe"].success.all())
     title = f"Hard cases, success in % of {count} poses each"
     report.table(title, ["case", "start", *trackers], rows)
-    report.promise("100 % in every hard case, near and random", "100 %" if kept else "less", kept)
+    report.require("100 % in every hard case, near and random", "100 %" if kept else "less", kept)
 
 
 def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: int) -> None:
@@ -322,8 +322,8 @@ def _out_of_reach(report: BenchReport, robot: Robot, peers: list[Peer], count: i
     columns = ["library", "median [us]", "answer", "error of the nearest pose [m]"]
     report.table(f"Targets {BEYOND} m out of reach", columns, rows)
     held = own <= 20.0 and miss <= 1e-6 and verdict == "UNREACHABLE"
-    promise = "out of reach: <= 20 us, UNREACHABLE, nearest pose to 1e-6 m"
-    report.promise(promise, f"{own:.3g} us, {verdict}, {miss:.2g} m", held)
+    requirement = "out of reach: <= 20 us, UNREACHABLE, nearest pose to 1e-6 m"
+    report.require(requirement, f"{own:.3g} us, {verdict}, {miss:.2g} m", held)
 
 
 def _own_out_of_reach(robot: Robot, poses: Array, seeds: Array, nearest: Array) -> tuple[float, float, str]:
@@ -358,7 +358,7 @@ def _invalid(report: BenchReport, robot: Robot, peers: list[Peer]) -> None:
             rows.append([peer.name, *reactions, _reaction(peer.cold, pose, q[:-1])])
     report.table("Invalid input", ["library", *broken, "seed too short"], rows)
     typed = all(cell.startswith("InputError") for cell in rows[0][1:])
-    report.promise("invalid input: one typed error", "in every case" if typed else "no", typed)
+    report.require("invalid input: one typed error", "in every case" if typed else "no", typed)
 
 
 def _reaction(solve: Solve, pose: Array, seed: Array) -> str:
@@ -408,8 +408,8 @@ def _compile_time(report: BenchReport) -> None:
     rows = first_use("kinematics")
     (_, cold, _), (_, warm, _) = rows
     report.table("First use of all kinematics kernels in a fresh process", ["", "wall [s]", "CPU [s]"], rows)
-    report.promise("cold compilation < 15 s", f"{cold:.3g} s", cold < 15.0)
-    report.promise("filled cache < 0.5 s", f"{warm:.3g} s", warm < 0.5)
+    report.require("cold compilation < 15 s", f"{cold:.3g} s", cold < 15.0)
+    report.require("filled cache < 0.5 s", f"{warm:.3g} s", warm < 0.5)
 
 
 def _shift(z: float) -> Array:

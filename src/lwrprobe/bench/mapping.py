@@ -21,7 +21,7 @@ from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.mapping import SweptSphere, VoxelMap
 
 PEERS = {"octomap": "octomap-python", "pyoctomap": "pyoctomap"}
-OURS = "lwrprobe"
+OWN = "lwrprobe"
 SINGLES = 1000  # calls timed together, so that the clock does not count
 BATCH_LEAD = 20.0
 BUDGET, QUICK_BUDGET = 3.0, 0.3
@@ -38,14 +38,14 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     peers = {name: libraries[package] for name, package in PEERS.items() if package in libraries}
     report = BenchReport("mapping", "The voxel map: insertion, look-up, files", machine=_machine())
     with tempfile.TemporaryDirectory() as folder:
-        jobs = {OURS: _own_jobs(centres, Path(folder))}
+        jobs = {OWN: _own_jobs(centres, Path(folder))}
         jobs |= {name: _peer_jobs(module, centres, Path(folder), name) for name, module in peers.items()}
-        seconds = {task: _per_unit(task, jobs, count, QUICK_BUDGET if quick else BUDGET) for task in jobs[OURS]}
+        seconds = {task: _per_unit(task, jobs, count, QUICK_BUDGET if quick else BUDGET) for task in jobs[OWN]}
         same = {name: (Path(folder) / f"{name}.bt").read_bytes() for name in jobs}
     report.tables.append(_table(seconds, list(jobs), count))
     report.verdicts = _verdicts(seconds) if peers else []
     report.verdicts += [
-        Verdict(f"the same .bt, byte for byte, as {name}", f"{len(same[OURS])} bytes", same[name] == same[OURS])
+        Verdict(f"the same .bt, byte for byte, as {name}", f"{len(same[OWN])} bytes", same[name] == same[OWN])
         for name in peers
     ]
     report.notes = [*missing, *_carving()]
@@ -73,9 +73,9 @@ def _own_jobs(centres: np.ndarray, folder: Path) -> dict[str, Job]:
         "insert batch": lambda: VoxelMap(EDGE).insert(centres),
         "look up one": lambda: [voxels.occupied(point) for point in some],
         "look up batch": lambda: voxels.states(centres),
-        "write .bt": lambda: voxels.write(folder / f"{OURS}.bt"),
-        "read .bt": lambda: VoxelMap.read(folder / f"{OURS}.bt"),
-        "write .ot": lambda: voxels.write(folder / f"{OURS}.ot"),
+        "write .bt": lambda: voxels.write(folder / f"{OWN}.bt"),
+        "read .bt": lambda: VoxelMap.read(folder / f"{OWN}.bt"),
+        "write .ot": lambda: voxels.write(folder / f"{OWN}.ot"),
         "list leaves": voxels.leaves,
     }
 
@@ -118,22 +118,20 @@ def _table(seconds: dict[str, dict[str, float]], names: list[str], count: int) -
     rows = []
     for task, by_who in seconds.items():
         scale, unit = (1e6, "us a point") if task.endswith(("one", "batch")) else (1e3, "ms")
-        best = min((by_who[name] for name in names if name != OURS), default=None)
-        ahead = None if best is None else best / by_who[OURS]
+        best = min((by_who[name] for name in names if name != OWN), default=None)
+        ahead = None if best is None else best / by_who[OWN]
         rows.append([task, unit, *(scale * by_who[name] for name in names), ahead])
     title = f"{count} voxels of {1e3 * EDGE:g} mm, called from Python, medians"
-    return Table(title, ["task", "unit", *names, "best peer / ours"], rows)
+    return Table(title, ["task", "unit", *names, "best peer / lwrprobe"], rows)
 
 
 def _verdicts(seconds: dict[str, dict[str, float]]) -> list[Verdict]:
     """Ahead in every task; by far where one call takes many points and the peers are called once a point."""
-    lead = {
-        task: min(t for name, t in by_who.items() if name != OURS) / by_who[OURS] for task, by_who in seconds.items()
-    }
+    lead = {task: min(t for name, t in by_who.items() if name != OWN) / by_who[OWN] for task, by_who in seconds.items()}
     held = [Verdict(f"{task}: ahead of the best peer", f"{ratio:.2g} x", ratio > 1.0) for task, ratio in lead.items()]
     for task in ("insert", "look up"):
-        single = min(t for name, t in seconds[f"{task} one"].items() if name != OURS)
-        ratio = single / seconds[f"{task} batch"][OURS]
+        single = min(t for name, t in seconds[f"{task} one"].items() if name != OWN)
+        ratio = single / seconds[f"{task} batch"][OWN]
         wanted = f"{task}: {BATCH_LEAD:g} x the best peer's single call, in batch"
         held.append(Verdict(wanted, f"{ratio:.2g} x", ratio >= BATCH_LEAD))
     return held

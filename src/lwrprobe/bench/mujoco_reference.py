@@ -64,16 +64,16 @@ def compare_with_mujoco(report: BenchReport) -> None:
     worst = 0.0
     for name, scene, walls, height, push_by in _CASES:
         path = _path(height, np.array(push_by))
-        ours, theirs = _ours(scene, path), _theirs(mujoco, walls, path)
+        own, theirs = _own(scene, path), _theirs(mujoco, walls, path)
         rest, pushed = slice(140, 151), slice(400, len(path))
         for stage, when in (("pressed", rest), ("pushed", pushed)):
-            mine, other = ours[when].mean(axis=0), np.median(theirs[when], axis=0)
+            mine, other = own[when].mean(axis=0), np.median(theirs[when], axis=0)
             off = float(np.linalg.norm(mine - other) / np.linalg.norm(other))
             worst = max(worst, off)
             rows.append([name, stage, _as_text(mine), _as_text(other), 100 * off])
     columns = ["sphere", "stage", "simulator: force x, y, z [N]", "MuJoCo", "apart [%]"]
     report.table(f"MuJoCo {mujoco.__version__} as reference, friction {FRICTION}", columns, rows)
-    report.promise(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", worst <= TOLERANCE)
+    report.require(f"forces within {100 * TOLERANCE:g} % of MuJoCo's", f"{100 * worst:.2f} %", worst <= TOLERANCE)
 
 
 def _as_text(force: np.ndarray) -> str:
@@ -89,7 +89,7 @@ def _path(height: float, push_by: np.ndarray) -> np.ndarray:
     return np.vstack([down, rest, push, np.repeat(push[-1:], 50, axis=0)])
 
 
-def _ours(scene: str, path: np.ndarray) -> np.ndarray:
+def _own(scene: str, path: np.ndarray) -> np.ndarray:
     material = ["object.0.stiffness=1e7", f"object.0.friction={FRICTION}"]
     stick = [f"probe.stiffness_lateral={STIFFNESS}", f"probe.stiffness_axial={STIFFNESS}"]
     return follow(build_world(material + stick, scene), path)

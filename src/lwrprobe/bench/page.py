@@ -55,7 +55,7 @@ class Figures:
     def measured(self, requirement: str) -> str:
         """What was measured for the first requirement that begins so."""
         for verdict in self.report.verdicts:
-            if verdict.promise.startswith(requirement):
+            if verdict.requirement.startswith(requirement):
                 return verdict.measured
         raise _Missing(requirement)
 
@@ -137,8 +137,8 @@ SUMMARIES = {
         lambda f: (
             f"One insertion takes {f.cell('100000', 'insert one', 'lwrprobe')} us, in a batch "
             f"{f.cell('100000', 'insert batch', 'lwrprobe')} us a point; the faster binding takes "
-            f"{f.cell('100000', 'insert one', 'best peer / ours')} and "
-            f"{f.cell('100000', 'insert batch', 'best peer / ours')} times as long."
+            f"{f.cell('100000', 'insert one', 'best peer / lwrprobe')} and "
+            f"{f.cell('100000', 'insert batch', 'best peer / lwrprobe')} times as long."
         ),
     ),
     "clearance": Summary(
@@ -227,7 +227,7 @@ def sentences(report: BenchReport) -> str:
             said.append(summary.result(Figures(report)))
         except _Missing:
             said.append("Some libraries or settings of the comparison were left out of this run.")
-    missed = [verdict.promise for verdict in report.verdicts if not verdict.held]
+    missed = [verdict.requirement for verdict in report.verdicts if not verdict.held]
     if report.verdicts:
         text = f"{len(report.verdicts) - len(missed)} of {len(report.verdicts)} requirements are met"
         if missed:
@@ -251,7 +251,7 @@ def markdown(report: BenchReport) -> str:
         if len(table.columns) <= COLUMNS and len(table.rows) <= ROWS and table is not summary[2]:
             lines += ["", *_grid(table.columns, table.rows)]
     if report.verdicts:
-        rows = [[v.promise, v.measured, "yes" if v.held else "**no**"] for v in report.verdicts]
+        rows = [[v.requirement, v.measured, "yes" if v.held else "**no**"] for v in report.verdicts]
         lines += ["", "## Requirements", "", *_grid(["requirement", "measured", "met"], rows)]
     if report.notes:
         lines += ["", "## Notes", "", *(f"- {note}" for note in report.notes)]

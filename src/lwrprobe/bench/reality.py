@@ -174,9 +174,9 @@ def _explored(name: str, settings: list[str]) -> dict[str, Any]:
 
 
 def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
-    def held(promise: str, key: str, good: Callable[[Any], bool]) -> Verdict:
+    def held(requirement: str, key: str, good: Callable[[Any], bool]) -> Verdict:
         kept = sum(item.get(key) is not None and good(item[key]) for item in found)
-        return Verdict(promise, f"{kept} of {len(found)}", kept == len(found))
+        return Verdict(requirement, f"{kept} of {len(found)}", kept == len(found))
 
     if not found:
         return []

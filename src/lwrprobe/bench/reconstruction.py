@@ -270,8 +270,8 @@ def _verdicts(outcomes: list[Outcome]) -> list[Verdict]:
             verdicts.append(Verdict(f"the same on each object: {label}, {where}", verdict, not above))
             if "bridge" in found and (pitch, data) in BRIDGE:
                 limit = BRIDGE[pitch, data][value]
-                promise = f"{label} error <= {limit:g} mm on the bridge at {where}"
-                verdicts.append(Verdict(promise, f"{found['bridge']:.3g} mm", found["bridge"] <= limit))
+                requirement = f"{label} error <= {limit:g} mm on the bridge at {where}"
+                verdicts.append(Verdict(requirement, f"{found['bridge']:.3g} mm", found["bridge"] <= limit))
     own = [o for o in outcomes if o.method == DEFAULT]
     for data in ("raw", "explored"):
         volume = _per_scene(outcomes, DEFAULT, 10.0, data, "volume")

@@ -21,9 +21,9 @@ class Table:
 
 @dataclass(slots=True)
 class Verdict:
-    """One promise held against what was measured."""
+    """One requirement held against what was measured."""
 
-    promise: str
+    requirement: str
     measured: str
     held: bool
 
@@ -50,9 +50,9 @@ class BenchReport:
         """Add a table."""
         self.tables.append(Table(title, columns, rows))
 
-    def promise(self, promise: str, measured: str, held: bool) -> None:
+    def require(self, requirement: str, measured: str, held: bool) -> None:
         """Add a verdict."""
-        self.verdicts.append(Verdict(promise, measured, bool(held)))
+        self.verdicts.append(Verdict(requirement, measured, bool(held)))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able content."""
@@ -62,7 +62,7 @@ class BenchReport:
             "date": self.date,
             "machine": self.machine,
             "tables": [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in self.tables],
-            "verdicts": [{"promise": v.promise, "measured": v.measured, "held": v.held} for v in self.verdicts],
+            "verdicts": [{"requirement": v.requirement, "measured": v.measured, "held": v.held} for v in self.verdicts],
             "notes": self.notes,
             **self.data,
         }

@@ -32,7 +32,7 @@ RELAXATION = 0.002  # s, of the stick
 DAMPING = 5.0  # N s/m, of the contact
 MASS = 0.002  # kg, of the swinging tip
 PEAK = 2.0  # N, aimed at
-OURS = "simulator"
+OWN = "simulator"
 RIVALS: dict[str, Callable[..., int]] = {
     "explicit": kernels.explicit_steps,
     "semi-implicit": kernels.semi_implicit_steps,
@@ -144,7 +144,7 @@ def _error_at_rest(report: BenchReport, steps_ms: tuple[float, ...]) -> dict[flo
             worst = max(worst, error.max())
     columns = ["K [N/m]", "step [ms]", "max error [% of peak]", "RMS error [% of peak]", "us a step, from Python"]
     report.table("Normal force against a stiff reference, no inertia", columns, rows)
-    report.promise(
+    report.require(
         "normal force error <= 1 % over 1e2..1e7 N/m, 0.1..5 ms", f"{100 * worst:.2f} %", bool(worst <= 0.01)
     )
     return found
@@ -153,7 +153,7 @@ def _error_at_rest(report: BenchReport, steps_ms: tuple[float, ...]) -> dict[flo
 def _error_swinging(report: BenchReport, divisions: tuple[int, ...]) -> dict[str, list[tuple[float, float, float]]]:
     """A tip with inertia strikes: all schemes over the step, with the order seen and the time of a step."""
     stiffness, damping = 1e4, 1.0
-    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in (*RIVALS, OURS)}
+    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in (*RIVALS, OWN)}
     rows = []
     reference = _reference_swinging(stiffness, damping, np.arange(0.0, 1.0005, 1e-3))
     for name in found:
@@ -170,7 +170,7 @@ def _error_swinging(report: BenchReport, divisions: tuple[int, ...]) -> dict[str
             rows.append([name, 1.0 / parts, *shown, order, 1e9 * seconds / (1000 * parts)])
     columns = ["scheme", "step [ms]", "RMS error [% of peak]", "max error [% of peak]", "order", "ns a step"]
     report.table(f"A tip of {1e3 * MASS:g} g strikes, K = {stiffness:g} N/m", columns, rows)
-    report.promise("converges with the step at first order", f"order {rows[-1][4]:.2f}", rows[-1][4] > 0.8)
+    report.require("converges with the step at first order", f"order {rows[-1][4]:.2f}", rows[-1][4] > 0.8)
     report.notes.append("The simulator's time a step holds geometry search, friction, six axes and one call a cycle.")
     return found
 
@@ -178,7 +178,7 @@ def _error_swinging(report: BenchReport, divisions: tuple[int, ...]) -> dict[str
 def _one_run(name: str, stiffness: float, damping: float, parts: int) -> tuple[np.ndarray | None, float]:
     """Force every 1 ms over 1 s with `parts` steps in each (None where the scheme blew up), and the run's seconds."""
     times = np.linspace(0.0, 1.0, 1000 * parts + 1)
-    if name == OURS:
+    if name == OWN:
         return _simulated(stiffness, times[::parts], damping, tip_mass=MASS, substeps=parts)
     force, foot = np.zeros(len(times)), _driven_foot(times, _depth(stiffness))
     arguments = (MASS, STICK, stiffness, damping, float(times[1]), foot, force)
@@ -203,8 +203,8 @@ def _energy(report: BenchReport, quick: bool) -> None:
         worst = max(worst, highest)
     columns = ["K [N/m]", "largest rise in a step [share of the energy put in]"]
     report.table("Energy after a blow, 0.1..5 ms, damping 0..5000 N s/m", columns, rows)
-    report.promise("no blow-up, energy never created", f"{worst:.1e} in {runs} runs", worst < 1e-9)
-    report.promise("contact forces in balance in every step", f"{unbalanced} not", unbalanced == 0)
+    report.require("no blow-up, energy never created", f"{worst:.1e} in {runs} runs", worst < 1e-9)
+    report.require("contact forces in balance in every step", f"{unbalanced} not", unbalanced == 0)
 
 
 def _rise(stiffness: float, step: float, damping: float, friction: float) -> tuple[float, int]:

@@ -124,12 +124,12 @@ def _times(report: BenchReport, rng: np.random.Generator, rounds: int) -> None:
     report.table("Time of one call from Python", columns, rows)
     for kind, seconds, largest in (("step", steps, 3e-6), ("re-plan", plans, 25e-6)):
         slowest = max(float(np.median(s)) for name, s in seconds.items() if "bare" not in name)
-        text = f"{1e6 * slowest:.3g} us, the slowest of ours"
-        report.promise(f"guarded {kind} <= {1e6 * largest:.0f} us", text, slowest <= largest)
+        text = f"{1e6 * slowest:.3g} us, the slowest of lwrprobe"
+        report.require(f"guarded {kind} <= {1e6 * largest:.0f} us", text, slowest <= largest)
     report.notes.append(
         f"A step of bare Ruckig is `update` with `pass_to_input`; steps are timed {STEPS} at a time, a re-plan "
-        "together with the step that follows, since bare Ruckig plans in it. Ours checks the goal, plans, reads the "
-        "plan out and checks it against limits and target."
+        "together with the step that follows, since bare Ruckig plans in it. lwrprobe checks the goal, plans, reads "
+        "the plan out and checks it against limits and target."
     )
 
 
@@ -249,11 +249,11 @@ def _around_goals(report: BenchReport, rng: np.random.Generator, replans: int) -
         ["CartesianTrajectory", *tip],
     ]
     report.table("Re-plans at and around goals", columns, rows)
-    ours = [joint[k] + tip[k] for k in range(5)]
-    text = f"{ours[1]} exceptions, {ours[3]} violations in {ours[0]}"
-    promise = f"0 exceptions and 0 limit violations in {replans} re-plans at and around goals"
-    report.promise(promise, text, ours[1] == ours[3] == 0)
-    report.promise("every goal that was waited for is met exactly", f"{ours[4]} missed", ours[4] == 0)
+    own = [joint[k] + tip[k] for k in range(5)]
+    text = f"{own[1]} exceptions, {own[3]} violations in {own[0]}"
+    requirement = f"0 exceptions and 0 limit violations in {replans} re-plans at and around goals"
+    report.require(requirement, text, own[1] == own[3] == 0)
+    report.require("every goal that was waited for is met exactly", f"{own[4]} missed", own[4] == 0)
     report.notes.append(
         "Around goals, bare Ruckig is asked at its own last position and, after an exception, started anew at rest; a "
         "goal of its counts as missed when it is more than 1e-9 rad off after 0.4 s, one of JointTrajectory's when it "
@@ -360,8 +360,8 @@ def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
         missed += error > 1e-15
     columns = ["cycle", *NAMES, "error at the end"]
     report.table("Largest use of each limit less 1, goals, feeds and stops at random moments", columns, rows)
-    report.promise("limits held at every tick, cycle 0.1 to 20 ms and irregular", f"{over} over", over == 0)
-    report.promise("ends exactly on the goal at every cycle", f"{missed} missed", missed == 0)
+    report.require("limits held at every tick, cycle 0.1 to 20 ms and irregular", f"{over} over", over == 0)
+    report.require("ends exactly on the goal at every cycle", f"{missed} missed", missed == 0)
 
 
 def _random_aim(tip: CartesianTrajectory, rng: np.random.Generator) -> None:
@@ -401,8 +401,8 @@ def _ends(report: BenchReport, rng: np.random.Generator, count: int) -> None:
     columns = ["generator", "plan [us]", "median [rad]", "p99 [rad]", "largest [rad]"]
     report.table("Distance between a plan's end and its goal, 7 joints from motion", columns, rows)
     worst = errors[1].max()
-    promise = "plans end within 1e-11 rad of the goal before they are snapped to it"
-    report.promise(promise, f"{worst:.2g} rad", worst <= 1e-11)
+    requirement = "plans end within 1e-11 rad of the goal before they are snapped to it"
+    report.require(requirement, f"{worst:.2g} rad", worst <= 1e-11)
 
     def draw(figure: Any) -> None:
         axes = figure.subplots()
@@ -441,7 +441,7 @@ def _corners(report: BenchReport) -> None:
     columns = ["angle [deg]", "re-planned in motion [ms]", "stop, then go [ms]", "gain"]
     report.table("A corner at 0.25 m/s: time to the new goal", columns, rows)
     held, gains = all(row[1] < row[2] for row in rows), [row[3] for row in rows]
-    report.promise("a corner is never slower than stop and go", f"gain {max(gains):.2f} .. {min(gains):.2f}", held)
+    report.require("a corner is never slower than stop and go", f"gain {max(gains):.2f} .. {min(gains):.2f}", held)
 
 
 def _corner(angle: float, stop_first: bool) -> float:
@@ -490,7 +490,7 @@ def _governed(report: BenchReport, rng: np.random.Generator, wanted: int) -> Non
     title = f"{wanted} straight moves near singularities that need more than a joint has"
     report.table(title, columns, rows)
     text = f"largest share {governed.max():.3f}, without {free.max():.3g}"
-    report.promise("governed joints keep their speed limits", text, governed.max() <= 1.0)
+    report.require("governed joints keep their speed limits", text, governed.max() <= 1.0)
 
 
 def _spread(values: np.ndarray) -> list[float]:

@@ -64,6 +64,6 @@ def _show(report: BenchReport, console: Console) -> None:
         print_table(console, table.title, table.columns, [[cell_text(cell) for cell in row] for row in table.rows])
     for verdict in report.verdicts:
         mark = "[green]held[/green]  " if verdict.held else "[red]missed[/red]"
-        console.print(f"{mark}  {verdict.promise}: {verdict.measured}", highlight=False)
+        console.print(f"{mark}  {verdict.requirement}: {verdict.measured}", highlight=False)
     for note in report.notes:
         console.print(f"- {note}", highlight=False, markup=False)
