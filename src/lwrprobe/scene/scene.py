@@ -12,6 +12,7 @@ from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
 from lwrprobe.scene.truth import TruthTable
+from lwrprobe.scene.uncertainty import UncertaintyTable
 
 if TYPE_CHECKING:
     from lwrprobe.scene.solid import Solid
@@ -323,6 +324,7 @@ class Scene(Table):
     strategy: StrategyTable = StrategyTable()
     reconstruction: ReconstructionTable = ReconstructionTable()
     run: RunTable = RunTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
     truth: TruthTable = TruthTable()
 
     @model_validator(mode="after")

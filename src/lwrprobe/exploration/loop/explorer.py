@@ -147,8 +147,9 @@ class Explorer:
         """Hand the task to the strategy; the run's time begins, `elapsed` s after its zero."""
         area, margin = self._pipeline.area, self._scene.safety.margin
         self.arm.guard.confine(area.lower - margin, area.upper + margin)
-        task = self.task()
-        self._pipeline.force.begin(task.delay)
+        task, sensor = self.task(), self._devices.sensor
+        stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate)
+        self._pipeline.force.begin(task.delay, stated)
         self._sample.zero_time = self.arm.time - elapsed
         try:
             self._pipeline.strategy.start(task)
@@ -174,7 +175,7 @@ class Explorer:
             force_limit=scene.contact.limit,
             clearance_threshold=scene.clearance.threshold,
             stiffness=scene.contact.stiffness,
-            delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate),
+            delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay),
             options=pipeline.options,
             reachable=self._request.reachable,
             clear=self._request.clear,

@@ -8,6 +8,7 @@ from lwrprobe.contact import agreed_bias
 from lwrprobe.contracts import SafetyStop, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.loop_delay import LoopDelay
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -29,6 +30,10 @@ class StartUp:
     arm : its motion
     approach_speed : m/s, of a step back
     confirm : asks the operator before the arm moves, None = does not ask
+
+    Attributes
+    ----------
+    loop_delay : of arm and sensor, as far as measured
     """
 
     def __init__(
@@ -36,6 +41,7 @@ class StartUp:
     ) -> None:
         self._pipeline, self._devices, self._arm = pipeline, devices, arm
         self._speed, self._confirm = approach_speed, confirm
+        self.loop_delay = LoopDelay()
 
     def take_place(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Move to the start in joint space when the arm stands elsewhere, then rest there.
@@ -79,9 +85,18 @@ class StartUp:
         begin = None
         while begin is None or arm.time < begin + seconds:
             arm.hold()
+            self._note_arm()
             begin = arm.time if begin is None else begin
-            samples += self._devices.sensor.read()
+            new = self._devices.sensor.read()
+            for sample in new:
+                self.loop_delay.note_age(arm.time - sample.time)
+            samples += new
+        self.loop_delay.rest()
         return [sample for sample in samples if sample.time > begin]
+
+    def _note_arm(self) -> None:
+        arm = self._arm
+        self.loop_delay.note(arm.time, arm.q, arm.history.newest)
 
     def _ask(self, farthest: float) -> None:
         """Hold the joints until the operator allows the move to the start, where the operator is to be asked."""
@@ -101,6 +116,7 @@ class StartUp:
         end = arm.time + 2.0
         while not trajectory.arrived and arm.time < end:
             arm.observe()
+            self._note_arm()
             self._devices.sensor.read()
             arm.move()
         if np.linalg.norm(trajectory.pose[:3, 3] - start) < 0.5 * STEP_BACK:

@@ -49,6 +49,11 @@ class StateHistory:
         return pose, velocity
 
     @property
+    def newest(self) -> Vector:
+        """(n,) joint values of the newest state."""
+        return self._ring[(self._count - 1) % HISTORY, k.JOINTS :]
+
+    @property
     def acceleration(self) -> float:
         """m/s^2 of the tip over the last cycle, inf before there are two states."""
         return self._acceleration(self._ring, self._count)

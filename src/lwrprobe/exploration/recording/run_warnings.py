@@ -19,6 +19,7 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     slope = (summary.stillness or {}).get("torque_disagreement", 0.0)
     if slope > 0.0:
         found.append(f"torque and force disagree by {slope:.0%} on the way of the sphere: calibrate the sensor")
+    found += summary.force_control.get("warnings", [])
     peak = summary.true_peak_force_n
     if peak is not None and peak > limit:
         found.append(f"the probe pressed with up to {peak:.2f} N, the limit is {limit:g} N")

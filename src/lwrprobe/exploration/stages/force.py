@@ -64,8 +64,11 @@ class ForceStage:
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
-    def begin(self, delay: float) -> None:
-        """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe."""
+    def begin(self, delay: float, stated: float | None = None) -> None:
+        """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe.
+
+        `delay` is the loop's in s, `stated` what scene and devices say of it, where it was measured to be longer.
+        """
         c = self._contact
         series = 1.0 / (1.0 / c.stiffness + self._axial)
         law = choose_force_law(
@@ -76,11 +79,17 @@ class ForceStage:
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
             raise TouchRefused(f"touch refused: {law.reason}")
+        slower = []
+        if stated is not None and delay > stated:
+            slower = [
+                f"the loop reacts after {1e3 * delay:.1f} ms, scene and devices state {1e3 * stated:.1f} ms: the probe "
+                "moves slower"
+            ]
         self._report |= {
             "stability_number": round(law.stability_number, 4),
             "damping": round(law.damping, 3),
             "safe_approach_mm_s": round(1e3 * law.approach_speed, 4),
-            "warnings": list(law.warnings),
+            "warnings": [*slower, *law.warnings],
         }
 
     @property

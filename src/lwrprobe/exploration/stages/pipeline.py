@@ -20,6 +20,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
+from lwrprobe.exploration.loop.loop_delay import LoopDelay
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.clearance import ClearanceStage
 from lwrprobe.exploration.stages.force import ForceStage
@@ -32,6 +33,8 @@ from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGover
 
 CLOSE = 1.0 + 2.0 * cos(0.1)
 """Trace of the turn between two orientations below which the arm is not yet asked for the second."""
+UNNOTICED = 0.001
+"""s by which the loop may be slower than stated: the reserve of the force limit covers it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the way off a joint limit begins."""
 
@@ -242,9 +245,18 @@ def _deflection(scene: Scene, probe: Probe) -> tuple[Deflection | None, str]:
     return (None, "the probe is rigid") if deflection.rigid else (deflection, "")
 
 
-def reaction_delay(scene: Scene, cycle: float, sensor_latency: float, rate: float) -> float:
-    """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp."""
-    if scene.contact.delay is not None:
-        return float(scene.contact.delay)
+def reaction_delay(
+    scene: Scene, cycle: float, sensor_latency: float, rate: float, measured: LoopDelay | None = None
+) -> float:
+    """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp.
+
+    What the start-up has `measured` counts where it is longer by more than `UNNOTICED`.
+    """
     ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
-    return sensor_latency + 1.0 / rate + cycle + ramp
+    stated = scene.contact.delay
+    stated = sensor_latency + 1.0 / rate + cycle + ramp if stated is None else float(stated)
+    if measured is None:
+        return stated
+    latency = sensor_latency if measured.sensor is None else measured.sensor
+    found = latency + 1.0 / rate + max(cycle, measured.arm or 0.0) + ramp
+    return found if found > stated + UNNOTICED else stated
