@@ -36,6 +36,8 @@ REFUSED = {
     "box_flat": ("object[0].size[1]", "0.0", "greater than 0"),
     "union_empty": ("object[0].children", "[]", "at least 1"),
     "difference_of_one": ("object[0].children", "sphere", "at least 2"),
+    "random_kind": ("object[0].kind", "orgnic", "'organic'"),
+    "random_seed": ("object[0].seed", "-1", "greater than or equal to 0"),
     "child_with_friction": ("object[0].children[0].friction", "0.3", "outermost"),
     "mesh_missing": ("object[0].file", "nowhere.stl", "existing mesh file"),
     "mesh_in_difference": ("object[0].children[0].shape", "mesh", "no mesh inside of a difference"),

@@ -12,7 +12,9 @@ _MAX_ZONES = 3  # the widest, which are listed one by one
 
 
 def explore(
-    scene: Annotated[str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file.")],
+    scene: Annotated[
+        str, typer.Argument(help="Built-in scene or random:KIND:SEED (see `lwrprobe list scenes`), or scene file.")
+    ],
     strategy: Annotated[
         str | None, typer.Option(metavar="NAME", help="Strategy (see `lwrprobe list strategies`).")
     ] = None,

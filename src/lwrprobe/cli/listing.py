@@ -38,7 +38,7 @@ def list_names(
     for name, note in rows:
         typer.echo(f"{name:<24} {note}".rstrip())
     if pictures is not None:
-        typer.echo(f"wrote {_draw(rows, pictures)}", err=True)
+        typer.echo(f"wrote {_draw(_built_in_scenes(), pictures)}", err=True)
 
 
 def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
@@ -66,9 +66,10 @@ def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
 
 def _rows(kind: str) -> list[tuple[str, str]]:
     if kind == "scenes":
-        from lwrprobe.scene import load_scene, scene_names
+        from lwrprobe.scene.random_object import KINDS
 
-        return [(name, load_scene(name).title) for name in scene_names()]
+        random = [(f"random:{name}:SEED", _first_line(make.__doc__)) for name, make in KINDS.items()]
+        return _built_in_scenes() + random
     if kind == "profiles":
         from lwrprobe.scene.library import profile_names, profile_path
 
@@ -85,6 +86,12 @@ def _rows(kind: str) -> list[tuple[str, str]]:
         source = "" if plugin.distribution == "lwrprobe" else f" [{plugin.distribution} {plugin.version}]"
         rows.append((plugin.name, note + source))
     return rows
+
+
+def _built_in_scenes() -> list[tuple[str, str]]:
+    from lwrprobe.scene import load_scene, scene_names
+
+    return [(name, load_scene(name).title) for name in scene_names()]
 
 
 def _first_comment(file: Path) -> str:

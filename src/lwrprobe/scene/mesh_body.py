@@ -11,7 +11,7 @@ import numpy as np
 from lwrprobe.contracts import SceneError
 from lwrprobe.scene import program
 from lwrprobe.scene.box_tree_kernels import halve
-from lwrprobe.scene.shape import Mesh
+from lwrprobe.scene.shape import Mesh, RandomObject
 
 _LEAF = 4  # faces
 
@@ -37,8 +37,19 @@ class MeshBody:
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
 
-def load_body(shape: Mesh, part: int, frame: np.ndarray) -> MeshBody:
-    """Read a mesh file into a body; raises SceneError when it is no closed, consistently wound mesh."""
+def load_body(shape: Mesh | RandomObject, part: int, frame: np.ndarray) -> MeshBody:
+    """A mesh file or random object as a body; raises SceneError when a file has no closed, consistently wound mesh."""
+    if isinstance(shape, Mesh):
+        vertices, faces = _read(shape, part)
+    else:
+        from lwrprobe.scene.random_object import random_mesh
+
+        vertices, faces = random_mesh(shape.kind, shape.seed)
+    return build_body(vertices @ frame[:3, :3].T + frame[:3, 3], faces, part)
+
+
+def _read(shape: Mesh, part: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) m and outward faces (m, 3) of a mesh file."""
     import trimesh
 
     name = f"object[{part}].file"
@@ -57,8 +68,7 @@ def load_body(shape: Mesh, part: int, frame: np.ndarray) -> MeshBody:
         raise SceneError(name, shape.file, "a mesh whose triangles are all wound the same way")
     if mesh.volume < 0.0:
         faces = faces[:, ::-1]
-    vertices = shape.scale * vertices @ frame[:3, :3].T + frame[:3, 3]
-    return build_body(vertices, faces, part)
+    return shape.scale * vertices, faces
 
 
 def build_body(vertices: np.ndarray, faces: np.ndarray, part: int = 0) -> MeshBody:

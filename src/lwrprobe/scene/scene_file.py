@@ -14,6 +14,7 @@ from lwrprobe.contracts import SceneError, UnknownNameError
 from lwrprobe.errors import nearest
 from lwrprobe.scene import library
 from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene.random_scene import random_scene
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
 from lwrprobe.scene.table import Refusal
@@ -24,12 +25,12 @@ _SHAPE_MODELS = {model.model_fields["shape"].annotation.__args__[0]: model for m
 
 
 def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: str | None = None) -> Scene:
-    """A scene by built-in name or file, with a profile's tables over its own and `key=value` overrides on top.
+    """A scene by name or file, with a profile's tables over its own and `key=value` overrides on top.
 
     Parameters
     ----------
-    scene : a built-in name, a scene file, or a scene that is there already and gets the overrides. Relative mesh files
-        are resolved against the scene file's folder
+    scene : a built-in name, a scene file, `random:KIND:SEED` (`random_scene`), or a scene that is there already and
+        gets the overrides. Relative mesh files are resolved against the scene file's folder
     overrides : texts `key=value` with the value as in TOML, where a bare word counts as text; or a dict of keys and
         plain values. A key is dotted: `probe.radius`, `object.0.friction`
     profile : a built-in profile (`thesis`) or a file
@@ -41,6 +42,8 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     """
     if isinstance(scene, Scene):
         path, content = Path(scene.name or "scene"), _content(scene)
+    elif (found := random_scene(str(scene))) is not None:
+        path, content = Path(found["name"]), found
     else:
         path = _locate(scene)
         content = _parse(path)
@@ -85,9 +88,7 @@ def _locate(name_or_path: str | Path) -> Path:
     if path.is_file():
         return path
     if path.suffix or len(path.parts) > 1:
-        raise SceneError(
-            "scene", given, "an existing scene file (.toml), or a built-in name from `lwrprobe list scenes`"
-        )
+        raise SceneError("scene", given, "an existing scene file (.toml), or a name from `lwrprobe list scenes`")
     raise UnknownNameError("scene", given, library.scene_names())
 
 

@@ -6,7 +6,7 @@ frame of its parent by `at`. Lengths in metres.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar, get_args
 
 from pydantic import Field, model_validator
 
@@ -14,6 +14,10 @@ from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vect
 
 MATERIAL = ("name", "friction", "stiffness", "damping", "movable", "mass")
 """Fields that belong to a whole object, never to a child of one."""
+
+Kind = Literal["hull", "bumps", "extrusion", "revolution", "boolean", "organic", "thin", "steps", "stack"]
+KINDS: tuple[str, ...] = get_args(Kind)
+"""Kinds of random objects."""
 
 
 class ShapeTable(Table):
@@ -97,6 +101,19 @@ class Mesh(ShapeTable):
     scale: Length = 1.0
 
 
+class RandomObject(ShapeTable):
+    """An object by kind and seed, 60 to 120 mm long: a closed mesh that stands on z = 0 about the z axis.
+
+    Kinds: `hull` (convex), `bumps` (rounded with bumps and hollows), `extrusion` and `revolution` (of random outlines),
+    `boolean` (primitives joined and cut), `organic` (smooth lumps), `thin` (walls and rods), `steps` (stairs and
+    slots), `stack` (blocks, discs and prisms on one another).
+    """
+
+    shape: Literal["random"]
+    kind: Kind
+    seed: int = Field(ge=0, lt=2**63)
+
+
 class Union(ShapeTable):
     """All that belongs to at least one child."""
 
@@ -125,13 +142,25 @@ class Difference(ShapeTable):
 
 
 Shape = Annotated[
-    Box | Cylinder | Sphere | Capsule | HalfSpace | Blend | Mesh | Union | Intersection | Difference,
+    Box | Cylinder | Sphere | Capsule | HalfSpace | Blend | Mesh | RandomObject | Union | Intersection | Difference,
     Field(discriminator="shape"),
 ]
 
 Composite = TypeVar("Composite", Union, Intersection, Difference)
 
-SHAPES = ("blend", "box", "capsule", "cylinder", "difference", "half_space", "intersection", "mesh", "sphere", "union")
+SHAPES = (
+    "blend",
+    "box",
+    "capsule",
+    "cylinder",
+    "difference",
+    "half_space",
+    "intersection",
+    "mesh",
+    "random",
+    "sphere",
+    "union",
+)
 
 
 def refuse_material(composite: Composite) -> Composite:
@@ -140,8 +169,10 @@ def refuse_material(composite: Composite) -> Composite:
         for key in sorted(child.model_fields_set.intersection(MATERIAL)):
             allowed = f"{key} on the outermost shape only, not on a child"
             raise Refusal(f"children[{n}].{key}", getattr(child, key), allowed)
-        if child.shape == "mesh" and composite.shape != "union":
-            raise Refusal(f"children[{n}].shape", "mesh", f"no mesh inside of a {composite.shape}, only of a union")
+        if isinstance(child, Mesh | RandomObject) and composite.shape != "union":
+            raise Refusal(
+                f"children[{n}].shape", child.shape, f"no mesh inside of a {composite.shape}, only of a union"
+            )
     return composite
 
 

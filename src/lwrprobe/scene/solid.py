@@ -14,7 +14,7 @@ from lwrprobe.scene.csg import Composite, Flattener, Node, step_rows, tree_rows
 from lwrprobe.scene.edges import Chain, Tracer, corners
 from lwrprobe.scene.mesh_body import MeshBody, load_body, pack_bodies
 from lwrprobe.scene.sample import scatter
-from lwrprobe.scene.shape import Shape
+from lwrprobe.scene.shape import Mesh, RandomObject, Shape
 from lwrprobe.scene.solid_kernels import contains_batch, nearest_batch, sphere_contacts
 from lwrprobe.scene.surface_kernels import surface_values
 
@@ -183,7 +183,7 @@ def _as_points(points: np.ndarray) -> np.ndarray:
 
 def _split(shape: Shape, part: int, frame: np.ndarray) -> tuple[Shape | None, list[MeshBody]]:
     """A shape without the meshes that its unions hold, and those meshes."""
-    if shape.shape == "mesh":
+    if isinstance(shape, Mesh | RandomObject):
         return None, [load_body(shape, part, frame @ shape.at.matrix())]
     if shape.shape != "union":
         return shape, []
