@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 
@@ -108,11 +109,14 @@ class SimConfig:
     gear_ripple: float = 0.0
     friction_turn: float = 0.0
 
+    TABLE: ClassVar[str] = "sim"
+    """Name of the table, for messages."""
+
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None and not np.isfinite(value).all():
-                raise InputError(f"sim.{field.name}", value, "finite numbers")
+                raise InputError(f"{self.TABLE}.{field.name}", value, "finite numbers")
         self._check("cycle", 1e-5 <= self.cycle <= 0.1, "1e-5 to 0.1 s")
         self._check("substeps", 1 <= self.substeps <= 10_000, "1 to 10000")
         self._check("static_friction", 1.0 <= self.static_friction <= 10.0, "1 to 10")
@@ -130,7 +134,7 @@ class SimConfig:
 
     def _check(self, name: str, good: bool, allowed: str) -> None:
         if not good:
-            raise InputError(f"sim.{name}", getattr(self, name), allowed)
+            raise InputError(f"{self.TABLE}.{name}", getattr(self, name), allowed)
 
 
 _NOT_NEGATIVE = (

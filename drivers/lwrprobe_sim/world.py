@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lwrprobe.compiled import entry
@@ -19,9 +17,8 @@ from lwrprobe_sim import sensor_kernels as sensor
 from lwrprobe_sim import touch_kernels as touch
 from lwrprobe_sim import world_kernels as kernels
 from lwrprobe_sim.config import SimConfig
-
-READY_POSTURE = (0.0, 0.5, 0.0, -1.4, 0.0, 1.2415926535897932, 0.0)
-"""rad, of a seven-joint arm: probe pointing straight down."""
+from lwrprobe_sim.sensor_settings import sensor_settings
+from lwrprobe_sim.start import start_joints
 
 _KINDS = {"box": links.BOX, "cylinder": links.CYLINDER, "capsule": links.CAPSULE}
 
@@ -62,7 +59,7 @@ class World:
         self._accept = entry(kernels.accept, *self._arrays[:3], self.state)
         self._step_many = entry(kernels.step_many, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
         self._cycles_until_sample = entry(kernels.cycles_until_sample, self.state, self.counts, 0)
-        self.place(self._start())
+        self.place(start_joints(scene, self.robot, config.start_q))
 
     def advance(self) -> int:
         """Advance by one cycle; returns the number of samples that can be fetched."""
@@ -164,16 +161,6 @@ class World:
         at = kernels.SCENERY + scenery.POSE
         pose[:3, :] = self.state[at : at + 12].reshape(4, 3).T
         return pose
-
-    def _start(self) -> np.ndarray:
-        given: Sequence[float] | np.ndarray
-        if self.config.start_q is not None:
-            given = self.config.start_q
-        elif self.scene.arm.start_deg is not None:
-            given = np.radians(self.scene.arm.start_deg)
-        else:
-            given = READY_POSTURE if self.robot.n == 7 else np.zeros(self.robot.n)
-        return self.robot.joint_values(np.array(given), "sim.start_q")
 
     def _leave_out(self, stage: str, why: str) -> None:
         self.left_out.append({"stage": stage, "why": why})
@@ -293,30 +280,8 @@ class World:
             self._leave_out("link collision", "there is nothing to hit")
 
     def _set_sensor(self) -> None:
-        c, probe = self.config, self.probe
-        s = self.state[kernels.SENSOR : kernels.SCENERY]
-        s[sensor.PERIOD] = period = 1.0 / self.scene.sensor.rate
-        s[sensor.NOISE_FORCE], s[sensor.NOISE_TORQUE] = c.noise_force, c.noise_torque
-        if c.quantisation:
-            s[sensor.COUNT_FORCE], s[sensor.COUNT_TORQUE] = probe.force_resolution, probe.torque_resolution
-        span = np.concatenate([probe.force_range, probe.torque_range]) if c.saturation else np.full(6, np.inf)
-        s[sensor.RANGE : sensor.RANGE + 6] = span
-        s[sensor.BIAS : sensor.BIAS + 6] = c.bias_force + c.bias_torque
-        s[sensor.DRIFT : sensor.DRIFT + 6] = np.array(c.drift_force + c.drift_torque) / 60.0
-        s[sensor.SPIKES], s[sensor.SPIKE_FORCE] = c.spike_rate * period, c.spike_force
-        s[sensor.GARBAGE] = c.garbage_rate * period
-        s[sensor.LATENCY], s[sensor.LATE_SHARE], s[sensor.LATE_BY] = c.latency, c.late_share, c.late_by
-        s[sensor.LATE_LIMIT], s[sensor.LOSS] = c.late_limit, c.loss
-        s[sensor.BURST], s[sensor.BURST_LENGTH] = c.burst_rate * period, c.burst_length
-        s[sensor.FREEZE_FROM], s[sensor.FREEZE_TO] = c.freeze_at, c.freeze_at + c.freeze_for
-        s[sensor.SKEW] = c.clock_skew
-        if c.wrench_matrix is not None:
-            s[sensor.MIXED] = 1.0
-            s[sensor.MATRIX : sensor.MATRIX + 36] = c.wrench_matrix
-        s[sensor.WANDER_FORCE], s[sensor.WANDER_TORQUE] = c.wander_force, c.wander_torque
-        s[sensor.WANDER_TIME] = c.wander_time
-        s[sensor.PLAYS] = c.hysteresis > 0.0
-        s[sensor.PLAY : sensor.PLAY + 6] = 0.5 * c.hysteresis * np.concatenate([probe.force_range, probe.torque_range])
+        c = self.config
+        self.state[kernels.SENSOR : kernels.SCENERY] = sensor_settings(c, self.probe, self.scene.sensor.rate)
         for stage, present in (
             ("sensor noise", c.noise_force or c.noise_torque),
             ("quantisation", c.quantisation),

@@ -97,7 +97,7 @@ main()
     [
         ("explore blok", ["'blok'", "did you mean 'block'", "lwrprobe list scenes"]),
         ("explore nowhere.toml", ["nowhere.toml", "existing"]),
-        ("explore block --arm ur", ["driver", "'ur'", "fri, sim", "lwrprobe list drivers"]),
+        ("explore block --arm ur", ["driver", "'ur'", "fri, mujoco, sim", "lwrprobe list drivers"]),
         ("explore block --sensor simm", ["driver", "did you mean 'sim'"]),
         ("explore block --strategy x", ["strategy", "'x'", "grid_version", "lwrprobe list strategies"]),
         ("explore block --strategy grid", ["strategy", "did you mean 'grid_version'"]),

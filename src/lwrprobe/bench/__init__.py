@@ -11,6 +11,7 @@ BENCHES: dict[str, str] = {
     "mapping": "lwrprobe.bench.mapping",
     "contact": "lwrprobe.bench.contact",
     "exploration": "lwrprobe.bench.exploration",
+    "physics": "lwrprobe.bench.physics",
     "reality": "lwrprobe.bench.reality",
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",

@@ -132,17 +132,17 @@ def _table(title: str, names: dict[str, str], found: list[dict[str, Any]]) -> Ta
 
 def _single(row: Row, draw: int) -> dict[str, Any]:
     settings = [f"truth.{setting}" for setting in (*row.settings, f"seed={draw}")]
-    return {"row": row.name, "draw": draw if row.drawn else None} | _explored(
+    return {"row": row.name, "draw": draw if row.drawn else None} | explored(
         SOURCE_SCENES[0], [f'strategy.name="{STRATEGIES[0]}"', f"run.seed={SEED}", *settings]
     )
 
 
 def _whole(scene: str, strategy: str, profile: str, seed: int) -> dict[str, Any]:
     settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", f'truth.profile="{profile}"']
-    return {"profile": profile, "scene": scene, "strategy": strategy, "seed": seed} | _explored(scene, settings)
+    return {"profile": profile, "scene": scene, "strategy": strategy, "seed": seed} | explored(scene, settings)
 
 
-def _explored(name: str, settings: list[str]) -> dict[str, Any]:
+def explored(name: str, settings: list[str]) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
     from lwrprobe.exploration.procedures.explore import explore
     from lwrprobe.scene import load_scene

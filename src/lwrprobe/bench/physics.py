@@ -1,0 +1,70 @@
+"""The same runs in two simulated worlds: the plug-in `sim`, and MuJoCo's arm, stick, contacts and friction.
+
+MuJoCo is tried twice: with links that weigh next to nothing, where the two worlds should agree, and with the arm's own
+mass, which `sim` does not model. Options (`--set`): `scenes`, a comma-separated list; `strategy`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.reality import FIGURES, explored
+from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.contracts import MissingExtraError
+from lwrprobe.evaluation.machine import machine, versions
+
+SCENES = ("block", "cylinder_vertical", "cylinder_horizontal", "stacked_blocks")
+SEED = 7
+LIGHT = 1.0
+"""kg, of an arm whose inertia is of no account."""
+_MUJOCO = ("arm.driver=mujoco", "sensor.driver=mujoco")
+WORLDS = {
+    "sim": (),
+    f"mujoco, arm of {LIGHT:g} kg": (*_MUJOCO, f"drivers.mujoco.arm_mass={LIGHT}"),
+    "mujoco, arm of 16 kg": (*_MUJOCO, "drivers.mujoco.arm_mass=16"),
+}
+REASONS = (
+    (
+        "peak force with the arm of 16 kg",
+        "a moving mass m that meets a surface of stiffness k at speed v presses with up to v sqrt(m k); `sim` moves "
+        "the arm without inertia",
+    ),
+    ("contact error", "MuJoCo's stick turns where it bends, `sim` shifts the sphere alone"),
+    ("force at rest after a slide", "MuJoCo's friction has no elastic part, `sim` has (Mindlin 1949)"),
+)
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """`lwrprobe bench physics`."""
+    try:
+        import mujoco  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("bench physics", "mujoco", "mujoco") from error
+    asked = Options("physics", options, "scenes", "strategy")
+    scenes = asked.words("scenes", SCENES[:1] if quick else SCENES)
+    strategy = asked.text("strategy", "grid_version")
+    report = BenchReport("physics", "Two simulated worlds")
+    report.machine = machine() | versions("numpy", "numba", "mujoco")
+    found = []
+    for scene in scenes:
+        for world, settings in WORLDS.items():
+            common = (f'strategy.name="{strategy}"', f"run.seed={SEED}", "truth.profile=ideal")
+            found.append({"scene": scene, "world": world} | explored(scene, [*common, *settings]))
+    names = {"scene": "scene", "world": "world", **FIGURES, "robot time s": "time", "reason": "reason"}
+    rows = [[item.get(key) for key in names.values()] for item in found]
+    report.tables.append(Table(f"{strategy}, seed {SEED}", list(names), rows))
+    report.tables.append(Table("Why the worlds differ", ["what", "reason"], [list(reason) for reason in REASONS]))
+    report.verdicts = _verdicts(found)
+    report.data["runs"] = found
+    return report
+
+
+def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
+    light = [item for item in found if item["world"] == f"mujoco, arm of {LIGHT:g} kg"]
+    done = sum(item["status"] == "done" for item in light)
+    gentle = sum((item.get("peak") or 99.0) <= 3.0 for item in light)
+    return [
+        Verdict("status done in MuJoCo's world with a light arm", f"{done} of {len(light)}", done == len(light)),
+        Verdict("true peak force <= 3 N there", f"{gentle} of {len(light)}", gentle == len(light)),
+    ]
