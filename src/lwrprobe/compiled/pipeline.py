@@ -5,6 +5,8 @@ each caller. In a chain of ten kernels the innermost one is optimised and emitte
 called by another kernel is lowered to LLVM code and stored; optimisation and emission take place once, in the kernel
 that is called from Python. LLVM keeps the order of floating-point operations, so the results are the same bits.
 
+While a kernel is compiled, numba does less over and over: see `_lean`.
+
 This stands on parts of numba that are not public. `SUPPORTED` is False where a version of numba lacks one of them;
 `lwrprobe.compiled.kernel` then compiles as `numba.njit` does, which takes about twice as long.
 """
@@ -16,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from types import BuiltinFunctionType, CodeType
-from typing import Any
+from typing import Any, cast
 
 import llvmlite.binding as llvm
 import numba
@@ -35,8 +37,8 @@ try:
     SUPPORTED = all(
         hasattr(JITCodeLibrary, name)
         for name in ("_optimize_functions", "_optimize_final_module", "_finalize_final_module")
-    )
-except ImportError:  # another version of numba
+    ) and hasattr(ffi.lib._lock, "_cblist")
+except (ImportError, AttributeError):  # another version of numba
     SUPPORTED = False
 
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -187,17 +189,17 @@ if SUPPORTED:
         if "resolve_function_type" in vars(typing):  # a kernel is compiled because another one calls it
             yield
             return
-        lock = ffi.lib._lock
-        callbacks, define = lock._cblist, Compiler.define_pipelines
+        lock, default = ffi.lib._lock, cast(Any, Compiler)
+        callbacks, define = lock._cblist, default.define_pipelines
         try:
             if all(isinstance(listener, event.TimingListener) for listener in event._registered["numba:llvm_lock"]):
                 lock._cblist = []  # events with each call of LLVM
-            Compiler.define_pipelines = _define_inner
+            default.define_pipelines = _define_inner
             typing.resolve_function_type = _remembering(typing)
             yield
         finally:
             vars(typing).pop("resolve_function_type", None)
-            Compiler.define_pipelines, lock._cblist = define, callbacks
+            default.define_pipelines, lock._cblist = define, callbacks
 
     class _Compiler(CompilerBase):
         library: type[_Library]
