@@ -55,15 +55,17 @@ class World:
         self._set_sensor()
         self._ahead = kernels.QUEUE + round(2.0 * scene.sensor.rate * config.cycle)
         self._arrays = (self.state, self.counts, self.robot.chain, self.numbers, self.indices)
-        self._advance = entry(kernels.advance, *self._arrays, self.truth)
         self._accept = entry(kernels.accept, *self._arrays[:3], self.state)
         self._step_many = entry(kernels.step_many, *self._arrays, self.truth, self.truth, self.state, self.truth, 0.0)
+        n = self.robot.n
+        self._one_cycle = np.empty((0, n)), np.empty(1), np.empty((1, n)), np.inf  # no set point
         self._cycles_until_sample = entry(kernels.cycles_until_sample, self.state, self.counts, 0)
         self.place(start_joints(scene, self.robot, config.start_q))
 
     def advance(self) -> int:
         """Advance by one cycle; returns the number of samples that can be fetched."""
-        ready = self._advance(*self._arrays, self.truth)
+        self._step_many(*self._arrays, self.truth, *self._one_cycle)
+        ready = self.counts.item(kernels.N_READY)
         if ready and self.counts.item(kernels.TAKEN) + self._ahead > len(self.truth):
             self.truth = np.concatenate([self.truth, np.zeros_like(self.truth)])
         return ready

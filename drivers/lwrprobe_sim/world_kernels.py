@@ -113,8 +113,8 @@ def accept(world, counts, chain, q):
 
 
 @kernel
-def advance(world, counts, chain, numbers, indices, truth):
-    """Advance the world by one cycle; returns the number of samples that have arrived and can be fetched."""
+def _advance(world, counts, chain, numbers, indices, truth):
+    """Advance the world by one cycle; the samples that have arrived can then be fetched."""
     counts[CYCLES] += 1
     before = world[TIME]
     world[TIME] = counts[CYCLES] * world[CYCLE]
@@ -137,30 +137,34 @@ def advance(world, counts, chain, numbers, indices, truth):
     if world[LOAD] > 0.0:
         _add_load(world)
     _sample(world, counts, truth, before)
-    return _deliver(world, counts)
+    _deliver(world, counts)
 
 
 @kernel
 def step_many(world, counts, chain, numbers, indices, truth, rows, times, joints, max_deviation):
-    """`accept` and `advance` for each row of `rows` (m, n); fills times (m,) and measured joints (m, n).
+    """`accept` for each row of `rows` (m, n) and a cycle of the world for each of `times` (c,), c >= m.
 
-    Ends after the first row from which a joint deviates by more than `max_deviation` [rad]. Returns the number of
-    executed rows and what `accept` returned for the next one.
+    A cycle beyond the last row gets no set point. Fills times (c,) and measured joints (c, n). Ends after the first row
+    from which a joint deviates by more than `max_deviation` [rad]. Returns the number of executed cycles and what
+    `accept` returned for the next one. All cycles go through this kernel: each one that Python calls and that contains
+    the world takes seconds to compile.
     """
     n = counts[JOINTS]
-    for k in range(rows.shape[0]):
-        refused = accept(world, counts, chain, rows[k])
-        if refused != 0:
-            return k, refused
-        advance(world, counts, chain, numbers, indices, truth)
+    for k in range(times.shape[0]):
+        commanded = k < rows.shape[0]
+        if commanded:
+            refused = accept(world, counts, chain, rows[k])
+            if refused != 0:
+                return k, refused
+        _advance(world, counts, chain, numbers, indices, truth)
         times[k] = world[TIME]
         deviates = False
         for i in range(n):
             joints[k, i] = world[Q_MEASURED + i]
-            deviates = deviates or not abs(joints[k, i] - rows[k, i]) <= max_deviation
+            deviates = deviates or (commanded and not abs(joints[k, i] - rows[k, i]) <= max_deviation)
         if deviates:
             return k + 1, 0
-    return rows.shape[0], 0
+    return times.shape[0], 0
 
 
 @kernel
@@ -653,7 +657,6 @@ def _deliver(world, counts):
         for k in range(counts[N_WAITING] - arrived):
             _copy(waiting[k + arrived], waiting[k])
         counts[N_WAITING] -= arrived
-    return counts[N_READY]
 
 
 @kernel

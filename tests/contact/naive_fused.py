@@ -389,7 +389,8 @@ def refuse(g, p, reason):
     if not np.isfinite(np.linalg.norm(force)):
         force = np.zeros(3)
     normal = unit(force) if force.any() else force
-    return reason, np.concatenate([g.centre - p.radius * normal, normal, force, [0.0, np.pi]])
+    point = g.centre - p.radius * normal if np.isfinite(g.centre).all() else np.zeros(3)
+    return reason, np.concatenate([point, normal, force, [0.0, np.pi]])
 
 
 def deliver(g, p, normal, sigma, reason, force):

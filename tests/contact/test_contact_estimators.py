@@ -299,6 +299,20 @@ def test_unknown_names_and_bad_settings_are_refused():
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_centre_that_is_not_finite_is_an_invalid_sample(name, bad, axis):
+    estimator = make_estimator(name, PROBE)
+    n = naive.unit([0.2, 0.1, 1.0])
+    centre = STILL.copy()
+    centre[axis] = bad
+    contact = estimator.estimate(naive.contact_wrench(PROBE, np.eye(3), [(n, n)]), centre, np.eye(3), STILL)
+    assert (contact.reason, contact.trust) == ("invalid", 0.0)
+    assert np.array_equal(contact.point, np.zeros(3))
+    assert np.allclose(contact.normal, n)
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
 def test_no_input_makes_nan_or_an_exception(name):
     rng = np.random.default_rng(12)
     estimator = make_estimator(name, Probe())

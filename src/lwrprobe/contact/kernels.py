@@ -281,16 +281,20 @@ def deliver_world(given, normal, sigma, reason, params, out):
 
 @kernel
 def refuse(given, reason, params, out):
-    """Output of a sample without a contact point: the normal along the force if there is one, confidence 0."""
+    """Output of a sample without a contact point: the normal along the force if there is one, confidence 0.
+
+    The point is the one of the sphere in that direction, or the origin where the centre is not finite.
+    """
     rotate(given, given, out, O_FORCE)
     size = magnitude(out, O_FORCE)
     if not math.isfinite(size):
         size = 0.0
         for i in range(3):
             out[O_FORCE + i] = 0.0
+    placed = math.isfinite(magnitude(given, I_CENTRE))
     for i in range(3):
         out[O_NORMAL + i] = out[O_FORCE + i] / size if size > 0.0 else 0.0
-        out[O_POINT + i] = given[I_CENTRE + i] - params[P_RADIUS] * out[O_NORMAL + i]
+        out[O_POINT + i] = given[I_CENTRE + i] - params[P_RADIUS] * out[O_NORMAL + i] if placed else 0.0
     out[O_TRUST] = 0.0
     out[O_SIGMA] = math.pi
     return reason

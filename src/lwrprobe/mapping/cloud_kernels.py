@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 
 
 @kernel

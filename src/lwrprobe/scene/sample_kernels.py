@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.scene.mesh_kernels import mesh_nearest
 from lwrprobe.scene.program import MESHES
 from lwrprobe.scene.surface_kernels import contains, on_patch, surface_gradient, surface_value

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.compiled import kernel
+from lwrprobe.compiled import allocation_free_kernel as kernel
+from lwrprobe.compiled import kernel as allocating_kernel
 from lwrprobe.scene.program import (
     BALL_NUMBERS,
     BLEND,
@@ -140,7 +141,7 @@ def contains(numbers, indices, x, y, z):
     return at == INSIDE
 
 
-@kernel
+@allocating_kernel
 def tree_value(numbers, indices, x, y, z):
     """Negative inside the solid, positive outside, never further from zero than the boundary is from the point."""
     stack = np.empty(32)

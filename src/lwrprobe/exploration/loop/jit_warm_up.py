@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from lwrprobe.compiled.pipeline import on_compilation
 from lwrprobe.contracts import WrenchSample
 from lwrprobe.exploration.stages.pipeline import Choices, compose
 from lwrprobe.scene import Scene
@@ -22,7 +23,8 @@ def settled_memory() -> Iterator[None]:
     # Nearly all that is made goes by itself: to look through the young so often finds nothing.
     gc.set_threshold(10 * young, *older)
     try:
-        yield
+        with on_compilation(lambda name: gc.freeze()):  # what a compilation leaves stays as well
+            yield
     finally:
         gc.set_threshold(young, *older)
         gc.unfreeze()
