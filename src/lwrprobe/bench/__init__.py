@@ -12,6 +12,7 @@ BENCHES: dict[str, str] = {
     "contact": "lwrprobe.bench.contact",
     "exploration": "lwrprobe.bench.exploration",
     "reality": "lwrprobe.bench.reality",
+    "shapes": "lwrprobe.bench.shapes",
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",
     "simulation": "lwrprobe.bench.simulation",
