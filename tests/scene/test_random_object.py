@@ -126,8 +126,9 @@ def test_a_scene_by_kind_and_seed_is_written_and_read_back(tmp_path):
 def test_the_simulated_solid_is_the_mesh():
     mesh, solid = mesh_of("revolution", 4), load_scene("random:revolution:4").solid()
     points = mesh.sample(60, seed=1) + np.random.default_rng(2).normal(0.0, 0.004, (60, 3))
-    nearest = [trimesh.triangles.closest_point(mesh.triangles, np.tile(p, (len(mesh.faces), 1))) for p in points]
-    distance = np.array([np.linalg.norm(feet - p, axis=1).min() for feet, p in zip(nearest, points)])
+    triangles = 1e3 * mesh.triangles  # trimesh takes products of lengths below 1e-13 for zero
+    nearest = [trimesh.triangles.closest_point(triangles, np.tile(1e3 * p, (len(triangles), 1))) for p in points]
+    distance = np.array([np.linalg.norm(1e-3 * feet - p, axis=1).min() for feet, p in zip(nearest, points)])
     inside = mesh.contains(points)
     assert solid.signed_distance(points) == pytest.approx(np.where(inside, -distance, distance), abs=1e-9)
 

@@ -1,0 +1,359 @@
+"""Objects that nobody tuned for: strategies over random objects, judged by distances that are made with trimesh.
+
+Options (`--set`): `count`, random objects, whose kinds take turns; `base_seed`, seed of the first, which the others
+follow; `kinds` and `strategies` as comma-separated lists; `profile` of the table `[truth]`; `jobs` side by side;
+`keep`, a folder in which the run folders stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+from os import cpu_count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lwrprobe.bench.exploration import STRATEGIES
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.report import BenchReport, Table
+from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
+
+if TYPE_CHECKING:
+    from lwrprobe.bench.true_mesh import TrueMesh
+    from lwrprobe.scene import Scene
+
+METHODS = ("convex_hull", "hermite_rbf", "poisson")
+"""What the run's own mesh is held against, made from the same contacts."""
+
+UPRIGHT = ("grid_version", "surface_contour")
+"""Strategies that hold the probe as the scene says all the time."""
+
+WORST = 20
+"""Runs that the page shows."""
+
+_SURFACE = 4000  # points of the true surface
+_CONTACTS = 5000  # contacts that are measured, of many
+_FALSE = 1.5e-3  # m from every link to the object, at which a collision threat is a false alarm
+_SAME_WAY = 0.5  # cosine between a contact's normal and the surface's, for the contact to count there
+
+_PICTURE = 260, 195  # pixels
+_LIMIT = 0.002  # m of deviation at which a picture's colours saturate
+
+
+@dataclass(slots=True, frozen=True)
+class Job:
+    """One run."""
+
+    kind: str
+    seed: int
+    strategy: str
+    profile: str
+    keep: str
+
+    @property
+    def name(self) -> str:
+        """Of the object."""
+        return f"random:{self.kind}:{self.seed}"
+
+
+@dataclass(slots=True, frozen=True)
+class Criterion:
+    """What one run has to fulfil, and the share of the runs that has to.
+
+    Attributes
+    ----------
+    promise : in words
+    key : of the run's record; None there fails
+    good : of the value
+    share : of the runs
+    """
+
+    promise: str
+    key: str
+    good: Callable[[Any], bool]
+    share: float
+
+
+CRITERIA = (
+    Criterion("done", "status", lambda v: v == "done", 0.98),
+    Criterion("no link collision", "collisions", lambda v: v == 0, 1.0),
+    Criterion("largest force <= 3 N", "peak", lambda v: v <= 3.0, 0.99),
+    Criterion("largest force <= 4.5 N", "peak", lambda v: v <= 4.5, 1.0),
+    Criterion("coverage of what an upright probe reaches >= 0.95", "coverage", lambda v: v >= 0.95, 0.95),
+    Criterion("mesh no worse than the best other method by 10 %", "over_best", lambda v: v <= 1.1, 0.95),
+    Criterion("mesh closed, each edge with two faces", "manifold", bool, 1.0),
+)
+MEDIANS = (
+    Criterion("coverage, median >= 0.99", "coverage", lambda v: v >= 0.99, 0.5),
+    Criterion("contact error, median <= 0.05 mm", "contact", lambda v: v <= 0.05, 0.5),
+    Criterion("mesh error, median <= 0.15 mm", "mesh", lambda v: v <= 0.15, 0.5),
+    Criterion("robot time, median <= 2.5 times the bound", "ratio", lambda v: v <= 2.5, 0.5),
+)
+
+COLUMNS = {
+    "object": "object",
+    "strategy": "strategy",
+    "status": "status",
+    "mesh mm": "mesh",
+    "times the best": "over_best",
+    "coverage": "coverage",
+    "peak N": "peak",
+    "times bound": "ratio",
+    "fails": "fails",
+    "contact mm": "contact",
+    "reachable mesh mm": "mesh_reachable",
+    "largest mm": "mesh_max",
+    "convex hull mm": "convex_hull",
+    "hermite_rbf mm": "hermite_rbf",
+    "poisson mm": "poisson",
+    "method": "method",
+    "closed, manifold": "manifold",
+    "collisions": "collisions",
+    "threats": "threats",
+    "false": "false_threats",
+    "robot s": "time",
+    "bound s": "bound",
+    "reason": "reason",
+}
+
+
+def run(quick: bool, options: dict[str, str]) -> BenchReport:
+    """`lwrprobe bench shapes`."""
+    jobs, processes = _jobs(quick, options)
+    if processes > 1:
+        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+            found = list(pool.map(_judged, jobs))
+    else:
+        found = [_judged(job) for job in jobs]
+    return _report(found)
+
+
+def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
+    from lwrprobe.scene.shape import KINDS
+    from lwrprobe.scene.truth import PROFILES
+
+    asked = Options("shapes", options, "count", "base_seed", "kinds", "strategies", "profile", "jobs", "keep")
+    kinds = asked.words("kinds", KINDS)
+    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
+    profile = asked.text("profile", "ideal")
+    for what, given, known in (
+        ("kind", kinds, KINDS),
+        ("strategy", strategies, STRATEGIES),
+        ("profile", [profile], PROFILES),
+    ):
+        for name in given:
+            if name not in known:
+                raise UnknownNameError(what, name, known)
+    first = asked.count("base_seed", 1)
+    objects = [(kinds[n % len(kinds)], first + n) for n in range(asked.count("count", 2 if quick else 18))]
+    keep = asked.text("keep", "")
+    jobs = [Job(kind, seed, strategy, profile, keep) for (kind, seed), strategy in product(objects, strategies)]
+    return jobs, min(asked.count("jobs", cpu_count() or 1), len(jobs))
+
+
+def _judged(job: Job) -> dict[str, Any]:
+    """One run and what became of it; a scene that cannot be run is a record that says so."""
+    record = {"object": job.name, "strategy": job.strategy, "seed": job.seed, "profile": job.profile}
+    with TemporaryDirectory() as folder:
+        place = Path(job.keep) / f"{job.kind}_{job.seed}.{job.strategy}" if job.keep else Path(folder) / "run"
+        try:
+            found = record | _explored(job, place)
+        except LwrprobeError as error:
+            found = record | {"status": "refused", "reason": str(error)}
+    return found | {"fails": ", ".join(c.promise for c in CRITERIA if not _holds(c, found))}
+
+
+def _holds(criterion: Criterion, found: dict[str, Any]) -> bool:
+    value = found.get(criterion.key)
+    return value is not None and criterion.good(value)
+
+
+def _explored(job: Job, folder: Path) -> dict[str, Any]:
+    from lwrprobe.exploration.procedures.explore import explore
+    from lwrprobe.scene import load_scene
+
+    settings = [f'strategy.name="{job.strategy}"', f"run.seed={job.seed}", f'truth.profile="{job.profile}"']
+    scene = load_scene(job.name, settings)
+    summary = explore(scene, folder)
+    return judge(scene, summary, folder, job.strategy in UPRIGHT)
+
+
+def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) -> dict[str, Any]:
+    """Figures of a run, beside what its summary says; its collision threats only where the probe was held `upright`."""
+    from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, mesh_errors
+    from lwrprobe.evaluation.run_folder import read_run
+    from lwrprobe.reconstruction.meshes import read_mesh
+    from lwrprobe.scene.actual_scene import actual_scene
+
+    bound = summary["lower_bound_time_s"]
+    found: dict[str, Any] = {
+        "status": summary["status"],
+        "reason": summary["reason"],
+        "collisions": summary["link_collisions"],
+        "peak": summary["true_peak_force_n"],
+        "time": summary["sim_time_s"],
+        "bound": bound,
+        "ratio": summary["sim_time_s"] / bound if bound else None,
+        "method": (summary["mesh_error_mm"] or {}).get("method"),
+    }
+    left = read_run(folder)
+    record, actual = left.record, actual_scene(scene)
+    if not len(record.points):
+        return found
+    solid = actual.solid().mesh()
+    true = TrueMesh(solid.vertices, solid.faces)
+    lowest, radius = scene.area.lower[2], scene.probe.radius
+    points, normals = true.surface(_SURFACE, lowest, radius)
+    offsets, keep = _probe_points(scene)
+    reached = true.fits(points + radius * normals, radius, offsets, keep)
+    some = np.linspace(0, len(record.points) - 1, min(_CONTACTS, len(record.points))).astype(int)
+    found["contact"] = 1e3 * float(np.median(true.distance(record.points[some])))
+    found["coverage"] = _coverage(record, points[reached], normals[reached])
+    if upright:
+        places = _threats(folder, left.trace)
+        found["threats"] = len(places)
+        found["false_threats"] = int(true.fits(places, -np.inf, offsets, np.full(len(keep), _FALSE)).sum())
+    file = folder / "mesh.stl"
+    if file.is_file():
+        mesh = read_mesh(file)
+        mean, largest = mesh_errors(mesh, true, points, lowest)
+        found |= {"mesh": 1e3 * mean, "mesh_max": 1e3 * largest, "manifold": edges_of_two(mesh)}
+        found["mesh_reachable"] = 1e3 * mesh_errors(mesh, true, points[reached], lowest)[0]
+        others = {method: _other(method, record, true, points, lowest) for method in METHODS}
+        found |= others
+        best = min((error for error in others.values() if error is not None), default=None)
+        found["over_best"] = found["mesh"] / best if best else None
+        found["picture"] = _picture(mesh, actual)
+    return found
+
+
+def _probe_points(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 3) m from the sphere's centre to points of the upright probe's links, and (k,) m that each keeps."""
+    from lwrprobe.bench.true_mesh import link_points
+    from lwrprobe.scene.table import Pose
+
+    tip = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
+    clearance = scene.clearance
+    groups = [
+        (link_points(link) @ tip.T, clearance.stick_threshold if link.name == "stick" else clearance.threshold)
+        for link in scene.probe.as_probe().links
+    ]
+    return np.concatenate([places for places, _ in groups]), np.repeat(
+        [keep for _, keep in groups], [len(places) for places, _ in groups]
+    )
+
+
+def _coverage(record: TouchRecord, points: np.ndarray, normals: np.ndarray) -> float | None:
+    """Share of the surface points (n, 3) with a contact within half a line pitch and 1 mm that faces the same way."""
+    from scipy.spatial import cKDTree
+
+    if not len(points) or record.normals is None or not record.pitch:
+        return None
+    near = cKDTree(record.points).query_ball_point(points, 0.5 * record.pitch + 0.001)
+    return float(np.mean([bool((record.normals[rows] @ n > _SAME_WAY).any()) for rows, n in zip(near, normals)]))
+
+
+def _threats(folder: Path, trace: np.ndarray) -> np.ndarray:
+    """(k, 3) m, where the tip was at each collision threat."""
+    import csv
+
+    with (folder / "states.csv").open(newline="", encoding="utf-8") as file:
+        times = [float(row["time"]) for row in csv.DictReader(file) if row["event"] == "collision threat"]
+    rows = np.clip(np.searchsorted(trace[:, 0], times), 0, len(trace) - 1)
+    return trace[rows, 1:4]
+
+
+def _other(method: str, record: TouchRecord, true: TrueMesh, points: np.ndarray, above: float) -> float | None:
+    """mm, mean error of another method's mesh; None where its library is missing or it makes none."""
+    from lwrprobe.bench.true_mesh import mesh_errors
+    from lwrprobe.reconstruction.reconstruct import reconstruct
+
+    try:
+        mesh = reconstruct(record, method).mesh
+    except LwrprobeError:
+        return None
+    return 1e3 * mesh_errors(mesh, true, points, above)[0] if len(mesh.faces) else None
+
+
+def _picture(mesh: TriangleMesh, scene: Scene) -> np.ndarray:
+    """(h, w, 4) uint8: the mesh, red where it is too far out, blue where too deep."""
+    from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
+    from lwrprobe.evaluation.mesh_error import deviation
+    from lwrprobe.evaluation.render import Sight, View
+
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    view = View(*VIEWS[0], low, high, *_PICTURE)
+    return Sight(mesh, view).paint(deviation_colours(deviation(mesh, scene.solid()), _LIMIT))
+
+
+def _report(found: list[dict[str, Any]]) -> BenchReport:
+    from lwrprobe.evaluation.machine import machine, versions
+
+    report = BenchReport("shapes", "Random objects: what nobody tuned for")
+    report.machine = machine() | versions("numpy", "numba", "trimesh", "manifold3d")
+    worst = sorted(found, key=_badness, reverse=True)[:WORST]
+    strategies = list(dict.fromkeys(item["strategy"] for item in found))
+    shares = [
+        [strategy, *(_share([i for i in found if i["strategy"] == strategy], c) for c in CRITERIA)]
+        for strategy in strategies
+    ]
+    report.table("Runs that fulfil it", ["strategy", *(c.promise for c in CRITERIA)], shares)
+    pictures = [item.pop("picture", None) for item in worst]
+    for item in found:
+        item.pop("picture", None)
+    numbered = [[n, *(item.get(key) for key in COLUMNS.values())] for n, item in enumerate(worst, 1)]
+    report.table(f"The {len(worst)} worst runs", ["no.", *COLUMNS], numbered)
+    report.tables.append(
+        Table("Every run", list(COLUMNS), [[item.get(key) for key in COLUMNS.values()] for item in found])
+    )
+    for criterion in CRITERIA:
+        held = sum(_holds(criterion, item) for item in found)
+        promise = f"{criterion.promise} in {100.0 * criterion.share:.0f} %"
+        report.promise(promise, f"{held} of {len(found)}", held >= criterion.share * len(found))
+    for criterion in MEDIANS:
+        values = [item[criterion.key] for item in found if item.get(criterion.key) is not None]
+        middle = float(np.median(values)) if values else np.nan
+        report.promise(criterion.promise, f"{middle:.3g} in the median of {len(values)}", criterion.good(middle))
+    threats = [(item["false_threats"], item["threats"]) for item in found if item.get("threats") is not None]
+    false, all_of_them = np.sum(threats, axis=0).tolist() if threats else (0, 0)
+    report.promise("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
+    report.notes = [
+        "Mesh errors are means of both ways, above the lowest height of the sphere's centre, undersides that no sphere "
+        "reaches included; `reachable mesh` measures against what an upright probe reaches alone.",
+        "A threat is false where every link was 1.5 mm or more from the object. It is judged for strategies that do "
+        "not lean the probe.",
+    ]
+    if all(item.get("poisson") is None for item in found):
+        report.notes.append("Poisson is left out: Open3D is not installed.")
+    if any(picture is not None for picture in pictures):
+        report.figures["worst"] = partial(_draw_worst, worst=worst, pictures=pictures)
+    report.data["runs"] = found
+    return report
+
+
+def _badness(item: dict[str, Any]) -> tuple[int, float]:
+    """Runs that fail most come first, then by the mesh."""
+    return sum(not _holds(c, item) for c in CRITERIA), item.get("mesh") or np.inf
+
+
+def _share(runs: list[dict[str, Any]], criterion: Criterion) -> str:
+    return f"{sum(_holds(criterion, item) for item in runs)} of {len(runs)}"
+
+
+def _draw_worst(figure: Any, worst: list[dict[str, Any]], pictures: list[np.ndarray | None]) -> None:
+    """The meshes of the worst runs, numbered as in the table."""
+    figure.set_size_inches(10.0, 1.9 * -(-len(worst) // 5) + 0.2)
+    panels = figure.subplots(-(-len(worst) // 5), 5, squeeze=False).ravel()
+    for axes in panels:
+        axes.set_axis_off()
+    for number, (axes, item, picture) in enumerate(zip(panels, worst, pictures), 1):
+        if picture is not None:
+            axes.imshow(picture)
+        axes.set_title(f"{number}: {item['object'].removeprefix('random:')}", fontsize=7)

@@ -1,0 +1,100 @@
+"""The judge of `bench shapes`: distances, what an upright probe reaches, edges, and what a report says."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.bench.shapes import CRITERIA, _jobs, _report
+from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, link_points, mesh_errors
+from lwrprobe.contracts import InputError, TriangleMesh, UnknownNameError
+from lwrprobe.scene.scene import ProbeTable
+
+trimesh = pytest.importorskip("trimesh")
+
+
+@pytest.fixture(scope="module")
+def table():
+    """A plate of 60 x 60 x 10 mm on a post of 10 mm, 40 mm high: most of its underside is hidden."""
+    post = trimesh.creation.box([0.01, 0.01, 0.04], trimesh.transformations.translation_matrix([0, 0, 0.02]))
+    plate = trimesh.creation.box([0.06, 0.06, 0.01], trimesh.transformations.translation_matrix([0, 0, 0.045]))
+    whole = trimesh.boolean.union([post, plate], engine="manifold")
+    return TrueMesh(np.asarray(whole.vertices), np.asarray(whole.faces))
+
+
+def test_distances_are_those_of_a_box():
+    box = trimesh.creation.box([0.04, 0.03, 0.02])
+    points = np.random.default_rng(1).uniform(-0.03, 0.03, (400, 3))
+    over = np.abs(points) - [0.02, 0.015, 0.01]
+    outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
+    expected = np.where(over.max(axis=1) > 0.0, outside, -over.max(axis=1))
+    found = TrueMesh(np.asarray(box.vertices), np.asarray(box.faces)).distance(points)
+    assert found == pytest.approx(expected, abs=2e-6)
+
+
+def test_an_upright_probe_reaches_the_top_and_not_what_is_under_it(table):
+    points, normals = table.surface(4000, 0.006, 0.005)
+    links = ProbeTable().as_probe().links
+    tip = np.diag([1.0, -1.0, -1.0])  # the stick rises from the sphere
+    offsets = np.concatenate([link_points(link) for link in links]) @ tip.T
+    reached = table.fits(points + 0.005 * normals, 0.005, offsets, np.full(len(offsets), 1e-4))
+    top = normals[:, 2] > 0.5
+    assert reached[top].mean() > 0.99
+    assert not reached[(normals[:, 2] < -0.5)].any()
+    hidden = (np.abs(points[:, :2]).max(axis=1) < 0.006) & ~top
+    assert hidden.any()
+    assert not reached[hidden].any()
+
+
+def test_the_error_of_a_larger_ball_is_the_difference_of_the_radii():
+    true, larger = (trimesh.creation.icosphere(5, radius) for radius in (0.02, 0.021))
+    judge = TrueMesh(np.asarray(true.vertices), np.asarray(true.faces))
+    mesh = TriangleMesh(np.asarray(larger.vertices), np.asarray(larger.faces))
+    mean, largest = mesh_errors(mesh, judge, judge.surface(3000, -1.0, 0.0)[0], -1.0)
+    assert mean == pytest.approx(1e-3, abs=1e-5)
+    assert largest == pytest.approx(1e-3, abs=2e-5)
+
+
+def test_edges_with_four_faces_and_open_ones_are_told():
+    box = trimesh.creation.box([1.0, 1.0, 1.0])
+    vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
+    assert edges_of_two(TriangleMesh(vertices, faces))
+    assert not edges_of_two(TriangleMesh(vertices, faces[1:]))
+    assert not edges_of_two(TriangleMesh(vertices, np.concatenate([faces[:1, ::-1], faces[1:]])))
+    twice = np.concatenate([vertices, vertices + np.array([1.0, 1.0, 0.0])])
+    merged, same = np.unique(np.round(twice, 9), axis=0, return_inverse=True)  # two boxes that share an edge
+    assert not edges_of_two(TriangleMesh(merged, same.reshape(-1)[np.concatenate([faces, faces + 8])]))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "said"),
+    [
+        ({"kinds": "orgnic"}, UnknownNameError, "organic"),
+        ({"strategies": "grid"}, UnknownNameError, "grid_version"),
+        ({"profile": "labb"}, UnknownNameError, "'lab'"),
+        ({"count": "0"}, InputError, "above 0"),
+        ({"number": "3"}, UnknownNameError, "count"),
+    ],
+)
+def test_wrong_options_are_refused(options, error, said):
+    with pytest.raises(error, match=said):
+        _jobs(False, options)
+
+
+def test_kinds_take_turns_and_seeds_go_up():
+    jobs, _ = _jobs(False, {"count": "4", "kinds": "hull,thin", "strategies": "grid_version", "base_seed": "11"})
+    assert [(job.kind, job.seed) for job in jobs] == [("hull", 11), ("thin", 12), ("hull", 13), ("thin", 14)]
+
+
+def test_a_report_counts_what_holds_and_puts_the_worst_first():
+    good = {
+        "object": "random:hull:1", "strategy": "grid_version", "status": "done", "collisions": 0, "peak": 2.0,
+        "coverage": 1.0, "over_best": 0.5, "manifold": True, "mesh": 0.1, "contact": 0.03, "ratio": 2.0,
+        "threats": 4, "false_threats": 1,
+    }  # fmt: skip
+    bad = {**good, "object": "random:thin:2", "status": "ended early", "mesh": None, "manifold": None, "peak": 4.0}
+    report = _report([good, bad])
+    assert report.tables[1].rows[0][1] == "random:thin:2"
+    held = {verdict.promise: verdict for verdict in report.verdicts}
+    assert held["done in 98 %"].measured == "1 of 2"
+    assert held["largest force <= 4.5 N in 100 %"].held
+    assert not held["false collision threats < 5 %"].held
+    assert len(report.verdicts) == len(CRITERIA) + 5
