@@ -14,6 +14,7 @@ BENCHES: dict[str, str] = {
     "reality": "lwrprobe.bench.reality",
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",
+    "stalls": "lwrprobe.bench.stalls",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
     "start": "lwrprobe.bench.start",
