@@ -70,6 +70,12 @@ def read_on(arm):
         arm.read()
 
 
+def hold_on(arm):
+    """Stay where it is until an error comes."""
+    for _ in range(300):
+        arm.command(arm.read().q)
+
+
 def wait_for(condition, seconds=10.0):
     end = time.monotonic() + seconds
     while not condition():
@@ -191,8 +197,7 @@ def test_arm_that_stopped_for_want_of_answers_is_entered_again_and_no_other():
         move(arm, 0, 0.05, 30)
         emulator.control("fault down=1")
         with pytest.raises(MotionInterrupted, match=r"silent|answers missed") as stopped:
-            for _ in range(300):
-                arm.command(arm.read().q)
+            hold_on(arm)
         assert stopped.value.unasked
         emulator.control("fault none")
         arm.reenter(30.0, asked=False)

@@ -109,8 +109,8 @@ class FriEmulator:
                 return f"{controller.describe()}; {self.overruns} overruns"
             case "help":
                 return (
-                    "fault NAME=VALUE,... | fault none | drives on|off | emergency | acknowledge | limit | restart [S] | "
-                    "start | stop | status | quit"
+                    "fault NAME=VALUE,... | fault none | drives on|off | emergency | acknowledge | limit | "
+                    "restart [S] | start | stop | status | quit"
                 )
             case _:
                 raise UnknownNameError("control word", line.strip(), self.WORDS)

@@ -39,7 +39,7 @@ _HALTS = 20
 """In a run, at random times."""
 _LONGEST = 1800.0
 """s that one run may take."""
-_EXPLORE = "import sys; from lwrprobe.cli import main; main(sys.argv[1:])"
+_EXPLORE = "import sys; from lwrprobe.cli.app import main; main(sys.argv[1:])"
 _BUSY = "while True: pass"
 
 
@@ -197,7 +197,7 @@ def _exploring(arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
 def _disturb(process: subprocess.Popen[bytes], disturbance: Disturbance, out: Path, seed: int) -> int:
     """Halt what is to be halted until the run has ended; how often that was."""
     ended = threading.Event()
-    threading.Thread(target=lambda: (_wait(process), ended.set()), daemon=True).start()
+    threading.Thread(target=_wait, args=(process, ended), daemon=True).start()
     halts, chance, begun = 0, random.Random(seed), out / "contacts.csv"
     while disturbance.halted and halts < _HALTS and not ended.wait(chance.uniform(1.0, 5.0)):
         if not begun.is_file() or begun.stat().st_size < 4096:
@@ -216,9 +216,10 @@ def _disturb(process: subprocess.Popen[bytes], disturbance: Disturbance, out: Pa
     return halts
 
 
-def _wait(process: subprocess.Popen[bytes]) -> None:
+def _wait(process: subprocess.Popen[bytes], ended: threading.Event) -> None:
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(_LONGEST)
+    ended.set()
 
 
 def _answering(parent: int) -> int | None:
