@@ -39,7 +39,7 @@ _HALTS = 20
 """In a run, at random times."""
 _LONGEST = 1800.0
 """s that one run may take."""
-_EXPLORE = "import sys; from lwrprobe.cli.app import main; main(sys.argv[1:])"
+_EXPLORE = "from lwrprobe.cli.app import main; main()"
 _BUSY = "while True: pass"
 
 
