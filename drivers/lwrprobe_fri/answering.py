@@ -6,6 +6,7 @@ code holds it, and for as long as the system lets somebody else run in the runne
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -14,6 +15,7 @@ import socket
 import struct
 import sys
 import time
+from collections import deque
 from dataclasses import asdict
 from math import radians
 from typing import Any, get_args
@@ -24,7 +26,7 @@ from lwrprobe_fri.config import FriConfig
 from lwrprobe_fri.krl import PROGRAMS, Request
 from lwrprobe_fri.packet_filter import PacketFilter
 from lwrprobe_fri.ramp import Ramp
-from lwrprobe_fri.wire import JOINTS, CommandWriter, Field, Measurement, State, decode_measurement
+from lwrprobe_fri.wire import JOINTS, CommandWriter, Field, Measurement, Quality, State, decode_measurement
 
 _FIELDS = {
     "position": Field.JOINT_POSITION,
@@ -33,6 +35,10 @@ _FIELDS = {
 _REQUESTS: dict[bytes, Request] = {name.encode(): name for name in get_args(Request)}
 _BUFFER = 2048
 _BRIDGED = 10  # cycles without measurement for which the ramp goes on braking
+_RECENT = 12  # measurements that tell whether answers were missing when command mode ended
+_MISSING = 2  # answers missed among them, from which on it has ended for that reason
+_PERMITTED = 80  # priority, where the configuration leaves it to the system
+_LOCK_ALL = 3  # MCL_CURRENT | MCL_FUTURE
 
 _SetPoint = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -72,13 +78,14 @@ class Answering:
         self._silent = True
         self._quiet_since = time.monotonic()
         self._misses_before: int | None = None
+        self._misses: deque[int] = deque(maxlen=_RECENT)
         self._controller = controller
         self._runner = runner
 
     def run(self) -> None:
         """Until the runner goes, by itself or killed: the controller notices the silence then."""
         try:
-            _prefer(self.config)
+            self._tell(m.SCHEDULING + _prefer(self.config).encode())
             buffer = memoryview(bytearray(_BUFFER))
             while True:
                 self._serve(buffer)
@@ -158,10 +165,16 @@ class Answering:
             self._misses_before is None or measurement.misses < self._misses_before
         ):  # the controller began to count anew
             self._misses_before = measurement.misses
+            self._misses.clear()
+        missed = self._misses[-1] if self._misses else measurement.misses
+        self._misses.append(measurement.misses)
         self._cycles += steps
         if self._silent or not measurement.commandable:
             self._mirror(measurement)
         else:
+            if measurement.misses > missed:
+                # It has gone on without an answer: the next one begins where it is now.
+                self._ramp.position = measurement.set_point
             late |= self._move(measurement.cycle, steps)
         self._send(measurement, peer)
         took = time.monotonic() - arrival
@@ -189,9 +202,17 @@ class Answering:
     def _mirror(self, measurement: Measurement) -> None:
         """Answer with the controller's own set point, so that taking over is free of a jump."""
         if self._following:
-            self._lose(_why_lost(measurement, measurement.misses - (self._misses_before or 0)))
+            why = _why_lost(measurement, measurement.misses - (self._misses_before or 0))
+            self._lose(why, self._ended_by_itself(measurement))
         self._set_point = None
         self._ramp.rest_at(measurement.set_point)
+
+    def _ended_by_itself(self, measurement: Measurement) -> bool:
+        """Answers were missing, or the rating fell: nobody has stopped the arm, and no limit has."""
+        if measurement.error:
+            return False
+        missing = measurement.misses - self._misses[0] >= _MISSING
+        return missing or (measurement.power != 0 and measurement.quality < Quality.OK)
 
     def _move(self, cycle: float, steps: int) -> bool:
         """Advance the ramp by the cycles that have passed; True when the runner was late."""
@@ -228,15 +249,15 @@ class Answering:
             self._silent = True
             self.packets.forget()
             if self._following:
-                self._lose(silence_of(self.config))
+                self._lose(silence_of(self.config), True)
         self._tell(m.pack_silence(self.traffic))
 
-    def _lose(self, why: str) -> None:
+    def _lose(self, why: str, unasked: bool) -> None:
         """Command mode has ended by itself: forget the motion and make sure that nothing restarts unasked."""
         self._following = False
         self._set_point = None
         self._request("stop")
-        self._tell(m.pack_loss(self._take_overs, why))
+        self._tell(m.pack_loss(self._take_overs, unasked, why))
 
     def _tell(self, packet: bytes) -> None:
         try:
@@ -247,16 +268,32 @@ class Answering:
             raise RunnerGone from None
 
 
-def _prefer(config: FriConfig) -> None:
-    """Priority and core of this process, where the user wants them."""
+def _prefer(config: FriConfig) -> str:
+    """Priority, core and memory of this process; in words what the system has permitted.
+
+    Raises OSError for a core or a priority that the user wants and the system refuses.
+    """
+    priority = config.priority if config.priority >= 0 else _PERMITTED
     try:
         if config.core >= 0:
             os.sched_setaffinity(0, {config.core})
-        if config.priority:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(config.priority))
+        if priority:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
-        wanted = f"drivers.fri.core {config.core}, drivers.fri.priority {config.priority}"
-        raise OSError(f"the system refuses {wanted}: {error.strerror}") from None
+        if config.priority > 0 or config.core >= 0:
+            wanted = f"drivers.fri.core {config.core}, drivers.fri.priority {config.priority}"
+            raise OSError(f"the system refuses {wanted}: {error.strerror}") from None
+        priority = 0
+    return f"{f'SCHED_FIFO {priority}' if priority else 'ordinary'}, memory {_lock_memory()}"
+
+
+def _lock_memory() -> str:
+    """Keep all pages in memory, so that none has to be fetched while a measurement waits."""
+    try:
+        refused = ctypes.CDLL(None, use_errno=True).mlockall(_LOCK_ALL)
+    except (OSError, AttributeError):
+        refused = -1
+    return "not locked" if refused else "locked"
 
 
 def set_time_out(controller: socket.socket, seconds: float) -> None:

@@ -29,7 +29,8 @@ class FriConfig:
     range : (7) deg, set points beyond +- this are refused
     connect_timeout, start_timeout, stop_timeout : s to wait for measurements, for command mode, for its end
     silence : s without measurement after which the connection counts as lost
-    priority : real-time priority (SCHED_FIFO) of the thread that answers, 0 = ordinary
+    priority : real-time priority (SCHED_FIFO) of the process that answers; 0 = ordinary, -1 = 80 where the system
+        permits it. Its memory is locked where the system permits that
     core : processor that this thread is kept on, -1 = any
     """
 
@@ -49,7 +50,7 @@ class FriConfig:
     start_timeout: float = 20.0
     stop_timeout: float = 5.0
     silence: float = 0.25
-    priority: int = 0
+    priority: int = -1
     core: int = -1
 
     def __post_init__(self) -> None:
@@ -68,7 +69,7 @@ class FriConfig:
             self._require(name, good, "seven positive numbers, in degrees")
         for name in ("connect_timeout", "start_timeout", "stop_timeout", "silence"):
             self._require(name, 0.0 < getattr(self, name) <= 3600.0, "more than 0, at most 3600 s")
-        self._require("priority", 0 <= self.priority <= 99, "0 .. 99")
+        self._require("priority", -1 <= self.priority <= 99, "-1 .. 99")
 
     def _require(self, name: str, good: bool, allowed: str) -> None:
         if not good:

@@ -45,6 +45,10 @@ class Connection:
         self.config = config
         self.loss = ""
         """Why command mode ended without being asked to; empty while all is well."""
+        self.unasked = False
+        """Then: nobody has stopped the arm, and no limit has."""
+        self.scheduling = ""
+        """How the system schedules the answering process, in words."""
         self._program = PROGRAMS[config.krl]
         self._speed = [radians(v) for v in config.speed]
         self._range = [radians(v) for v in config.range]
@@ -116,6 +120,11 @@ class Connection:
         """What has been counted since the line was opened."""
         self._take_in()
         return self._traffic
+
+    @property
+    def broken(self) -> bool:
+        """The process that answers is gone."""
+        return bool(self._failure)
 
     @property
     def following(self) -> bool:
@@ -249,14 +258,16 @@ class Connection:
                 self._traffic = m.unpack_silence(packet)
                 self._silent = True
             case m.LOSS:
-                take_overs, why = m.unpack_loss(packet)
+                take_overs, unasked, why = m.unpack_loss(packet)
                 if take_overs == self._take_overs and self._following:
-                    self._following, self._set_point, self.loss = False, None, why
+                    self._following, self._set_point, self.loss, self.unasked = False, None, why, unasked
+            case m.SCHEDULING:
+                self.scheduling = packet[1:].decode("utf-8", "replace")
             case m.FAILURE:
                 self._break(packet[1:].decode("utf-8", "replace"))
             case _:
                 self._break("its process is gone")
-        self._heard = True
+        self._heard = self._heard or packet[:1] != m.SCHEDULING
 
     def _note(self, report: m.Report) -> None:
         measurement = decode_measurement(report.measurement)
@@ -271,7 +282,7 @@ class Connection:
     def _break(self, why: str) -> None:
         self._failure = f"the line to the controller broke: {why}"
         if self._following:
-            self._following, self._set_point, self.loss = False, None, self._failure
+            self._following, self._set_point, self.loss, self.unasked = False, None, self._failure, False
 
     def _await_first_word(self) -> None:
         """The time-outs count from where the process is up and listens, be it only to silence."""

@@ -14,11 +14,13 @@ from lwrprobe.contracts import (
     DRIVER_CONTRACT,
     ArmState,
     ArmStatus,
+    ConnectionLost,
     DeviceRefused,
     DriverContext,
     DriverError,
     HealthCheck,
     InputError,
+    MotionInterrupted,
 )
 from lwrprobe.contracts.samples import Vector
 from lwrprobe_fri.config import FriConfig
@@ -26,6 +28,11 @@ from lwrprobe_fri.connection import Arrival, Connection
 from lwrprobe_fri.health_checks import connection_health
 from lwrprobe_fri.messages import Traffic
 from lwrprobe_fri.wire import Measurement, Quality, State
+
+_STILL = 1e-6
+"""rad that a set point moves in a cycle at rest; measurements travel in single precision."""
+_LEAST = 0.1
+"""s that is waited at least."""
 
 
 class FriArm:
@@ -81,21 +88,48 @@ class FriArm:
 
         Raises DeviceRefused when the controller does not do so in time, ConnectionLost when it is silent.
         """
-        line, config = self._connected(), self.config
+        self._enter(self._connected(), self.config.start_timeout)
+
+    def reenter(self, seconds: float, asked: bool) -> None:
+        """Enter command mode again after it has ended by itself, once the arm rests; `seconds` for all of it.
+
+        Raises DeviceRefused where it does not come to that in time, or where a person has to look first and has not
+        been `asked`: somebody or a limit has stopped the arm, or the controller was started anew meanwhile.
+        """
+        line = self._connected()
+        end = time.monotonic() + seconds
+        if not asked and not line.unasked:
+            raise DeviceRefused(line.loss or "nobody was asked whether the arm may move")
+        before = self._before
+        line.wait_until(lambda a: True, seconds, "no measurement came")
+        if not asked and before is not None and _restarted(before.measurement, line.arrival().measurement):
+            raise DeviceRefused("the controller was started anew meanwhile")
+        last: list[float] = []
+
+        def rests(arrival: Arrival) -> bool:
+            now = arrival.measurement.set_point
+            still = bool(last) and max(abs(a - b) for a, b in zip(now, last)) < _STILL
+            last[:] = now
+            return still
+
+        line.wait_until(rests, max(_LEAST, end - time.monotonic()), "the arm did not come to rest")
+        self._enter(line, max(_LEAST, end - time.monotonic()))
+
+    def _enter(self, line: Connection, seconds: float) -> None:
+        """Into command mode; at most so many seconds for the quality, and again for the start."""
+        config = self.config
         line.let_go()
         line.request("idle")
         self._leave_command_mode(line)
         wanted = Quality[config.quality.upper()]
         line.wait_until(
             lambda a: a.measurement.quality >= wanted,
-            config.start_timeout,
+            seconds,
             f"the connection did not become {config.quality}",
         )
         line.request("start")
         hint = "; start it at the pendant" if config.krl == "none" else ""
-        line.wait_until(
-            lambda a: a.measurement.commandable, config.start_timeout, f"command mode was not entered{hint}"
-        )
+        line.wait_until(lambda a: a.measurement.commandable, seconds, f"command mode was not entered{hint}")
         line.take_over()
         self._stopped = False
         self._seen = line.arrival().index
@@ -103,14 +137,20 @@ class FriArm:
     def read(self) -> ArmState:
         """Wait for the next measurement; the newest one when several have come.
 
-        Raises ConnectionLost on silence and DriverError once command mode has ended by itself.
+        Raises MotionInterrupted on silence and once command mode has ended by itself, ConnectionLost when the process
+        that answers is gone.
         """
         line = self._connected()
         if line.loss:
-            raise DriverError(line.loss)
-        arrival = line.next(self._seen)
+            raise MotionInterrupted(line.loss, line.unasked)
+        try:
+            arrival = line.next(self._seen)
+        except ConnectionLost as error:
+            if line.broken:
+                raise
+            raise MotionInterrupted(str(error), True) from error
         if line.loss:
-            raise DriverError(line.loss)
+            raise MotionInterrupted(line.loss, line.unasked)
         state = self._state(arrival, line)
         self._seen, self._before = arrival.index, arrival
         self._read_at = time.monotonic()
@@ -127,7 +167,7 @@ class FriArm:
             raise InputError("q", q, "seven finite joint angles in rad")
         line = self._connected()
         if line.loss:
-            raise DriverError(line.loss)
+            raise MotionInterrupted(line.loss, line.unasked)
         if not line.following:
             raise DeviceRefused(
                 "the arm was stopped; open or restart it to move again" if self._stopped else "not in command mode"
@@ -198,6 +238,7 @@ class FriArm:
             "loop_ms_median": round(float(np.median(loops)), 3),
             "loop_ms_p99": round(float(np.quantile(loops, 0.99)), 3),
             "quality": line.latest.measurement.quality.name,
+            "scheduling": line.scheduling,
         }
 
     def timing(self) -> np.ndarray:
@@ -267,6 +308,11 @@ class FriArm:
         if arrival.late:
             status |= ArmStatus.LATE
         return int(status)
+
+
+def _restarted(before: Measurement, now: Measurement) -> bool:
+    """The controller counts and times anew."""
+    return now.misses < before.misses or now.timestamp < before.timestamp
 
 
 class FriDriver:

@@ -7,14 +7,15 @@ from dataclasses import dataclass, fields
 
 from lwrprobe_fri.wire import MEASUREMENT_SIZE
 
-ARRIVAL, SILENCE, LOSS, FAILURE = b"a", b"s", b"l", b"f"
-"""From the answering process: a measurement was answered; none came; command mode has ended; the process ends."""
+ARRIVAL, SILENCE, LOSS, FAILURE, SCHEDULING = b"a", b"s", b"l", b"f", b"h"
+"""From the answering process: a measurement was answered; none came; command mode has ended; the process ends; how the
+system schedules it."""
 SET_POINT, REQUEST, TAKE_OVER, LET_GO = b"p", b"r", b"t", b"g"
 """From the runner."""
 
 _REPORT = struct.Struct("<c ?? Q Q Q I d d 7d 12Q")
 _SET_POINT = struct.Struct("<c 7d 7d")
-_LOSS = struct.Struct("<c I")
+_LOSS = struct.Struct("<c I ?")
 _SILENCE = struct.Struct("<c 12Q")
 LARGEST = 4096
 
@@ -113,10 +114,10 @@ def unpack_silence(packet: bytes) -> Traffic:
     return Traffic(*_SILENCE.unpack(packet)[1:])
 
 
-def pack_loss(take_overs: int, why: str) -> bytes:
-    """Command mode has ended by itself, after so many take-overs."""
-    return _LOSS.pack(LOSS, take_overs) + why.encode()[: LARGEST - 64]
+def pack_loss(take_overs: int, unasked: bool, why: str) -> bytes:
+    """Command mode has ended by itself, after so many take-overs; whether it may be entered again unasked."""
+    return _LOSS.pack(LOSS, take_overs, unasked) + why.encode()[: LARGEST - 64]
 
 
-def unpack_loss(packet: bytes) -> tuple[int, str]:
-    return _LOSS.unpack_from(packet)[1], packet[_LOSS.size :].decode("utf-8", "replace")
+def unpack_loss(packet: bytes) -> tuple[int, bool, str]:
+    return *_LOSS.unpack_from(packet)[1:], packet[_LOSS.size :].decode("utf-8", "replace")

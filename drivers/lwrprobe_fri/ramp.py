@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import sqrt
 
+_CATCH_UP = 0.25
+"""Share of its speed by which a joint that is behind is faster: what was late is not made up for in one step."""
+_SLOW = 0.01
+"""Share of its speed limit with which one catches up with a set point that rests."""
+
 
 class Ramp:
     """Follows set points that come once a cycle, or late, or not at all.
@@ -37,7 +42,8 @@ class Ramp:
         for i, (goal, feed) in enumerate(zip(target, velocity)):
             max_speed, change = self._speed[i], self._acceleration[i] * cycle
             lag = goal - feed * cycle - self.position[i]
-            wanted = feed + _closing_speed(lag, change, cycle)
+            most = max(_CATCH_UP * abs(feed), _SLOW * max_speed)
+            wanted = feed + max(-most, min(most, _closing_speed(lag, change, cycle)))
             old = self.velocity[i]
             new = max(old - change, min(old + change, wanted))
             new = max(-max_speed, min(max_speed, new))

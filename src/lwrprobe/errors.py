@@ -88,6 +88,23 @@ class DeviceRefused(DriverError):
     """The device answered and refused what was asked."""
 
 
+class MotionInterrupted(DriverError):
+    """The arm has stopped by itself and takes no set points until it is asked to again.
+
+    Parameters
+    ----------
+    reason : one sentence
+    unasked : motion may begin again without the operator; False where somebody, or a limit, has stopped the arm
+    """
+
+    def __init__(self, reason: str, unasked: bool) -> None:
+        self.reason, self.unasked = reason, unasked
+        super().__init__(reason)
+
+    def __reduce__(self) -> tuple[type, tuple[str, bool]]:
+        return type(self), (self.reason, self.unasked)
+
+
 class SafetyStop(LwrprobeError):
     """A guard stopped the arm; the message says which limit and by how much."""
 

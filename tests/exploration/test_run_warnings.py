@@ -23,6 +23,9 @@ FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrenc
         ({"stillness": {"torque_disagreement": 0.0}}, None),
         ({"link_collisions": 2}, "hit something 2 times"),
         ({"wrench_counters": {"samples": 900, "lost": 100}}, "10.0% of the wrench samples were lost"),
+        ({"devices": {"fri": {"late_set_points": 9, "received": 1000}}}, None),
+        ({"devices": {"fri": {"late_set_points": 30, "received": 1000}, "ati": {"lost": 1}}}, "3.0% of the set points"),
+        ({"reentries": 2}, "set in motion again 2 times"),
         ({"unreachable_area": "out of reach: 3 of 70 places of the area"}, "out of reach: 3 of 70"),
     ],
 )

@@ -26,16 +26,16 @@ def run_silent(guard, cycle, status=None):
     "status", [None, SampleStatus.FROZEN, SampleStatus.LATE, SampleStatus.INVALID, SampleStatus.BRIDGE_LOW]
 )
 def test_silence_is_no_usable_sample_whatever_else_comes(cycle, status):
-    stopped = run_silent(SilenceGuard(0.1, cycle), cycle, status)
+    stopped = run_silent(SilenceGuard(0.1, cycle, 0.008), cycle, status)
     assert stopped == pytest.approx(0.1 / cycle, abs=3)
 
 
 def test_usable_samples_keep_it_going():
-    assert run_silent(SilenceGuard(0.1, 0.01), 0.01, SampleStatus.LOST_BEFORE) is None
+    assert run_silent(SilenceGuard(0.1, 0.01, 0.008), 0.01, SampleStatus.LOST_BEFORE) is None
 
 
 def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
-    guard = SilenceGuard(0.1, 0.01)
+    guard = SilenceGuard(0.1, 0.01, 0.008)
     guard.check(1.0)
     guard.check(1.8)
     for n in range(1, 8):
@@ -45,7 +45,7 @@ def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
 
 
 def test_saturation_in_a_row():
-    guard = SilenceGuard(0.1, 0.01)
+    guard = SilenceGuard(0.1, 0.01, 0.008)
     for _ in range(5):
         guard.heard(SampleStatus.SATURATED)
         guard.heard(SampleStatus.SATURATED)

@@ -32,6 +32,7 @@ class CountedLine:
         self._out, self._in = FaultyLink(faults or LinkFaults(), 1), FaultyLink(faults or LinkFaults(), 2)
         self._arrived, self._orders = deque(), deque()
         self._report, self._runner, self._failure = None, None, None
+        self.loss = None
 
     def run(self, runner):
         """Until the runner has ended."""
@@ -67,6 +68,8 @@ class CountedLine:
     def send(self, packet, flags):
         if packet[:1] == m.FAILURE:
             self._failure = self._failure or AssertionError(packet[1:].decode())
+        if packet[:1] == m.LOSS:
+            self.loss = m.unpack_loss(packet)
         if packet[:1] == m.ARRIVAL:
             self._report = m.Report.unpacked(packet)
 
@@ -160,6 +163,69 @@ def test_late_runner_is_braked_and_counted_and_may_go_on():
     line.run(runner())
     assert line.controller.state == State.CMD
     assert line.controller.error == 0
+
+
+@pytest.mark.parametrize(
+    ("happens", "unasked", "words"),
+    [
+        ("drives_off", False, "drives off"),
+        ("violate", False, "drive errors 0x0001"),
+        ("fri_stop", False, "monitor mode, drives on"),
+        ("missing", True, "answers missed"),
+        ("rating", True, "quality BAD"),
+    ],
+)
+def test_command_mode_is_left_to_the_operator_unless_it_ended_for_want_of_answers(happens, unasked, words):
+    faults = LinkFaults()
+    line = CountedLine(faults)
+
+    def runner():
+        report = yield from taken_over(line)
+        for _ in range(30):
+            yield set_point(START, START)
+        match happens:
+            case "missing":
+                faults.down = 1.0
+                for _ in range(8):
+                    yield b""
+                faults.down = 0.0
+            case "rating":
+                line.controller.rating.ceiling = 1
+            case "violate":
+                line.controller.violate("limit")
+            case _:
+                getattr(line.controller, happens)()
+        while line.loss is None:
+            report = yield b""
+        assert report is None or not commandable(report)
+
+    line.run(runner())
+    assert line.loss[1] is unasked
+    assert words in line.loss[2]
+
+
+def test_controller_that_went_on_without_an_answer_is_answered_from_where_it_is():
+    faults = LinkFaults()
+    line = CountedLine(faults, leave_quality=0)
+
+    def runner():
+        yield from taken_over(line)
+        goal, step = START.copy(), 0.001 * np.eye(7)[0]
+        for _ in range(30):
+            goal += step
+            yield set_point(goal, goal - step)
+        faults.down = 1.0
+        for _ in range(3):
+            yield b""
+        faults.down = 0.0
+        for _ in range(60):
+            before = line.controller.set_point[0]
+            goal += step
+            yield set_point(goal, goal - step)
+            assert abs(line.controller.set_point[0] - before) < 0.0021, "no jump back to where its own ramp had braked"
+
+    line.run(runner())
+    assert line.controller.state == State.CMD
 
 
 def test_cycles_without_a_measurement_are_braked_through():

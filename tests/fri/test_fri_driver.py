@@ -17,6 +17,7 @@ from lwrprobe.contracts import (
     DriverContext,
     DriverError,
     InputError,
+    MotionInterrupted,
 )
 from lwrprobe_fri import FriConfig, FriDriver
 from lwrprobe_fri.emulator import Controller, ControllerSettings, FriEmulator, LaggingArm
@@ -67,6 +68,12 @@ def read_on(arm):
     """Read until an error comes."""
     for _ in range(300):
         arm.read()
+
+
+def hold_on(arm):
+    """Stay where it is until an error comes."""
+    for _ in range(300):
+        arm.command(arm.read().q)
 
 
 def wait_for(condition, seconds=10.0):
@@ -182,6 +189,39 @@ def test_limit_violation_names_the_drive():
         emulator.control("limit")
         with pytest.raises(DriverError, match=r"drive errors 0x0001 \(A1\)"):
             read_on(arm)
+
+
+def test_arm_that_stopped_for_want_of_answers_is_entered_again_and_no_other():
+    with bench() as (arm, emulator):
+        arm.open()
+        move(arm, 0, 0.05, 30)
+        emulator.control("fault down=1")
+        with pytest.raises(MotionInterrupted, match=r"silent|answers missed") as stopped:
+            hold_on(arm)
+        assert stopped.value.unasked
+        emulator.control("fault none")
+        arm.reenter(30.0, asked=False)
+        assert move(arm, 0, 0.02, 30).q[0] > 0.04
+        emulator.control("drives off")
+        with pytest.raises(MotionInterrupted) as stopped:
+            read_on(arm)
+        assert not stopped.value.unasked
+        with pytest.raises(DeviceRefused, match="drives off"):
+            arm.reenter(5.0, asked=False)
+        emulator.control("drives on")
+        arm.reenter(30.0, asked=True)
+        assert not arm.read().status & ArmStatus.NOT_COMMANDING
+
+
+def test_controller_that_was_started_anew_is_not_entered_unasked():
+    with bench() as (arm, emulator):
+        arm.open()
+        wait_for(lambda: arm.read() and emulator.controller.rating.answer_rate > 0.9)
+        emulator.control("restart 1.5")
+        with pytest.raises(MotionInterrupted):
+            read_on(arm)
+        with pytest.raises(DeviceRefused, match="started anew"):
+            arm.reenter(10.0, asked=False)
 
 
 def test_quality_drop_is_named():

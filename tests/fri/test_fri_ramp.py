@@ -42,7 +42,7 @@ def test_stream_within_limits_passes_unchanged():
     assert np.abs(path[1:] - targets).max() < 1e-12
 
 
-@pytest.mark.parametrize("step", [1e-6, 1e-3, 0.1, 1.0, -2.5])
+@pytest.mark.parametrize("step", [1e-6, 1e-3, 0.1, -0.05])
 def test_jump_is_caught_up_with_and_not_overshot(step):
     path = drive(ramp_at([0.0] * 7), [[step] * 7] * 600)
     assert_within_limits(path)
@@ -74,4 +74,6 @@ def test_runner_that_was_late_for_one_cycle_is_rejoined():
     stream = [*targets[:50], None, *targets[50:]]
     path = drive(ramp_at([0.0] * 7), stream)
     assert path[-1] == pytest.approx(targets[-1], abs=1e-9)
-    assert (np.diff(path[:, 0]) >= 0.0).all()
+    steps = np.diff(path[:, 0])
+    assert (steps >= 0.0).all()
+    assert steps.max() <= 1.25 * 0.002 + 1e-12, "what was late is not made up for in one step"

@@ -17,6 +17,8 @@ from lwrprobe.contracts import ConnectionLost
 _OPTIONS = {251: "WILL", 252: "WONT", 253: "DO", 254: "DONT"}
 _NAMES = {1: "ECHO", 3: "SUPPRESS-GO-AHEAD", 24: "TERMINAL-TYPE", 31: "WINDOW-SIZE"}
 _GREETING = "WLAN:  2017/03/16 10:33:42 Telnet connection opened by client"
+_LONGEST_LINE = 4096
+"""Bytes without an end of line that are kept."""
 _CHATTER = "WLAN:  2017/03/16 10:35:07 Signal strength -52 dBm"
 
 
@@ -128,6 +130,10 @@ class TelnetLine:
         while match := re.search(rb"\r\n|\r\x00|\n", self._typed):
             line, self._typed = self._typed[: match.start()], self._typed[match.end() :]
             self._reply(line.decode("latin-1"))
+        if len(self._typed) > _LONGEST_LINE:
+            # As in a device with a small buffer the line is lost; what follows is a new one.
+            self._typed = b""
+            self.say(["Error: line too long"])
 
     def _reply(self, line: str) -> None:
         answer = "".join(f"{text}\r\n" for text in self._answer(line.strip()))

@@ -26,7 +26,7 @@ _DATAGRAMS_PER_SECOND = 250
 _HOPELESS = 0.25  # s of lag after which records are skipped instead of sent in a burst
 _HELP = (
     "load T=Fx,Fy,Fz,Tx,Ty,Tz (N, N-mm) | fault NAME=VALUE,... | fault none | saturate T on|off | bridge T on|off | "
-    "stuck T on|off | battery low|ok | restart [S] | status | quit"
+    "stuck T on|off | power T on|off | plug T in|out | battery low|ok | restart [S] | status | quit"
 )
 
 
@@ -42,7 +42,7 @@ class AtiEmulator:
     sticky : the first destination is kept until a restart, as users have seen
     """
 
-    WORDS = ("load", "fault", "saturate", "bridge", "stuck", "battery", "restart", "status", "help")
+    WORDS = ("load", "fault", "saturate", "bridge", "stuck", "power", "plug", "battery", "restart", "status", "help")
 
     def __init__(
         self,
@@ -148,6 +148,10 @@ class AtiEmulator:
                 self._input(number).bridge_low = state == "on"
             case "stuck", [number, ("on" | "off") as state]:
                 self._input(number).stuck = state == "on"
+            case "power", [number, ("on" | "off") as state]:
+                self._input(number).set_power(state == "on")
+            case "plug", [number, ("in" | "out") as state]:
+                self._input(number).plug(state == "in")
             case "battery", [("low" | "ok") as state]:
                 self._battery_low = state == "low"
             case "restart", _:
@@ -296,7 +300,7 @@ class AtiEmulator:
     def _power_up(self) -> None:
         self.settings.rate, self.settings.oversampling = 125, 32
         for transducer in self.transducers.values():
-            transducer.powered = transducer.automatic = transducer.number in self._active
+            transducer.set_power(transducer.number in self._active)
             transducer.set_bias(False, 0.0)
 
     def _clear_faults(self) -> None:

@@ -139,7 +139,7 @@ class Dialogue:
         if words:
             chosen = self.transducers.values() if len(words) == 1 else [self.transducers[self._number(words[0], 6)]]
             for transducer in chosen:
-                transducer.powered = transducer.automatic = words[-1] == "on"
+                transducer.set_power(words[-1] == "on")
         rows = [f"{t.number:2d} {_on(t.automatic):6s} {_on(t.powered)}" for t in self.transducers.values()]
         return ["Tr Auto   Now", "-- ----   ---", *rows, "Analog power = ON in AUTO mode"]
 

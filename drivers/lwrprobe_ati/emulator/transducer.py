@@ -50,7 +50,7 @@ class Transducer:
         self.calibration = 1
         self.multiply = True
         self.filter = ("MEAN", 8)
-        self.automatic, self.powered = False, False
+        self.automatic, self.powered, self.plugged = False, False, True
         self.bias = np.zeros(6)
         self.biased = False
         self.forced_saturation = False
@@ -83,6 +83,16 @@ class Transducer:
         limits = np.iinfo(np.int32)
         self._held = np.clip(np.round(values), limits.min, limits.max).astype(int).tolist(), saturated
         return self._held
+
+    def set_power(self, on: bool) -> None:
+        """Switch the input; without a plug nothing is powered by it."""
+        self.automatic = on
+        self.powered = on and self.plugged
+
+    def plug(self, on: bool) -> None:
+        """Put the transducer's plug into the input, or pull it; an input in automatic mode follows."""
+        self.plugged = on
+        self.powered = on and self.automatic
 
     def set_bias(self, on: bool, now: float) -> None:
         """Subtract the present reading from now on, or nothing."""

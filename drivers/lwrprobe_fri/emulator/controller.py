@@ -102,6 +102,7 @@ class Controller:
         self._control = _POSITION
         self._safety = 1.0
         self._start_wanted = False
+        self._switched_off = False
         self._missing = 0
         self._first_torque = True
         self._velocity = np.zeros(7)
@@ -124,8 +125,8 @@ class Controller:
             self._control = control
 
     def fri_start(self, safety: float) -> None:
-        """Enter command mode as soon as quality and drives allow it."""
-        if self.settings.acknowledge == "auto":
+        """Enter command mode as soon as quality and drives allow it; drives that a person switched off stay off."""
+        if self.settings.acknowledge == "auto" and not self._switched_off:
             self.acknowledge()
         self._safety = safety
         self._start_wanted = True
@@ -142,9 +143,17 @@ class Controller:
         """Clear an error and switch the drives on again."""
         self.error = 0
         self.power = _DRIVES_ON
+        self._switched_off = False
+
+    def emergency_stop(self) -> None:
+        """As the red button: the drives stay off until the operator acknowledges it."""
+        self.drives_off()
+        self.events.append("emergency stop")
 
     def drives_off(self) -> None:
+        """By the operator, who alone switches them on again."""
         self.power = 0
+        self._switched_off = True
         if self.state == CMD:
             self._leave("drives off")
 

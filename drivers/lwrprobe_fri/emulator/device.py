@@ -14,6 +14,10 @@ from lwrprobe_fri.emulator.rating import QUALITIES
 from lwrprobe_rig.console import as_seconds, bound_socket
 from lwrprobe_rig.link import FaultyLink, LinkFaults
 
+_CATCH_UP = 0.05
+"""Of a cycle, by which one may be shorter to make up for a late one."""
+_FORGOTTEN = 20.0
+"""Cycles of delay that are made up for at most."""
 _LATE = 0.2
 """Of a cycle, by which one may begin too late and the next one still begin on time."""
 
@@ -28,7 +32,7 @@ class FriEmulator:
     seed : of the line's faults
     """
 
-    WORDS = ("fault", "drives", "acknowledge", "limit", "restart", "start", "stop", "status", "help")
+    WORDS = ("fault", "drives", "emergency", "acknowledge", "limit", "restart", "start", "stop", "status", "help")
 
     def __init__(
         self,
@@ -48,6 +52,7 @@ class FriEmulator:
         self._in = FaultyLink(self.faults, seed + 1)
         self._socket: socket.socket | None = None
         self._next = 0.0
+        self._behind = 0.0
         self._frozen: bytes | None = None
         self._last = b""
 
@@ -88,6 +93,8 @@ class FriEmulator:
                 self.set_faults(rest)
             case "drives" if rest in ("on", "off"):
                 controller.acknowledge() if rest == "on" else controller.drives_off()
+            case "emergency":
+                controller.emergency_stop()
             case "acknowledge":
                 controller.acknowledge()
             case "limit":
@@ -102,8 +109,8 @@ class FriEmulator:
                 return f"{controller.describe()}; {self.overruns} overruns"
             case "help":
                 return (
-                    "fault NAME=VALUE,... | fault none | drives on|off | acknowledge | limit | restart [S] | "
-                    "start | stop | status | quit"
+                    "fault NAME=VALUE,... | fault none | drives on|off | emergency | acknowledge | limit | "
+                    "restart [S] | start | stop | status | quit"
                 )
             case _:
                 raise UnknownNameError("control word", line.strip(), self.WORDS)
@@ -136,10 +143,16 @@ class FriEmulator:
         late = now - self._next
         self._next += cycle
         if late > _LATE * cycle:
-            # This process was kept from running. Its clock pauses, as the real controller's never would: else the
-            # remote had less than its cycle to answer in, and would be rated for what happened here.
+            # This process was kept from running. The next cycle is a full one, as the real controller's always are:
+            # else the remote had less to answer in, and would be rated for what happened here. What was lost is made
+            # up for in small parts, so that the mean rate stays, but for a long pause, after which the clock goes on.
             self.overruns += 1
+            self._behind = min(self._behind + late, _FORGOTTEN * cycle)
             self._next = now + cycle
+        elif self._behind > 0.0:
+            part = min(self._behind, _CATCH_UP * cycle)
+            self._behind -= part
+            self._next -= part
 
     def _deliver(self, now: float) -> None:
         for data in self._in.arrived(now):

@@ -16,6 +16,7 @@ BENCHES: dict[str, str] = {
     "shapes": "lwrprobe.bench.shapes",
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",
+    "stalls": "lwrprobe.bench.stalls",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
     "start": "lwrprobe.bench.start",

@@ -87,6 +87,12 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
 
         reading = stability(loaded, faces["arm"].cycle, faces["sensor"].latency)
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
+    if "arm" in faces:
+        from lwrprobe.exploration.procedures.host_stalls import host_checks
+
+        latency = faces["sensor"].latency if "sensor" in faces else 0.0
+        for reading in host_checks(loaded, faces["arm"].cycle, latency, min(seconds, 5.0)):
+            yield f"host {reading.name:<24} {reading.value}", reading.good
 
 
 def _libraries() -> list[tuple[str, bool]]:

@@ -101,6 +101,21 @@ class SteppedArm(Arm, Protocol):
 
 
 @runtime_checkable
+class RestartableArm(Arm, Protocol):
+    """An arm that can take set points again after it has stopped by itself; optional, and found by its method.
+
+    Its `read` and `command` raise MotionInterrupted from then on until `reenter` has returned.
+    """
+
+    def reenter(self, seconds: float, asked: bool) -> None:
+        """Wait until the arm rests and its controller allows motion, then take set points again.
+
+        Raises DriverError when that has not happened after so many seconds, and for what a person has to allow first
+        while `asked`, whether a person has, is False.
+        """
+
+
+@runtime_checkable
 class Sensor(Protocol):
     """A six-axis force/torque sensor with its own rate."""
 

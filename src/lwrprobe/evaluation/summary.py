@@ -47,6 +47,9 @@ class Summary:
     """m, the part of that path in contact."""
     peak_force_n: float | None = None
     """N, largest contact force: the true one in simulation, else the measured one."""
+    peak_force_bound_n: float | None = None
+    """N, above which no force was while something was touched, also between two samples of the sensor, as far as
+    `contact.stiffness` and the probe's stiffness are right."""
     true_peak_force_n: float | None = None
     """N, largest true contact force of anything of the probe: sphere, stick, or both together; None on a real arm."""
     rejected_share: float | None = None
@@ -59,6 +62,14 @@ class Summary:
     """How often a link other than the sphere and the stick's end began to touch anything; None on a real arm."""
     min_clearance_m: float | None = None
     """m, smallest distance of a watched link from the map; None without that stage."""
+    sensor_gaps: int = 0
+    """How often wrench samples were missing and the tip gave way until they came again."""
+    reaction_late_by_s: float = 0.0
+    """s by which the loop has reacted later to a force than stated, at worst; speeds towards a surface follow it."""
+    reentries: int = 0
+    """How often the arm had stopped by itself and was set in motion again."""
+    interruptions: list[Table] = field(default_factory=list)
+    """Those that the run has survived: `time_s`, `device` (`arm` or `sensor`), `reason`, `pause_s`."""
     force_guard_interventions: int = 0
     """How often the force guard took over from the strategy."""
     slowed_cycles: int = 0

@@ -30,6 +30,13 @@ class SafetyTable(Table):
     """s of the arm's own time without a usable sensor sample, at least five of its periods; then stop and retreat."""
     arm_silence: Length = 1.0
     """s between two states of the arm; what the strategy planned before such a gap is not resumed."""
+    sensor_wait: Length = 1.0
+    """s of such silence after which the run ends; until then the tip waits off the surface and goes on by itself."""
+    reentries: int = Field(default=30, ge=0)
+    """How often in a run an arm that has stopped by itself is set in motion again; 0: never. One that was switched off,
+    or has met a limit, waits for the operator (`--confirm`) and else ends the run."""
+    reentry_time: Length = 10.0
+    """s within which such an arm has to be ready again."""
     retreat: NonNegative = 0.02
     """m that the tip goes back on its own path when the sensor is lost, lifted off where it touched."""
     lift: NonNegative = 0.002

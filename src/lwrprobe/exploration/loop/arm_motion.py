@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.contracts import ArmState
+from lwrprobe.contracts import ArmState, ArmStatus
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop, table_plane
+from lwrprobe.exploration.safety.reaction import ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.kinematics import IKStatus
 from lwrprobe.scene import Scene
 
 _CONVERGED = int(IKStatus.CONVERGED)
+_LATE = int(ArmStatus.LATE)
 
 
 class ArmMotion:
@@ -37,6 +39,7 @@ class ArmMotion:
     q : (n,) rad, the last set point
     stretch : cycles of the last stretch
     blocked : why the generator stands still, empty where it does not
+    excess : time by which the loop reacts later than stated
     slowed : cycles in which a step was cut down to the joints' speed limits
     history : the arm's last states
     guard : of the set points
@@ -46,6 +49,7 @@ class ArmMotion:
         self, scene: Scene, pipeline: Pipeline, devices: Devices, clock: StageClock, silence: SilenceGuard
     ) -> None:
         robot = pipeline.robot
+        self._pipeline = pipeline
         self._arm, self._trajectory, self._governor = devices.arm, pipeline.trajectory, pipeline.governor
         self._simulated = SimulatedTime.of(devices, robot.n)
         self._clock, self._silence = clock, silence
@@ -53,6 +57,8 @@ class ArmMotion:
         self.time, self.q = 0.0, np.zeros(robot.n)
         self.stretch, self.slowed, self.blocked = 1, 0, ""
         self.history = StateHistory(robot)
+        sensor = devices.sensor
+        self.excess = ReactionExcess(self.cycle, sensor.latency, 1.0 / sensor.rate)
         self.guard = MotionGuard(robot, self.cycle, scene.safety, table_plane(scene))
         self._points = SetPoints(pipeline.trajectory, pipeline.solver, self.guard)
 
@@ -61,8 +67,17 @@ class ArmMotion:
         state = self._arm.read()
         self.time = state.time
         self.history.note(state.time, self._trajectory.velocity, state.q)
+        self.excess.note_state(state.time, bool(state.status & _LATE))
         self.guard.watch(state)
         return state
+
+    def rest(self, state: ArmState) -> None:
+        """Begin anew where the arm rests after it has stopped by itself."""
+        self.guard.forget()
+        self.time, self.blocked = state.time, ""
+        self.q[:] = state.q
+        self._pipeline.place_tip(self._pipeline.robot.fk(self.q), self.q)
+        self.history.note(state.time, np.zeros(3), state.q)
 
     def command(self, q: np.ndarray) -> None:
         """One set point (n,) rad from elsewhere than the generator; raises MotionStop where it must not be sent."""

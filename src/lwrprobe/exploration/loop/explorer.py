@@ -8,10 +8,20 @@ from time import perf_counter
 from typing import Any
 
 from lwrprobe.contact import Counters
-from lwrprobe.contracts import Done, DriverError, Observation, PluginError, Progress, SafetyStop, Task
+from lwrprobe.contracts import (
+    Done,
+    DriverError,
+    MotionInterrupted,
+    Observation,
+    PluginError,
+    Progress,
+    SafetyStop,
+    Task,
+)
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.loop.recovery import Recovery
 from lwrprobe.exploration.loop.run_record import RunRecord
 from lwrprobe.exploration.loop.sample_step import SampleStep, failed
 from lwrprobe.exploration.loop.stage_clock import StageClock
@@ -19,7 +29,7 @@ from lwrprobe.exploration.loop.start_up import StartUp
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.motion_guard import MotionStop
-from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
 from lwrprobe.exploration.stages.object_motion import ObjectMoved
 from lwrprobe.exploration.stages.pipeline import Pipeline, reaction_delay
 from lwrprobe.scene import Scene
@@ -67,6 +77,10 @@ class Outcome:
     touches : samples with a contact, accepted or not
     path, contact_path : m, of the sphere's centre, and the part of it in contact
     peak_force : N, the largest measured
+    peak_bound : N, what it may have been between two samples
+    late_by : s by which the loop reacted later to a force than stated, at worst
+    interruptions : that the run has survived, one table each
+    gaps : how often samples were missing and the tip gave way
     range_used : largest share of the sensor's range
     cycle_us : us of computing time, median over the arm's cycles
     guard_interventions : how often the force guard took over
@@ -82,6 +96,10 @@ class Outcome:
     path: float
     contact_path: float
     peak_force: float
+    peak_bound: float
+    late_by: float
+    interruptions: list[dict[str, Any]]
+    gaps: int
     range_used: float
     cycle_us: float
     guard_interventions: int
@@ -101,11 +119,13 @@ class Explorer:
     recorder : takes contacts and path
     watch : shown a snapshot some ten times a second, None = no display
     confirm : asks the operator for the first motions, None = does not ask
+    message : called with a sentence when the run is interrupted, and when it goes on
 
     Attributes
     ----------
     arm : its motion, with the motion guard
     start_up : what comes before the strategy
+    recovery : what comes after an interruption
     outcome : how the run ended, None while it runs
     """
 
@@ -117,20 +137,24 @@ class Explorer:
         recorder: Recorder,
         watch: WatchFunction | None = None,
         confirm: Confirm | None = None,
+        message: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._scene, self._pipeline, self._devices, self._recorder, self._watch = (
             scene, pipeline, devices, recorder, watch,
         )  # fmt: skip
         cycle = devices.arm.cycle
         self._clock = StageClock(STAGES)
-        self._silence = SilenceGuard(max(scene.safety.silence, 5.0 / devices.sensor.rate), cycle)
+        period = 1.0 / devices.sensor.rate
+        self._silence = SilenceGuard(max(scene.safety.silence, 5.0 * period), cycle, period)
         self.arm = ArmMotion(scene, pipeline, devices, self._clock, self._silence)
         self.start_up = StartUp(pipeline, devices, self.arm, scene.motion.approach_speed, confirm)
         self._request = MotionRequest(pipeline, self.arm)
-        self._record = RunRecord(recorder, pipeline.strategy, pipeline.probe)
+        stiffness, threshold = scene.contact.stiffness, scene.contact.threshold
+        self._record = RunRecord(recorder, pipeline.strategy, pipeline.probe, stiffness, threshold)
         self._sample = SampleStep(
             scene, pipeline, self.arm, self._request, recorder, self._record, self._clock, self._silence, confirm
         )
+        self.recovery = Recovery(scene, pipeline, devices, self.arm, self._sample, self._silence, confirm, message)
         self.outcome: Outcome | None = None
 
     @property
@@ -198,7 +222,12 @@ class Explorer:
         status, reason, cause = "ended early", "stopped by the caller", None
         try:
             while not isinstance(self._request.current, Done):
-                yield from self._cycle(time_limit)
+                try:
+                    yield from self._cycle(time_limit)
+                except MotionInterrupted as error:
+                    self.recovery.after_stop(error)
+                except SensorSilent as error:
+                    self.recovery.after_silence(error)
                 if self.time > time_limit:
                     reason = f"time limit of {time_limit:.0f} s of robot time"
                     break
@@ -228,6 +257,10 @@ class Explorer:
             path=self._record.path,
             contact_path=self._record.contact_path,
             peak_force=self._record.peak_force,
+            peak_bound=self._record.peak_bound,
+            late_by=self.arm.excess.largest,
+            interruptions=self.recovery.table(),
+            gaps=self._silence.yields,
             range_used=self._record.range_used,
             cycle_us=self._clock.cycle_median(),
             guard_interventions=self._sample.force_guard.interventions,
@@ -272,8 +305,12 @@ class Explorer:
         except DriverError as error:
             raise SensorLost(str(error)) from error
         clock.lap("sensor")
+        if samples:
+            arm.excess.note_age(arm.time - samples[-1].time)
         seen = [self._sample.process(sample) for sample in samples]
-        self._silence.check(arm.time)
+        if self._silence.check(arm.time):
+            arm.excess.note_silence(self._silence.tolerated)
+            self._sample.give_way()
         cycles = 1
         if not isinstance(self._request.current, Done):
             cycles = arm.cycles_ahead(int((self._sample.zero_time + time_limit - arm.time) / arm.cycle))

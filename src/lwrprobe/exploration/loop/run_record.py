@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import dist
+from math import dist, hypot
 
 import numpy as np
 
@@ -21,21 +21,29 @@ class RunRecord:
     ----------
     recorder : of the run folder
     strategy : whose trace is recorded
-    probe : the sensor's range
+    probe : the sensor's range, the stick's compliance
+    stiffness : N/m, of object and arm, as far as known an upper bound
+    threshold : N, of a contact
 
     Attributes
     ----------
     touches : samples with a contact, accepted or not
     path, contact_path : m, of the sphere's centre, and the part of it in contact
     peak_force, force : N, the largest measured, and the last
+    peak_bound : N, above which no force on the sphere was while it was touched, as far as the stiffness is as stated
     range_used : largest share of the sensor's range so far
     """
 
-    def __init__(self, recorder: Recorder, strategy: Strategy, probe: Probe) -> None:
+    def __init__(
+        self, recorder: Recorder, strategy: Strategy, probe: Probe, stiffness: float, threshold: float
+    ) -> None:
         self._recorder, self._strategy = recorder, strategy
         self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
-        self.path = self.contact_path = self.peak_force = self.force = self.range_used = 0.0
+        self._compliance, self._soft, self._threshold = probe.compliance, 1.0 / stiffness, threshold
+        self.path = self.contact_path = self.peak_force = self.force = self.range_used = self.peak_bound = 0.0
         self._last: list[float] | None = None
+        self._tip = np.zeros(3)
+        self._normal: np.ndarray | None = None
         self.touches = 0
         self._samples = self._transitions = 0
 
@@ -44,6 +52,35 @@ class RunRecord:
         for value, limit in zip(wrench.force.tolist() + wrench.torque.tolist(), self._range):
             self.range_used = max(self.range_used, abs(value) / limit)
 
+    def note_unseen(self, force: float) -> None:
+        """The size of a force [N] that the strategy is not shown."""
+        self.peak_force = max(self.peak_force, force)
+        self.peak_bound = max(self.peak_bound, force)
+
+    def interrupt(self) -> None:
+        """What comes next does not continue the path."""
+        self._last = None
+
+    def _bound(self, seen: Observation, tip: np.ndarray, force: float) -> None:
+        """What no sample shows: a force rises no faster on the way than the stiffness in its direction allows.
+
+        From F1 over a way s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the way that leaves what
+        is touched does not count.
+        """
+        if seen.contact is not None:
+            self._normal = seen.contact.normal
+        largest = max(self.force, force)
+        if largest < self._threshold or self._normal is None:
+            return
+        way = tip - self._tip
+        way = way - max(0.0, float(way @ self._normal)) * self._normal
+        length = hypot(*way.tolist())
+        if length > 1e-9:
+            along = way @ seen.pose[:3, :3] / length
+            stiffness = 1.0 / (self._soft + float(along * along @ self._compliance))
+            largest = max(largest, 0.5 * (self.force + force + stiffness * length))
+        self.peak_bound = max(self.peak_bound, largest)
+
     def note(self, seen: Observation, tip: np.ndarray, force: float) -> None:
         """One sample: the sphere's centre (3,) m at its instant, and the size of its force [N]."""
         place = tip.tolist()
@@ -51,9 +88,10 @@ class RunRecord:
         if self._last is not None:
             length = dist(place, self._last)
             self.path += length
+            self._bound(seen, tip, force)
             if seen.contact is not None:
                 self.contact_path += length
-        self._last = place
+        self._last, self._tip = place, tip
         self.peak_force = max(self.peak_force, force)
         self.force = force
         self._samples += 1

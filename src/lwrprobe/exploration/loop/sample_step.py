@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench
-from lwrprobe.contracts import Contact, Motion, Observation, PluginError, WrenchSample
+from lwrprobe.contracts import Contact, Motion, Observation, PluginError, VelocityCommand, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.motion_request import MotionRequest
 from lwrprobe.exploration.loop.run_record import RunRecord
@@ -20,6 +22,8 @@ from lwrprobe.scene import Scene
 
 FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
+GIVE_WAY = 0.001
+"""m off the surface when samples are missing: more than the stick bends under the target force."""
 SETTLED = 3
 """Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
 
@@ -62,6 +66,8 @@ class SampleStep:
         self._recorder, self._record, self._clock = recorder, record, clock
         self._silence, self._confirm = silence, confirm
         self._strategy_name = scene.strategy.name
+        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / scene.motion.contour_speed, "sensor silent")
+        self._way_speed = scene.motion.contour_speed
         contact, torque = scene.contact, scene.safety.torque_share * pipeline.probe.torque_range
         self._threshold, self._light = float(contact.threshold), 0.5 * contact.target
         self.force_guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
@@ -69,6 +75,34 @@ class SampleStep:
         self.zero_time = 0.0
         self.observation: Observation | None = None
         self._last_touch, self._touch_age = -np.inf, 0
+
+    def watch(self, sample: WrenchSample) -> Wrench:
+        """Condition a sample that the strategy is not shown; its force counts for the peak.
+
+        Raises SensorLost where the sensor cannot be relied on.
+        """
+        pose, _ = self._arm.history.tip_at(sample.time)
+        wrench = self._conditioned(sample, pose[:3, :3])
+        if wrench.usable:
+            self._record.note_unseen(wrench.magnitude)
+        return wrench
+
+    def give_way(self) -> None:
+        """Samples are missing: leave what was touched last, a little, and stand still."""
+        normal = self.retreat.normal
+        velocity = np.zeros(3) if normal is None else self._way_speed * normal
+        self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
+
+    def resume(self, pause: float) -> None:
+        """The strategy goes on after a pause [s] that it is not shown."""
+        self.zero_time += pause
+        self._last_touch += pause
+        self._touch_age = 0
+        self.force_guard.forget()
+        self._pipeline.estimator.reset()
+        self._record.interrupt()
+        if self._pipeline.sweep is not None:
+            self._pipeline.sweep.leave()
 
     def process(self, sample: WrenchSample) -> Observation:
         """Process one sample; returns the observation that the strategy was shown.
@@ -78,11 +112,7 @@ class SampleStep:
         clock, pipeline, arm = self._clock, self._pipeline, self._arm
         pose, velocity = arm.history.tip_at(sample.time)
         rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
-        wrench = pipeline.conditioner.condition(sample, rotation)
-        self._silence.heard(sample.status | wrench.status)
-        failing = pipeline.conditioner.failing
-        if failing:
-            raise SensorLost(f"the sensor cannot be relied on: {failing}")
+        wrench = self._conditioned(sample, rotation)
         clock.lap("condition")
         size = wrench.magnitude
         if size > self._light:
@@ -112,6 +142,15 @@ class SampleStep:
         clock.lap("record")
         self.observation = seen
         return seen
+
+    def _conditioned(self, sample: WrenchSample, rotation: np.ndarray) -> Wrench:
+        conditioner = self._pipeline.conditioner
+        wrench = conditioner.condition(sample, rotation)
+        self._silence.heard(sample.status | wrench.status)
+        failing = conditioner.failing
+        if failing:
+            raise SensorLost(f"the sensor cannot be relied on: {failing}")
+        return wrench
 
     def _contact(
         self,
@@ -154,6 +193,7 @@ class SampleStep:
     def _answer(self, seen: Observation, wrench: Wrench, confirmed: bool) -> None:
         """The strategy's motion, or the force guard's, to the generator."""
         arm, force = self._arm, self._pipeline.force
+        force.excess = arm.excess.seconds
         override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed)
         motion: Motion
         if confirmed or override is None:

@@ -147,7 +147,8 @@ def _make_contacts(scene: Scene, recorder: Recorder, voxels: VoxelMap) -> None:
 
 _OUTCOME = Outcome(
     status="done", reason="contacts were made up", time=1.0, touches=_CONTACTS, path=1.0, contact_path=1.0,
-    peak_force=1.0, range_used=0.1, cycle_us=1.0, guard_interventions=0, slowed_cycles=0, stages=[],
+    peak_force=1.0, peak_bound=1.0, late_by=0.0, interruptions=[], gaps=0, range_used=0.1, cycle_us=1.0,
+    guard_interventions=0, slowed_cycles=0, stages=[],
     counters=Counters(*[0] * len(Counters.__dataclass_fields__)),
 )  # fmt: skip
 

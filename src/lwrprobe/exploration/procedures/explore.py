@@ -112,7 +112,7 @@ class Exploration:
         self.pipeline.left_out += self._devices.left_out
         warm_up(scene, choices, arm.cycle, sensor.rate, pose, q)
         self._log = _logged(self.pipeline, out, earlier)
-        self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm)
+        self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm, message)
         if isinstance(self.pipeline.strategy, Resumed):
             message("going through what was done")
             self.pipeline.place_tip(pose, q)

@@ -8,6 +8,8 @@ REJECTED = 0.10
 """Share of the touches that may be rejected without a word."""
 LOST = 0.01
 """The same of the wrench samples that never came."""
+LATE = 0.01
+"""The same of the set points that came too late for their cycle."""
 
 
 def run_warnings(summary: Summary, limit: float) -> list[str]:
@@ -30,6 +32,13 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     lost, came = counters.get("lost", 0), counters.get("samples", 0)
     if lost > LOST * (lost + came):
         found.append(f"{lost / (lost + came):.1%} of the wrench samples were lost")
+    for name, counts in summary.devices.items():
+        late, cycles = counts.get("late_set_points", 0), counts.get("received", 0)
+        if late > LATE * cycles:
+            found.append(f"{late / cycles:.1%} of the set points for {name} came too late; `lwrprobe doctor` says why")
+    if summary.reentries:
+        times = "once" if summary.reentries == 1 else f"{summary.reentries} times"
+        found.append(f"the arm stopped by itself and was set in motion again {times}; `interruptions` says why")
     if summary.unreachable_area:
         found.append(summary.unreachable_area)
     return found

@@ -38,6 +38,10 @@ class ForceGuard:
         self.interventions = 0
         self._since: float | None = None
 
+    def forget(self) -> None:
+        """What pressed has been left meanwhile."""
+        self._since = None
+
     def check(
         self, time: float, force: Vector, torque: Vector | None = None, confirmed: bool = True
     ) -> VelocityCommand | None:

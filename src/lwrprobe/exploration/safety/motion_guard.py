@@ -73,6 +73,11 @@ class MotionGuard:
         self._limits[k.TIP, k.LOW : k.HIGH] = lower
         self._limits[k.TIP, k.HIGH : k.FOLLOWING] = upper
 
+    def forget(self) -> None:
+        """The arm has stopped by itself: the next set point is the first one."""
+        self._state[:] = 0.0
+        self._last_time = None
+
     def clamp(self, q: Vector, wanted: Vector) -> bool:
         """Cut a step from q (n,) to `wanted` (n,) down, in place, to what the joints' speeds allow; True where cut."""
         return self._clamp(q, wanted, self.step) > 1.0

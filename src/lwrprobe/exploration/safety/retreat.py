@@ -38,6 +38,11 @@ class Retreat:
         self._places.append(tip + self._outward)
 
     @property
+    def normal(self) -> Vector | None:
+        """(3,) unit, outward normal of what is touched now, None where nothing is."""
+        return self._normal
+
+    @property
     def _outward(self) -> np.ndarray:
         return np.zeros(3) if self._normal is None else self._lift * self._normal
 

@@ -1,4 +1,7 @@
-"""A sensor that no longer says anything usable ends the run. Set points have a guard of their own."""
+"""A sensor that says nothing usable: soon the tip gives way, then it retreats, at last the run ends.
+
+Set points have a guard of their own.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,19 @@ from lwrprobe.contracts import SafetyStop, SampleStatus
 
 _SATURATED = int(SampleStatus.SATURATED)
 _SATURATED_RUN = 3  # samples in a row; one alone may be a spike
+_MISSING = 2.5  # periods of the sensor; one lost sample alone is two of them
 
 
 class SensorLost(SafetyStop):
     """The forces are no longer measured: stop, then retreat to where nothing was touched."""
 
 
+class SensorSilent(SensorLost):
+    """No usable sample comes just now; the stream may come back."""
+
+
 class SilenceGuard:
-    """Stops the run when the sensor has sent nothing usable for too long.
+    """Says for how long the sensor has sent nothing usable, and raises when that is too long.
 
     The time that counts is the arm's, at most two of its cycles a look: where arm, sensor and this host stood still
     together, nothing has moved meanwhile.
@@ -23,13 +31,22 @@ class SilenceGuard:
     ----------
     allowed : s
     cycle : s, of the arm
+    period : s, between two samples
+
+    Attributes
+    ----------
+    yields : how often samples were missing so long that the tip had to give way
     """
 
-    def __init__(self, allowed: float, cycle: float) -> None:
+    def __init__(self, allowed: float, cycle: float, period: float) -> None:
         self.allowed = allowed
+        self.tolerated = min(_MISSING * period + 0.9 * cycle, allowed)
+        """s of silence in which one sample may be missing; beyond it two are."""
+        self.yields = 0
         self._max_step = 2.0 * cycle
         self._last: float | None = None
         self._silent = 0.0
+        self._missing = False
         self._saturated = 0
 
     def heard(self, status: int) -> None:
@@ -39,7 +56,7 @@ class SilenceGuard:
         """
         if status & UNUSABLE:
             return
-        self._silent = 0.0
+        self._silent, self._missing = 0.0, False
         self._saturated = self._saturated + 1 if status & _SATURATED else 0
         if self._saturated >= _SATURATED_RUN:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
@@ -47,12 +64,29 @@ class SilenceGuard:
     @property
     def looks_left(self) -> int:
         """How many looks, one a cycle, may follow before there is anything to be seen."""
-        return int((self.allowed - self._silent) / self._max_step)
+        return int(((self.allowed if self._missing else self.tolerated) - self._silent) / self._max_step)
 
-    def check(self, time: float, looks: int = 1) -> None:
-        """Raises SensorLost after `allowed` seconds of silence; `looks` are those that this one stands for."""
+    @property
+    def silent(self) -> float:
+        """s since the last usable sample."""
+        return self._silent
+
+    def forget(self) -> None:
+        """Begin anew: the arm stood still meanwhile, or moved without need of the sensor."""
+        self._last, self._silent, self._missing = None, 0.0, False
+
+    def check(self, time: float, looks: int = 1) -> bool:
+        """Whether samples have just begun to be missing; `looks` are those that this one stands for.
+
+        Raises SensorSilent after `allowed` seconds of silence.
+        """
         if self._last is not None:
             self._silent += min(time - self._last, looks * self._max_step)
         self._last = time
         if self._silent > self.allowed:
-            raise SensorLost(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")
+            raise SensorSilent(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")
+        begun = self._silent > self.tolerated and not self._missing
+        if begun:
+            self._missing = True
+            self.yields += 1
+        return begun

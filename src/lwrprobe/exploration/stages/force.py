@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ NORMAL_ERROR, FRICTION_ANGLE = 0.04, 0.3
 GUARD = 0.25
 """s before a touch that are not trusted to have been free."""
 
+SPEED_STEPS = 20
+"""Steps in which a speed is reduced."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -51,6 +54,12 @@ class ForceStage:
     ) -> None:
         self._contact = scene.contact
         self._braking = scene.motion.acceleration
+        self._approach = scene.motion.approach_speed
+        self.excess = 0.0
+        """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
+        self._delay = 0.0
+        self._touch_speed = self._approach
+        self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
         self._bend = Deflection(probe)
         self._axial = float(probe.compliance[2])
@@ -74,6 +83,7 @@ class ForceStage:
         law = choose_force_law(
             series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
         )
+        self._delay = delay
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
@@ -85,6 +95,7 @@ class ForceStage:
                 f"the loop reacts after {1e3 * delay:.1f} ms, scene and devices state {1e3 * stated:.1f} ms: the probe "
                 "moves slower"
             ]
+        self._touch_speed = min(self._approach, law.approach_speed)
         self._report |= {
             "stability_number": round(law.stability_number, 4),
             "damping": round(law.damping, 3),
@@ -111,6 +122,7 @@ class ForceStage:
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
+        self._normal = contact.normal if contact is not None else None
         if contact is not None and self._cycle is not None:
             self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
         elif self._cycle is not None:
@@ -119,7 +131,8 @@ class ForceStage:
             self._adopt()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
+        """The motion, slowed while the force swings or the loop is late; on the way to a goal the sensor's zero is
+        followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
@@ -128,9 +141,35 @@ class ForceStage:
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
             self._drift.rezero()
+        if self.excess > 0.0:
+            motion = self._slowed(motion)
         if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
         return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
+
+    @property
+    def touch_speed(self) -> float:
+        """m/s at which something may be met in any direction, as late as the loop is now."""
+        return self._touch_speed * self._share
+
+    @property
+    def _share(self) -> float:
+        """Of the speed that the stated delay allows; in steps, so that a plan is not made anew with every sample."""
+        if self._delay <= 0.0:
+            return 1.0
+        return max(1.0, math.floor(SPEED_STEPS * self._delay / (self._delay + self.excess))) / SPEED_STEPS
+
+    def _slowed(self, motion: Motion) -> Motion:
+        """The motion at the speed that the measured delay allows; what leaves a surface is not slowed."""
+        share = self._share
+        if isinstance(motion, Goal) and motion.speed <= self._approach:
+            return replace(motion, speed=share * motion.speed)
+        if isinstance(motion, VelocityCommand):
+            leaving = np.zeros(3)
+            if self._normal is not None:
+                leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
+            return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
+        return motion
 
     def _adopt(self) -> None:
         """A touch has been fitted: subtract its indentation from now on, check the damping against its stiffness."""

@@ -52,7 +52,7 @@ def _late_and_lost(quick: bool) -> list[Finding]:
     findings = [_goes_on("30 % late by up to 20 ms, 5 % lost", _run(*late))]
     silent = _run(*late, "drivers.sim.burst_rate=0.3", "drivers.sim.burst_length=1.0")
     period = 1.0 / silent.scene.sensor.rate
-    allowed = max(silent.scene.safety.silence, 5.0 * period)
+    allowed = silent.scene.safety.sensor_wait
     findings.append(_ends("and bursts of 1 s without a sample", silent, "no usable wrench sample"))
     waited = re.search(r"no usable wrench sample for ([\d.]+) s", silent.summary["reason"])
     seconds = float(waited[1]) if waited else np.inf

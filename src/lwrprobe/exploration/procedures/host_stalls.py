@@ -1,0 +1,129 @@
+"""What this host allows: for how long it keeps a process from running that wants to, and which cycle that leaves."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from lwrprobe.contracts import HealthCheck
+from lwrprobe.control import ForceLaw, choose_force_law
+from lwrprobe.exploration.stages.pipeline import reaction_delay
+from lwrprobe.scene import Scene
+
+CYCLES_MS = (1, 2, 4, 5, 10, 20, 50, 100)
+"""That FRI can be opened with and that are told of."""
+MISSED = 1e-3
+"""Share of the cycles that may be missed: the best rating takes 97 % of the answers, and three missing in a row stop
+the arm."""
+TICK = 0.001
+"""s between two wake-ups."""
+PRIORITY = 80
+
+_QUIETER = (
+    "real-time priority (`- rtprio 99` and `- memlock unlimited` in /etc/security/limits.conf), a core of its own "
+    "(isolcpus, drivers.fri.core), or fewer programs beside it"
+)
+
+
+def stalls(seconds: float) -> np.ndarray:
+    """(n,) s by which a process that sleeps for a millisecond at a time wakes up too late."""
+    late, end = [], time.monotonic() + seconds
+    while (now := time.monotonic()) < end:
+        time.sleep(TICK)
+        late.append(time.monotonic() - now - TICK)
+    return np.maximum(np.array(late), 0.0)
+
+
+def smallest_cycle(late: np.ndarray) -> float | None:
+    """s: least of `CYCLES_MS` of which half is enough to wake up in, but for a share `MISSED`; None where none is."""
+    for cycle in CYCLES_MS:
+        # A stall takes with it all cycles that begin meanwhile.
+        missed = np.ceil(np.maximum(late - 0.5e-3 * cycle, 0.0) / (1e-3 * cycle)).sum()
+        if missed <= MISSED * max(1.0, len(late) * TICK / (1e-3 * cycle)) or (late < 0.5e-3 * cycle).all():
+            return 1e-3 * cycle
+    return None
+
+
+@contextmanager
+def preferred() -> Iterator[bool]:
+    """Real-time priority while the block runs; whether the system permits it."""
+    if not hasattr(os, "sched_setscheduler"):
+        yield False
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        with suppress(OSError):
+            os.sched_setscheduler(0, *before)
+
+
+def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> list[HealthCheck]:
+    """Idle for some seconds, half of them with real-time priority where that is permitted, and judge what was seen.
+
+    Parameters
+    ----------
+    cycle : s, of the arm
+    latency : s, of the sensor
+    """
+    ordinary = stalls(0.5 * seconds)
+    with preferred() as permitted:
+        answering = stalls(0.5 * seconds) if permitted else ordinary
+    allowed = smallest_cycle(answering)
+    enough = allowed is not None and allowed <= cycle + 1e-9
+    text = "none: it is too busy" if allowed is None else f"{1e3 * allowed:g} ms or longer"
+    checks = [
+        HealthCheck("host stalls", _described(ordinary), True, {"longest_ms": 1e3 * float(ordinary.max())}),
+        HealthCheck(
+            "real-time priority",
+            f"permitted; then {_described(answering)}" if permitted else f"not permitted; better: {_QUIETER}",
+            True,
+            {"permitted": permitted, "longest_ms": 1e3 * float(answering.max())},
+        ),
+        HealthCheck(
+            "cycle allowed",
+            f"{text}; the arm's is {1e3 * cycle:g} ms" + ("" if enough else f"; better: {_QUIETER}"),
+            enough,
+            {"cycle_ms": None if allowed is None else 1e3 * allowed},
+        ),
+    ]
+    return [*checks, _speed(scene, cycle, latency, float(np.quantile(ordinary, 0.999)))]
+
+
+def _described(late: np.ndarray) -> str:
+    median, high, longest = 1e3 * np.quantile(late, (0.5, 0.999, 1.0))
+    return f"median {median:.2f} ms, p99.9 {high:.2f} ms, longest {longest:.2f} ms of {len(late)} wake-ups"
+
+
+def _speed(scene: Scene, cycle: float, latency: float, stall: float) -> HealthCheck:
+    """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
+    contact = scene.contact
+    axial = float(scene.probe.as_probe().compliance[2])
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
+    speeds = []
+    for seconds in (delay, delay + stall):
+        law = choose_force_law(
+            1.0 / (1.0 / contact.stiffness + axial),
+            seconds,
+            contact.target,
+            contact.limit,
+            force_threshold=contact.threshold,
+            braking=scene.motion.acceleration,
+            max_speed=1.0,
+        )
+        speeds.append(1e3 * law.approach_speed if isinstance(law, ForceLaw) else 0.0)
+    return HealthCheck(
+        "speed along the stick",
+        f"{speeds[1]:.1f} mm/s with a stall of {1e3 * stall:.1f} ms, {speeds[0]:.1f} mm/s without",
+        speeds[1] > 0.0,
+        {"speed_mm_s": speeds[1], "speed_without_mm_s": speeds[0]},
+    )

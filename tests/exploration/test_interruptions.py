@@ -1,0 +1,231 @@
+"""Interruptions that a run survives: samples that stay away, and an arm that has stopped by itself."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.safety.reaction import MOST_LATE, ReactionExcess
+from lwrprobe.exploration.safety.silence_guard import SilenceGuard
+from lwrprobe.exploration.stages.force import ForceStage
+from lwrprobe.scene import load_scene
+
+SMALL = [
+    "truth.profile='ideal'",
+    "area.lower=[-0.012, -0.045, 0.006]",
+    "area.upper=[0.012, 0.045, 0.06]",
+    "strategy.step=0.01",
+]
+
+
+class StoppingArm:
+    """The simulated arm, which stops by itself after so many cycles in contact."""
+
+    def __init__(self, arm, world, stops, unasked=True, ready=True):
+        self._arm, self._world = arm, world
+        self.stops, self.unasked, self.ready = list(stops), unasked, ready
+        self.cycle = arm.cycle
+        self.asked = []
+        self._stopped, self._touching = False, 0
+
+    def open(self):
+        self._arm.open()
+
+    def close(self):
+        self._arm.close()
+
+    def stop(self):
+        self._arm.stop()
+
+    def read(self):
+        if self._stopped:
+            raise MotionInterrupted("the controller left command mode", self.unasked)
+        state = self._arm.read()
+        self._touching += self._world.force_now() > 0.4
+        if self.stops and self._touching > self.stops[0]:
+            self.stops.pop(0)
+            self._stopped = True
+            self._arm.stop()
+            for _ in range(300):
+                state = self._arm.read()
+            raise MotionInterrupted("the controller left command mode", self.unasked)
+        return state
+
+    def command(self, q):
+        if self._stopped:
+            raise MotionInterrupted("the controller left command mode", self.unasked)
+        self._arm.command(q)
+
+    def reenter(self, seconds, asked):
+        self.asked.append(asked)
+        if not self.ready:
+            raise DeviceRefused(f"command mode was not entered within {seconds:g} s")
+        self._stopped = False
+
+
+class Truth:
+    """The force on the sphere at the latest sample."""
+
+    def __init__(self, driver):
+        self._driver = driver
+
+    def force_now(self):
+        world = self._driver._world
+        return float(world.truth[max(0, int(world.counts[_taken()]) - 1), 6])
+
+
+def _taken():
+    from lwrprobe_sim import world_kernels
+
+    return world_kernels.TAKEN
+
+
+def run(monkeypatch, tmp_path, stops, settings=(), confirm=None, **how):
+    """A run whose arm stops by itself; the summary, the arm and what was said."""
+    made, said = [], []
+    assemble = Devices.assemble.__func__
+
+    def with_stops(cls, *arguments):
+        devices = assemble(cls, *arguments)
+        (driver,) = devices.drivers.values()
+        devices.arm = StoppingArm(devices.arm, Truth(driver), stops, **how)
+        made.append(devices.arm)
+        return devices
+
+    monkeypatch.setattr(Devices, "assemble", classmethod(with_stops))
+    scene = load_scene("cylinder_vertical", [*SMALL, *settings])
+    with Exploration(scene, tmp_path / "run", message=said.append, confirm=confirm) as exploration:
+        for _ in exploration:
+            pass
+    return exploration.finish(), made[0], said
+
+
+@pytest.mark.slow
+def test_run_goes_on_after_the_arm_has_stopped_in_contact(monkeypatch, tmp_path):
+    summary, arm, said = run(monkeypatch, tmp_path, [500, 2000, 4000])
+    assert isinstance(arm, RestartableArm)
+    assert summary.status == "done", summary.reason
+    assert not arm.stops
+    assert arm.asked == [False] * 3
+    assert summary.reentries == len(summary.interruptions) == 3
+    assert summary.true_peak_force_n < 3.0
+    assert summary.link_collisions == 0
+    assert summary.contact_error_mm["median"] < 0.05
+    assert [one["device"] for one in summary.interruptions] == ["arm"] * 3
+    assert sum("interrupted" in sentence for sentence in said) == 3
+    times = [one["time_s"] for one in summary.interruptions]
+    assert times == sorted(times)
+    assert all(0.4 < one["pause_s"] < 20.0 for one in summary.interruptions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("settings", "how", "words"),
+    [
+        ((), {"unasked": False}, "left command mode"),
+        (("safety.reentries=0",), {}, "safety.reentries allows 0"),
+        ((), {"ready": False}, "not re-entered: command mode was not entered within 10 s"),
+    ],
+)
+def test_run_ends_where_the_arm_may_not_or_cannot_be_set_in_motion(monkeypatch, tmp_path, settings, how, words):
+    summary, arm, _ = run(monkeypatch, tmp_path, [500], settings, **how)
+    assert summary.status == "ended early"
+    assert words in summary.reason
+    assert summary.reentries == 0
+    assert summary.contacts > 0
+    assert len(arm.asked) == (how.get("ready") is False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("answer", ["", "n"])
+def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monkeypatch, tmp_path, answer):
+    asked = []
+    confirm = Confirm(1, asked.append, lambda: "" if confirm.left and not asked[1:] else answer)
+    confirm.left = 0
+    confirm.message = asked.append
+
+    summary, arm, _ = run(monkeypatch, tmp_path, [500], ["run.time_limit=30.0"], confirm, unasked=False)
+    assert any("back into motion after: the controller left command mode" in sentence for sentence in asked)
+    assert arm.asked == ([True] if answer == "" else [])
+    assert summary.reentries == (answer == "")
+    if answer:
+        assert "the operator said 'n'" in summary.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("milliseconds", "per_minute"), [(40, 20), (80, 20), (300, 6)])
+def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute):
+    burst = [f"truth.loss_burst_ms={milliseconds}", f"truth.loss_bursts_per_min={per_minute}"]
+    scene = load_scene("cylinder_vertical", [*SMALL, *burst])
+    with Exploration(scene, tmp_path / "run") as exploration:
+        for _ in exploration:
+            pass
+    summary = exploration.finish()
+    assert summary.status == "done"
+    assert summary.true_peak_force_n < 3.0
+    assert summary.true_peak_force_n <= summary.peak_force_bound_n
+    assert summary.sensor_gaps > 3
+    assert milliseconds == 80 or bool(summary.interruptions) == (milliseconds > 100)
+    assert {one["device"] for one in summary.interruptions} <= {"sensor"}
+    assert summary.reentries == 0
+    assert summary.contact_error_mm["median"] < 0.06
+
+
+def test_one_lost_sample_is_no_gap_and_two_are():
+    for lost, expected in ((1, 0), (2, 1), (5, 1)):
+        guard, begun = SilenceGuard(0.1, 0.001, 0.008), 0
+        for k in range(400):
+            if k % 8 == 0 and not 100 <= k < 100 + 8 * lost:
+                guard.heard(0)
+            begun += guard.check(0.001 * k)
+        assert begun == guard.yields == expected
+
+
+def test_reaction_is_as_stated_until_something_is_late():
+    excess = ReactionExcess(0.01, 0.006, 0.008)
+    for k in range(100):
+        excess.note_state(0.01 * k, False)
+        excess.note_age(0.02)
+    assert excess.seconds == excess.largest == 0.0
+    excess.note_state(1.0, True)
+    assert excess.seconds == pytest.approx(0.01)
+    for k in range(10):
+        excess.note_state(1.01 + 0.01 * k, True)
+    assert excess.seconds == pytest.approx(MOST_LATE * 0.01)
+    excess.note_state(11.1, False)
+    assert excess.seconds == pytest.approx(MOST_LATE * 0.01 / np.e, rel=0.01)
+    excess.note_age(0.1)
+    assert excess.seconds > 0.06
+    assert excess.largest >= excess.seconds
+    excess.note_silence(0.2)
+    assert excess.seconds > 0.2
+    excess.note_state(70.0, False)
+    assert 0.1 < excess.seconds < 0.2, "a silent sensor is remembered for longer than a busy host"
+
+
+def test_speed_towards_a_surface_follows_the_measured_reaction():
+    from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
+    from lwrprobe.contracts import Contact, Goal, VelocityCommand
+
+    scene = load_scene("block")
+    probe = scene.probe.as_probe()
+    conditioner = WrenchConditioner(probe, 125.0)
+    force = ForceStage(scene, probe, conditioner, make_estimator("fused", probe), 125.0)
+    force.begin(0.016)
+    up = np.array([0.0, 0.0, 1.0])
+    wrench = Wrench(1.0, 0.8 * up, np.zeros(3), 0.8 * up)
+    sliding = VelocityCommand(np.array([0.02, 0.0, -0.004]))
+    assert force.limit(sliding, wrench, 0.0) is sliding
+    safe = force.touch_speed
+    force.excess = 0.016
+    assert force.limit(sliding, wrench, 0.0).velocity == pytest.approx([0.01, 0.0, -0.002])
+    assert force.touch_speed == pytest.approx(0.5 * safe)
+    assert force.limit(Goal(np.eye(4), 0.02), wrench, 1.0).speed == pytest.approx(0.01)
+    assert force.limit(Goal(np.eye(4), 0.2), wrench, 1.0).speed == 0.2, (
+        "nothing is touched on the way through free space"
+    )
+    force.update(wrench, np.eye(4), Contact(1.0, np.zeros(3), up, 0.8 * up, 0.005 * up))
+    leaving = VelocityCommand(np.array([0.02, 0.0, 0.03]))
+    assert force.limit(leaving, wrench, 0.0).velocity == pytest.approx([0.01, 0.0, 0.03])
