@@ -8,6 +8,7 @@ from lwrprobe.contact import agreed_bias
 from lwrprobe.contracts import SafetyStop, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -27,14 +28,21 @@ class StartUp:
     pipeline : generator, inverse kinematics, wrench conditioner
     devices : arm and sensor
     arm : its motion
+    recorder : takes the samples of the pauses
     approach_speed : m/s, of a step back
     confirm : asks the operator before the arm moves, None = does not ask
     """
 
     def __init__(
-        self, pipeline: Pipeline, devices: Devices, arm: ArmMotion, approach_speed: float, confirm: Confirm | None
+        self,
+        pipeline: Pipeline,
+        devices: Devices,
+        arm: ArmMotion,
+        recorder: Recorder,
+        approach_speed: float,
+        confirm: Confirm | None,
     ) -> None:
-        self._pipeline, self._devices, self._arm = pipeline, devices, arm
+        self._pipeline, self._devices, self._arm, self._recorder = pipeline, devices, arm, recorder
         self._speed, self._confirm = approach_speed, confirm
 
     def take_place(self, pose: np.ndarray, q: np.ndarray) -> None:
@@ -81,7 +89,10 @@ class StartUp:
             arm.hold()
             begin = arm.time if begin is None else begin
             samples += self._devices.sensor.read()
-        return [sample for sample in samples if sample.time > begin]
+        heard = [sample for sample in samples if sample.time > begin]
+        if self._recorder.bag is not None:
+            self._recorder.bag.listened(heard, arm.q)
+        return heard
 
     def _ask(self, farthest: float) -> None:
         """Hold the joints until the operator allows the move to the start, where the operator is to be asked."""
