@@ -1,6 +1,6 @@
 """The command line's entry: the table of commands, and one way out for every error.
 
-Exit codes: 0 done, 1 a run ended early with its data kept, 2 bad input.
+Exit codes: 0 done, 1 a run ended early with its data kept, 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,20 +13,27 @@ import typer
 import lwrprobe
 from lwrprobe.cli import (
     bench,
+    compare,
     doctor,
     emulate,
     evaluate,
     explore,
+    film,
     listing,
     map_file,
     merge,
     reconstruct,
+    recover,
     repeat,
+    replay,
     report,
+    rescan,
     resume,
+    sweep,
+    view,
     weigh,
 )
-from lwrprobe.errors import DriverError, LwrprobeError, PluginError, UnknownNameError
+from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
 from lwrprobe.help_page import Command, Group
 
 app = typer.Typer(
@@ -40,11 +47,18 @@ app = typer.Typer(
 )
 app.command("explore", cls=Command)(explore.explore)
 app.command("resume", cls=Command)(resume.resume)
+app.command("recover", cls=Command)(recover.recover)
+app.command("replay", cls=Command)(replay.replay)
+app.command("rescan", cls=Command)(rescan.rescan)
 app.command("reconstruct", cls=Command)(reconstruct.reconstruct)
 app.command("fit", cls=Command)(reconstruct.fit)
 app.command("evaluate", cls=Command)(evaluate.evaluate)
 app.command("report", cls=Command)(report.report)
+app.command("compare", cls=Command)(compare.compare)
+app.command("view", cls=Command)(view.view)
+app.command("film", cls=Command)(film.film)
 app.command("merge", cls=Command)(merge.merge)
+app.command("sweep", cls=Command)(sweep.sweep)
 app.command("list", cls=Command)(listing.list_names)
 app.command("doctor", cls=Command)(doctor.doctor)
 app.command("weigh", cls=Command)(weigh.weigh)
@@ -52,6 +66,9 @@ app.command("repeat", cls=Command)(repeat.repeat)
 app.command("bench", cls=Command)(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(map_file.app, name="map")
+
+INTERRUPTED = 130
+"""Exit code, that of the shell for SIGINT."""
 
 LISTED = {
     "scene": "scenes",
@@ -86,10 +103,11 @@ def main() -> None:
         app()
     except LwrprobeError as error:
         typer.echo(f"lwrprobe: {error}{_next_step(error)}", err=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        typer.echo("lwrprobe: interrupted", err=True)
-        sys.exit(1)
+        sys.exit(1 if isinstance(error, StorageError) else 2)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer's answer to Ctrl-C
+            typer.echo("lwrprobe: interrupted; what was written so far is kept", err=True)
+        raise
     except BrokenPipeError:
         sys.exit(1)
 

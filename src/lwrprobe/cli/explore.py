@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from lwrprobe.views.viewer import Viewer
 
 _MAX_ZONES = 3  # the widest, which are listed one by one
 
@@ -54,11 +57,23 @@ def explore(
         int,
         typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
     ] = 0,
+    record: Annotated[
+        bool | None,
+        typer.Option(
+            "--record/--no-record", help="Write a rosbag2 bag (MCAP) into the run folder; on with real devices."
+        ),
+    ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the exploration in the browser while it goes on (port 8080).")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a run that was cut off and could be resumed.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
-    from lwrprobe.cli.checks import check_folder, check_plugins
+    from lwrprobe.cli.checks import check_empty, check_folder, check_plugins
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
@@ -77,12 +92,40 @@ def explore(
             return _rehearse(loaded, line, as_json)
         folder = out if out is not None else Path("runs") / loaded.name
         check_folder("--out", folder)
+        check_empty("--out", folder, overwrite)
         from lwrprobe.exploration.safety.confirm import Confirm
         from lwrprobe.runs.explore import explore as run
 
         asking = Confirm(confirm, line.message) if confirm > 0 else None
-        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
+        viewer = _viewer(loaded, line) if view else None
+        shown = viewer.update if viewer is not None else None
+        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking, record=record, shown=shown)
+    if viewer is not None:
+        _keep_showing(viewer, folder)
     finish(found.summary.as_dict(), folder, as_json, quiet)
+
+
+def _viewer(scene: Any, line: Any) -> Viewer:
+    from lwrprobe.views.playback import of_scene
+    from lwrprobe.views.viewer import Viewer
+
+    viewer = Viewer(of_scene(scene), live=True)
+    line.message(f"{viewer.url} shows the exploration")
+    return viewer
+
+
+def _keep_showing(viewer: Viewer, folder: Path) -> None:
+    """The whole run, until Ctrl-C."""
+    from threading import Event
+
+    from lwrprobe.views.playback import playback
+
+    viewer.finish(playback(folder))
+    typer.echo(f"{viewer.url} shows the run; Ctrl-C ends", err=True)
+    try:
+        viewer.play(Event())
+    except KeyboardInterrupt:
+        viewer.close()
 
 
 def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) -> None:

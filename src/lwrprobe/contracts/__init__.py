@@ -49,6 +49,7 @@ from lwrprobe.errors import (
     SafetyStop,
     SceneError,
     StaleData,
+    StorageError,
     UnknownNameError,
 )
 
@@ -95,6 +96,7 @@ __all__ = [
     "Sensor",
     "StaleData",
     "SteppedArm",
+    "StorageError",
     "Strategy",
     "Task",
     "TouchRecord",

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from lwrprobe.contact import Counters
 from lwrprobe.contracts import (
     Done,
     DriverError,
+    Motion,
     MotionInterrupted,
     Observation,
     PluginError,
     Progress,
     SafetyStop,
+    StorageError,
     Task,
 )
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
@@ -36,12 +40,13 @@ from lwrprobe.scene import Scene
 
 STAGES = (
     "arm", "sensor", "condition", "estimate", "map", "carve", "watch", "clearance", "strategy", "trajectory",
-    "set points", "governor", "record",
+    "set points", "governor", "record", "bag",
 )  # fmt: skip
 
 SHOW_EVERY = 0.1
 """s of wall-clock time between two progress snapshots."""
 
+Question = Callable[[Sequence[np.ndarray]], bool]
 WatchFunction = Callable[["ProgressSnapshot"], None]
 
 
@@ -147,7 +152,7 @@ class Explorer:
         period = 1.0 / devices.sensor.rate
         self._silence = SilenceGuard(max(scene.safety.silence, 5.0 * period), cycle, period)
         self.arm = ArmMotion(scene, pipeline, devices, self._clock, self._silence)
-        self.start_up = StartUp(pipeline, devices, self.arm, scene.motion.approach_speed, confirm)
+        self.start_up = StartUp(pipeline, devices, self.arm, recorder, scene.motion.approach_speed, confirm)
         self._request = MotionRequest(pipeline, self.arm)
         stiffness, threshold = scene.contact.stiffness, scene.contact.threshold
         self._record = RunRecord(recorder, pipeline.strategy, pipeline.probe, stiffness, threshold)
@@ -167,6 +172,11 @@ class Explorer:
         """What the strategy was shown last."""
         return self._sample.observation
 
+    @property
+    def asked(self) -> Motion | None:
+        """The strategy's last motion."""
+        return self._request.asked
+
     def begin(self, elapsed: float = 0.0) -> None:
         """Hand the task to the strategy; the run's time begins, `elapsed` s after its zero."""
         area, margin = self._pipeline.area, self._scene.safety.margin
@@ -175,35 +185,27 @@ class Explorer:
         stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate)
         self._pipeline.force.begin(task.delay, stated)
         self._sample.zero_time = self.arm.time - elapsed
+        if self._recorder.bag is not None:
+            self._recorder.bag.begin(self._sample.zero_time, elapsed, self._pipeline.trajectory.pose, task.delay)
         try:
             self._pipeline.strategy.start(task)
             self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
+        except StorageError:
+            raise
         except Exception as error:
             raise failed(self._scene.strategy.name, error) from error
 
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""
-        scene, pipeline, sensor = self._scene, self._pipeline, self._devices.sensor
-        pose = pipeline.trajectory.pose
-        return Task(
-            area=pipeline.area,
-            probe=pipeline.probe,
-            orientation=pose[:3, :3].copy(),
-            start=pose[:3, 3].copy(),
-            free_speed=scene.motion.free_speed,
-            approach_speed=scene.motion.approach_speed,
-            contour_speed=scene.motion.contour_speed,
-            acceleration=scene.motion.acceleration,
-            force_threshold=scene.contact.threshold,
-            force_target=scene.contact.target,
-            force_limit=scene.contact.limit,
-            clearance_threshold=scene.clearance.threshold,
-            stiffness=scene.contact.stiffness,
-            delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay),
-            options=pipeline.options,
-            reachable=self._request.reachable,
-            clear=self._request.clear,
-        )
+        sensor = self._devices.sensor
+        delay = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay)
+        reachable, clear = self._answered(self._request.reachable), self._answered(self._request.clear)
+        return make_task(self._scene, self._pipeline, delay, reachable, clear)
+
+    def _answered(self, ask: Question) -> Question:
+        """The question with its answers in the bag, where one is recorded."""
+        bag = self._recorder.bag
+        return ask if bag is None else lambda poses: bag.answer(ask(poses))
 
     def run(self, time_limit: float) -> Outcome:
         """Until the strategy is done, or `time_limit` s of robot time are over."""
@@ -236,7 +238,7 @@ class Explorer:
             else:
                 reason = self._request.current.reason
                 status = "done" if self._request.current.complete else "ended early"
-        except (DriverError, SafetyStop, PluginError) as error:
+        except (DriverError, SafetyStop, PluginError, StorageError) as error:
             reason, cause = str(error), error
         except KeyboardInterrupt:
             reason = "interrupted"
@@ -325,3 +327,27 @@ class Explorer:
             contacts = len(self._recorder.contacts)
             self._watch(ProgressSnapshot(self.time, now - begin, progress, contacts, self._record.force))
         return now
+
+
+def make_task(scene: Scene, pipeline: Pipeline, delay: float, reachable: Question, clear: Question) -> Task:
+    """What is to be done, from where the generator has the tip; `delay` s from a force to the arm's reaction."""
+    pose = pipeline.trajectory.pose
+    return Task(
+        area=pipeline.area,
+        probe=pipeline.probe,
+        orientation=pose[:3, :3].copy(),
+        start=pose[:3, 3].copy(),
+        free_speed=scene.motion.free_speed,
+        approach_speed=scene.motion.approach_speed,
+        contour_speed=scene.motion.contour_speed,
+        acceleration=scene.motion.acceleration,
+        force_threshold=scene.contact.threshold,
+        force_target=scene.contact.target,
+        force_limit=scene.contact.limit,
+        clearance_threshold=scene.clearance.threshold,
+        stiffness=scene.contact.stiffness,
+        delay=delay,
+        options=pipeline.options,
+        reachable=reachable,
+        clear=clear,
+    )

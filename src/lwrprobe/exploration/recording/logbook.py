@@ -27,6 +27,7 @@ from lwrprobe.contracts import (
     Strategy,
     Task,
 )
+from lwrprobe.exploration.recording.stream import write_all
 
 OBSERVATIONS, WORDS = "observations.f64", "observations.words"
 WIDTH = 48
@@ -49,10 +50,11 @@ class Logbook:
     folder : of the run
     keep : rows of an earlier part of the run that stay, None = begin anew
 
-    Raises InputError when the folder cannot be written to.
+    Raises InputError when the folder cannot be written to, and StorageError when that fails later.
     """
 
     def __init__(self, folder: Path, keep: int | None = None) -> None:
+        self._folder = folder
         self._paths = folder / OBSERVATIONS, folder / WORDS
         known = [] if keep is None else _read_words(self._paths[1])
         try:
@@ -72,13 +74,13 @@ class Logbook:
         """Where the strategy takes over."""
         row = self._empty(TASK, 0.0)
         row[2:11], row[11:14], row[14] = task.orientation.ravel(), task.start, task.delay
-        self._rows.write(row.data)
+        write_all(self._rows, row.tobytes(), self._folder)
 
     def answer(self, answer: bool) -> bool:
         """The answer to the strategy's question for the arm's reach or for the links' clearance."""
         row = self._empty(ANSWER, 0.0)
         row[2] = answer
-        self._rows.write(row.data)
+        write_all(self._rows, row.tobytes(), self._folder)
         return answer
 
     def note(self, seen: Observation) -> None:
@@ -97,7 +99,7 @@ class Logbook:
         else:
             row += (1.0, near.distance, near.required, *near.on_robot.tolist(), *near.on_map.tolist())
             row.append(self._of(near.link))
-        self._rows.write(array("d", row))
+        write_all(self._rows, array("d", row).tobytes(), self._folder)
 
     def close(self) -> None:
         """The run was cut off and may be resumed."""
@@ -119,7 +121,7 @@ class Logbook:
         code = self._code.get(word)
         if code is None:
             code = self._code[word] = float(len(self._code))
-            self._words.write(word.replace("\n", " ").encode() + b"\n")
+            write_all(self._words, word.replace("\n", " ").encode() + b"\n", self._folder)
         return code
 
 
