@@ -8,6 +8,8 @@ its children; each gets its own when its turn comes. What survives down to a vox
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lwrprobe.collision.gjk_kernels import TOLERANCE, core_distance
@@ -34,6 +36,36 @@ FIRST_SET = sum(((flags & -flags).bit_length() - 1) << (2 * flags) for flags in 
 LAST_SET = sum(flags.bit_length() << (4 * flags) for flags in range(1, 16))
 """Of four flags the first that is set, and one past the last: a table in the bits of a number, without a branch."""
 PROJECTIONS, MOST_STEPS = 2, 8  # of the steps from a cube towards a link
+
+
+class Plane(NamedTuple):
+    """The plane that touches a link's signed distance: (x, y, z) of its gradient, and its value at the origin."""
+
+    x: float
+    y: float
+    z: float
+    offset: float
+
+
+class Cell(NamedTuple):
+    """A cube of 4^level voxels' edge: its node, 0 for a filled cube, and its lowest key along each axis."""
+
+    node: int
+    level: int
+    kx: int
+    ky: int
+    kz: int
+
+
+class Scratch(NamedTuple):
+    """Arrays that a search works in; `search` makes them."""
+
+    bounds: np.ndarray  # (PENDING + links,), of the entries on the stack
+    stack: np.ndarray  # (PENDING + links, 2), link and cell, packed
+    cube: np.ndarray  # (ROW,), a cell as a shape
+    simplex: np.ndarray  # (4, 6)
+    work: np.ndarray  # (16, 4)
+    pair: np.ndarray  # (6,)
 
 
 @allocation_free_kernel
@@ -112,12 +144,14 @@ def zero_of(x, g, before, slope, low, high):
 
 
 @allocation_free_kernel(forceinline=True)
-def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pair, answer):
-    """Measure a link and a cube, given the link's signed distance and its gradient at the cube's centre.
+def take_cube(shape, who, plane, centre, half, scratch, answer):
+    """Measure a link and a cube of half edge `half`, given the link's plane with the cube's centre as its origin.
 
     Back and forth between the nearest point of the link and that point's nearest in the cube; where the two are nearly
     parallel that crawls, and the gradient's zero is sought along each axis by itself. What is left goes on to GJK.
     """
+    (x, y, z), gx, gy, gz = centre, plane.x, plane.y, plane.z
+    s = plane.offset  # at the centre
     x0, x1, y0, y1, z0, z1 = x - half, x + half, y - half, y + half, z - half, z + half
     ox, oy, oz, hx, hy, hz = x, y, z, gx, gy, gz  # the place and the gradient before
     for step in range(MOST_STEPS):
@@ -139,11 +173,12 @@ def take_cube(shape, who, s, gx, gy, gz, x, y, z, half, cube, simplex, work, pai
         x, y, z = min(max(px, x0), x1), min(max(py, y0), y1), min(max(pz, z0), z1)
         s, gx, gy, gz = distance_to(shape, x, y, z)
     back = s + margin(shape)
+    simplex, cube = scratch.simplex, scratch.cube
     simplex[0, 0], simplex[0, 1], simplex[0, 2] = -back * gx, -back * gy, -back * gz
     simplex[0, 3], simplex[0, 4], simplex[0, 5] = x - back * gx, y - back * gy, z - back * gz
     cube[KIND], cube[SIZE], cube[SIZE + 1], cube[SIZE + 2] = CUBE, half, half, half
     cube[TRANSLATION], cube[TRANSLATION + 1], cube[TRANSLATION + 2] = x0 + half, y0 + half, z0 + half
-    take_nearer(shape, cube, who, simplex, work, pair, answer)
+    take_nearer(shape, cube, who, simplex, scratch.work, scratch.pair, answer)
 
 
 @allocation_free_kernel
@@ -155,9 +190,8 @@ def record(answer, who, distance, ax, ay, az, bx, by, bz):
 
 
 @allocation_free_kernel
-def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
-    """Put an entry on those from `base` upwards, so that the nearest of them is on top: a cube of 4^level voxels' edge
-    and its node, 0 for a filled cube.
+def push(bounds, stack, depth, base, bound, who, cell):
+    """Put a link and a cell on the entries from `base` upwards, so that the nearest of them is on top.
 
     Those below are in no order: most of them are never looked at again, and to sort them costs more than it saves.
     """
@@ -167,8 +201,8 @@ def push(bounds, stack, depth, base, bound, who, node, level, kx, ky, kz):
         stack[slot, 0], stack[slot, 1] = stack[slot - 1, 0], stack[slot - 1, 1]
         slot -= 1
     bounds[slot] = bound
-    stack[slot, 0] = node | who << 32
-    stack[slot, 1] = kx | ky << 16 | kz << 32 | level << 48
+    stack[slot, 0] = cell.node | who << 32
+    stack[slot, 1] = cell.kx | cell.ky << 16 | cell.kz << 32 | cell.level << 48
 
 
 @allocation_free_kernel(forceinline=True)
@@ -189,9 +223,11 @@ def descend(words, node, level, child, kx, ky, kz):
 
 
 @allocation_free_kernel
-def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
-    """Push all children of a node that may be nearer than `best` by the node's own plane; the stack's new height."""
-    base = depth
+def expand(words, edge, who, cell, plane, best, scratch, depth):
+    """Push all children of a cell's node that may be nearer than `best` by the cell's plane; the stack's new height."""
+    base, bounds, stack = depth, scratch.bounds, scratch.stack
+    gx, gy, gz, offset = plane
+    node, level, kx, ky, kz = cell
     # the plane's least value in a child's own cube: worth asking before looking into the child
     size = edge * (np.int64(1) << (2 * (level - 1)))
     low = (kx - CENTRE_KEY) * gx + (ky - CENTRE_KEY) * gy + (kz - CENTRE_KEY) * gz
@@ -206,15 +242,17 @@ def expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, 
         x, y, z, hx, hy, hz = box_around(words, edge, below, at_level, cx, cy, cz)
         bound = gx * x + gy * y + gz * z + offset - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)
         if bound < best:
-            push(bounds, stack, depth, base, bound, who, below, at_level, cx, cy, cz)
+            push(bounds, stack, depth, base, bound, who, Cell(below, at_level, cx, cy, cz))
             depth += 1
     return depth
 
 
 @allocation_free_kernel
-def expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth):
+def expand_bottom(words, edge, who, cell, plane, best, scratch, depth):
     """The same for a node whose children are voxels: their bounds are the plane's values, stepped along three axes."""
-    base = depth
+    base, bounds, stack = depth, scratch.bounds, scratch.stack
+    gx, gy, gz, offset = plane
+    node, _, kx, ky, kz = cell
     low = (kx - CENTRE_KEY + 0.5) * gx + (ky - CENTRE_KEY + 0.5) * gy + (kz - CENTRE_KEY + 0.5) * gz
     low = offset + edge * (low - 0.5 * (abs(gx) + abs(gy) + abs(gz)))
     rest = words[node]
@@ -224,7 +262,7 @@ def expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, 
         cx, cy, cz = child & 3, (child >> 2) & 3, child >> 4
         bound = low + edge * (cx * gx + cy * gy + cz * gz)
         if bound < best:
-            push(bounds, stack, depth, base, bound, who, 0, 0, kx + cx, ky + cy, kz + cz)
+            push(bounds, stack, depth, base, bound, who, Cell(0, 0, kx + cx, ky + cy, kz + cz))
             depth += 1
     return depth
 
@@ -244,18 +282,18 @@ def search(words, shapes, answer):
     if words[COUNT] > 0:
         simplex, work, pair, cube = np.empty((4, 6)), np.empty((16, 4)), np.empty(6), np.empty(ROW)
         bounds, stack = np.empty(PENDING + shapes.shape[0]), np.empty((PENDING + shapes.shape[0], 2), np.int64)
-        search_through(words, shapes, bounds, stack, cube, simplex, work, pair, answer)
+        search_through(words, shapes, Scratch(bounds, stack, cube, simplex, work, pair), answer)
 
 
 @allocation_free_kernel
-def search_through(words, shapes, bounds, stack, cube, simplex, work, pair, answer):
-    """The search itself, given the room that it needs."""
-    edge, depth = real(words[EDGE]), 0
+def search_through(words, shapes, scratch, answer):
+    """The search itself, given the arrays that it works in."""
+    edge, depth, bounds, stack = real(words[EDGE]), 0, scratch.bounds, scratch.stack
     x, y, z, hx, hy, hz = box_around(words, edge, ROOT, TOP + 1, 0, 0, 0)
     for who in range(shapes.shape[0]):
         s, gx, gy, gz = distance_to(shapes[who], x, y, z)
         bound = s - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz)
-        push(bounds, stack, depth, 0, bound, who, ROOT, TOP + 1, 0, 0, 0)
+        push(bounds, stack, depth, 0, bound, who, Cell(ROOT, TOP + 1, 0, 0, 0))
         depth += 1
     while depth > 0 and answer[DISTANCE] > 0.0:
         depth -= 1
@@ -269,15 +307,15 @@ def search_through(words, shapes, bounds, stack, cube, simplex, work, pair, answ
         shape = shapes[who]
         s, gx, gy, gz = distance_to(shape, x, y, z)
         if node == 0:
-            take_cube(shape, who, s, gx, gy, gz, x, y, z, hx, cube, simplex, work, pair, answer)
+            take_cube(shape, who, Plane(gx, gy, gz, s), (x, y, z), hx, scratch, answer)
             continue
         if s - (abs(gx) * hx + abs(gy) * hy + abs(gz) * hz) >= best:
             continue
-        offset = s - (gx * x + gy * y + gz * z)
+        plane, cell = Plane(gx, gy, gz, s - (gx * x + gy * y + gz * z)), Cell(node, level, kx, ky, kz)
         if level == 1:
-            depth = expand_bottom(words, who, edge, node, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth)
+            depth = expand_bottom(words, edge, who, cell, plane, best, scratch, depth)
         else:
-            depth = expand(words, who, edge, node, level, kx, ky, kz, gx, gy, gz, offset, best, bounds, stack, depth)
+            depth = expand(words, edge, who, cell, plane, best, scratch, depth)
 
 
 @kernel

@@ -6,6 +6,8 @@ Aanaes, IEEE TVCG 11(3), 2005).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lwrprobe.compiled import kernel
@@ -130,13 +132,21 @@ def _nearest_triangle(numbers, indices, m, x, y, z):
     return best, bx, by, bz, face, feature
 
 
+class Contacts(NamedTuple):
+    """Contacts of a sphere, m: how many there may be is the arrays' length."""
+
+    points: np.ndarray  # (k, 3)
+    normals: np.ndarray  # (k, 3), out of the solid
+    parts: np.ndarray  # (k,), index of the object
+
+
 @kernel
-def mesh_contacts(numbers, indices, m, x, y, z, radius, points, normals, parts, count):
+def mesh_contacts(numbers, indices, m, centre, radius, contacts, count):
     """Append the local minima of the distance from outside to mesh m below `radius`; returns the new count.
 
     Of minima whose normals differ by less than 15 degrees the nearest stays.
     """
-    begin = count
+    begin, (x, y, z) = count, centre
     boxes, nodes = mesh_offset(indices, m, MESH_NODE_BOXES), mesh_offset(indices, m, MESH_NODES)
     stack = np.empty(_ROOM, np.int64)
     stack[0], top = 0, 1
@@ -157,15 +167,16 @@ def mesh_contacts(numbers, indices, m, x, y, z, radius, points, normals, parts, 
             if distance >= radius or distance < 1e-12:
                 continue
             if _is_minimum(numbers, indices, m, t, feature, px, py, pz, x, y, z):
-                count = _keep_nearest(
-                    x, y, z, px, py, pz, dx / distance, dy / distance, dz / distance,
-                    mesh_part(indices, m), points, normals, parts, begin, count,
-                )  # fmt: skip
+                normal = dx / distance, dy / distance, dz / distance
+                count = _keep_nearest(centre, (px, py, pz), normal, mesh_part(indices, m), contacts, begin, count)
     return count
 
 
 @kernel
-def _keep_nearest(x, y, z, px, py, pz, nx, ny, nz, part, points, normals, parts, begin, count):
+def _keep_nearest(centre, point, normal, part, contacts, begin, count):
+    """Append a contact, or put it in place of one from `begin` on with the same direction that is farther away."""
+    (x, y, z), (px, py, pz), (nx, ny, nz) = centre, point, normal
+    points, normals, parts = contacts
     place = count
     depth = -((x - px) * nx + (y - py) * ny + (z - pz) * nz)
     for n in range(begin, count):

@@ -12,7 +12,7 @@ import numpy as np
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.scene.edge_kernels import edge_point
-from lwrprobe.scene.mesh_kernels import mesh_contacts, mesh_nearest, mesh_part
+from lwrprobe.scene.mesh_kernels import Contacts, mesh_contacts, mesh_nearest, mesh_part
 from lwrprobe.scene.program import (
     BALL_NUMBERS,
     BLEND,
@@ -127,21 +127,22 @@ def sphere_contacts(numbers, indices, centre, radius, points, normals, parts):
         normals[0, 0], normals[0, 1], normals[0, 2] = nx, ny, nz
         parts[0] = part
         return 1, distance
-    count = 0
+    at, contacts, count = (x, y, z), Contacts(points, normals, parts), 0
     if value < radius:
-        count = _face_contacts(numbers, indices, x, y, z, radius, points, normals, parts)
-        count = _edge_contacts(numbers, indices, x, y, z, radius, points, normals, parts, count)
-        count = _corner_contacts(numbers, indices, x, y, z, radius, points, normals, parts, count)
+        count = _face_contacts(numbers, indices, at, radius, contacts)
+        count = _edge_contacts(numbers, indices, at, radius, contacts, count)
+        count = _corner_contacts(numbers, indices, at, radius, contacts, count)
     for m in range(indices[MESHES]):
-        count = mesh_contacts(numbers, indices, m, x, y, z, radius, points, normals, parts, count)
+        count = mesh_contacts(numbers, indices, m, at, radius, contacts, count)
     if indices[MESHES] > 0:
-        count = _drop_buried(numbers, indices, points, normals, parts, count)
+        count = _drop_buried(numbers, indices, contacts, count)
     return count, lowest
 
 
 @kernel
-def _drop_buried(numbers, indices, points, normals, parts, count):
+def _drop_buried(numbers, indices, contacts, count):
     """Keep the contacts that lie on the outside of the union of surfaces and meshes."""
+    points, normals, parts = contacts
     kept = 0
     for n in range(count):
         x = points[n, 0] + _SKIN * normals[n, 0]
@@ -159,8 +160,8 @@ def _drop_buried(numbers, indices, points, normals, parts, count):
 
 
 @kernel
-def _face_contacts(numbers, indices, x, y, z, radius, points, normals, parts):
-    count = 0
+def _face_contacts(numbers, indices, centre, radius, contacts):
+    count, (x, y, z) = 0, centre
     for k in range(indices[SURFACES]):
         value = surface_value(numbers, k, x, y, z)
         if abs(value) >= radius:
@@ -173,18 +174,19 @@ def _face_contacts(numbers, indices, x, y, z, radius, points, normals, parts):
         side = 1.0 if value >= 0.0 else -1.0
         nx, ny, nz = side * gx, side * gy, side * gz
         if _faces(numbers, indices, k, px, py, pz, nx, ny, nz):
-            count = _add(x, y, z, px, py, pz, nx, ny, nz, radius, part, points, normals, parts, count)
+            count = _add(centre, (px, py, pz), (nx, ny, nz), radius, part, contacts, count)
         elif _on_axis(numbers, k, x, y, z):
             for turn in range(1, _TURNS):
                 px, py, pz, gx, gy, gz = _turned(numbers, k, x, y, z, turn)
                 if _faces(numbers, indices, k, px, py, pz, -gx, -gy, -gz):
-                    count = _add(x, y, z, px, py, pz, -gx, -gy, -gz, radius, part, points, normals, parts, count)
+                    count = _add(centre, (px, py, pz), (-gx, -gy, -gz), radius, part, contacts, count)
                     break
     return count
 
 
 @kernel
-def _edge_contacts(numbers, indices, x, y, z, radius, points, normals, parts, count):
+def _edge_contacts(numbers, indices, centre, radius, contacts, count):
+    x, y, z = centre
     for chain in range(indices[CHAINS]):
         row = indices[CHAINS + 2] + CHAIN_INDICES * chain
         if indices[row + 6] == 0 or chain_bound(numbers, indices, chain, x, y, z) >= radius:
@@ -201,12 +203,13 @@ def _edge_contacts(numbers, indices, x, y, z, radius, points, normals, parts, co
             dx, dy, dz = dx / distance, dy / distance, dz / distance
             part = surface_part(numbers, i)
             if _in_cone(numbers, indices, i, j, indices[row + 4], indices[row + 5], px, py, pz, dx, dy, dz):
-                count = _add(x, y, z, px, py, pz, dx, dy, dz, radius, part, points, normals, parts, count)
+                count = _add(centre, (px, py, pz), (dx, dy, dz), radius, part, contacts, count)
     return count
 
 
 @kernel
-def _corner_contacts(numbers, indices, x, y, z, radius, points, normals, parts, count):
+def _corner_contacts(numbers, indices, centre, radius, contacts, count):
+    x, y, z = centre
     for v in range(indices[VERTICES]):
         row = indices[VERTICES + 1] + VERTEX_NUMBERS * v
         px, py, pz = numbers[row], numbers[row + 1], numbers[row + 2]
@@ -218,13 +221,15 @@ def _corner_contacts(numbers, indices, x, y, z, radius, points, normals, parts, 
         if _corner_faces(numbers, indices, v, px, py, pz, dx, dy, dz):
             first = indices[indices[VERTICES + 2] + VERTEX_INDICES * v]
             part = surface_part(numbers, indices[indices[INCIDENCE + 2] + first])
-            count = _add(x, y, z, px, py, pz, dx, dy, dz, radius, part, points, normals, parts, count)
+            count = _add(centre, (px, py, pz), (dx, dy, dz), radius, part, contacts, count)
     return count
 
 
 @kernel
-def _add(x, y, z, px, py, pz, nx, ny, nz, radius, part, points, normals, parts, count):
-    """Append a contact unless it is too far, already there, or there is no room."""
+def _add(centre, point, normal, radius, part, contacts, count):
+    """Append a contact unless it is too far, already there, or the arrays are full."""
+    (x, y, z), (px, py, pz), (nx, ny, nz) = centre, point, normal
+    points, normals, parts = contacts
     if (x - px) * nx + (y - py) * ny + (z - pz) * nz >= radius or count >= parts.shape[0]:
         return count
     for n in range(count):

@@ -42,11 +42,9 @@ class SetPoints:
         self.refusal: MotionStop | None = None
         if isinstance(trajectory, CartesianTrajectory):
             self._table = solver.table
-            self._guarded = solver.robot.chain, *guard.arrays, self.rows, self.velocities
-            plan, state, _, _ = trajectory.plan_state
-            self._generate = entry(
-                k.generate, plan, state, 0.0, 0.0, 0.0, 0, solver.table, *[guard.measured] * 3, *self._guarded, 0, 0
-            )
+            self._arrays = (k.Guard(solver.robot.chain, *guard.arrays), k.Rows(self.rows, self.velocities))
+            motion = k.Motion(*trajectory.plan_state, trajectory.cycle)
+            self._generate = entry(k.generate, motion, 0, solver.table, *[guard.measured] * 3, *self._arrays, 0, 0)
 
     def generate(self, q: np.ndarray, first: int, last: int) -> int:
         """Set points into `rows` from row `first` up to `last`, one cycle each, from the joints q (n,) on; the row
@@ -63,13 +61,12 @@ class SetPoints:
         trajectory, filled, ended = self._trajectory, first, k.DUE
         going = k.RESTING if trajectory.resting else k.STEPPING
         while ended == k.DUE:
-            plan, state, time, event = trajectory.plan_state
+            motion = k.Motion(*trajectory.plan_state, trajectory.cycle)
             filled, ended, then, cut, detail = self._generate(
-                plan, state, time, event, trajectory.cycle, going, self._table, q, guard.step, measured,
-                *self._guarded, filled, last,
-            )  # fmt: skip
+                motion, going, self._table, q, guard.step, measured, *self._arrays, filled, last
+            )
             self.cut += cut
-            if then > time:
+            if then > motion.time:
                 trajectory.come_to(then)
                 going = k.RESTING if trajectory.resting else k.STEPPED
             if filled > first:
