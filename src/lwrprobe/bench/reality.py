@@ -19,6 +19,7 @@ from lwrprobe.contracts import LwrprobeError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 
 SEED = 7
+TRUTH_PROFILES = ("ideal", "lab", "datasheet", "rough")
 """Of the noise in the rows of single departures."""
 
 
@@ -121,8 +122,8 @@ def _rows(asked: Options, quick: bool) -> list[Row]:
 def _profiles(asked: Options, quick: bool) -> list[str]:
     names = asked.words("profiles", ("none",) if quick else ("lab", "datasheet"))
     for name in names:
-        if name not in ("none", "ideal", "lab", "datasheet", "rough"):
-            raise UnknownNameError("profile", name, ("none", "ideal", "lab", "datasheet", "rough"))
+        if name not in ("none", *TRUTH_PROFILES):
+            raise UnknownNameError("profile", name, ("none", *TRUTH_PROFILES))
     return [name for name in names if name != "none"]
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from lwrprobe.bench.exploration import STRATEGIES
 from lwrprobe.bench.options import Options
+from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport, Table
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
 
@@ -137,7 +138,6 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
     from lwrprobe.scene.shape import KINDS
-    from lwrprobe.scene.truth import PROFILES
 
     asked = Options("shapes", options, "count", "base_seed", "kinds", "strategies", "profile", "jobs", "keep")
     kinds = asked.words("kinds", KINDS)
@@ -146,7 +146,7 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
     for what, given, known in (
         ("kind", kinds, KINDS),
         ("strategy", strategies, STRATEGIES),
-        ("profile", [profile], PROFILES),
+        ("profile", [profile], TRUTH_PROFILES),
     ):
         for name in given:
             if name not in known:
