@@ -19,8 +19,9 @@ from lwrprobe.contracts import LwrprobeError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 
 SEED = 7
-TRUTH_PROFILES = ("ideal", "lab", "datasheet", "rough")
 """Of the noise in the rows of single departures."""
+TRUTH_PROFILES = ("ideal", "lab", "datasheet", "rough")
+"""Of the scene's table `[truth]`."""
 
 
 @dataclass(slots=True, frozen=True)
