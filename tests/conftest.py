@@ -4,6 +4,8 @@ A file's tests stay together, since they share its fixtures. Those marked `realt
 two of them compete for the processor: sockets, signals and loops that keep up with a clock.
 """
 
+import re
+
 import pytest
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
@@ -15,9 +17,19 @@ providers._get_local_constants = lambda: providers._local_constants
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
 
+LEFT_OUT = re.compile(r"^pytestmark = .*pytest\.mark\.(slow|realtime)", re.MULTILINE)
+"""In a file: all its tests are marked so."""
+
 
 def pytest_addoption(parser):
     parser.addoption("--quick", action="store_true", help="leave out what is marked slow or realtime")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """The quick path does not import files of which every test is left out: their imports take seconds."""
+    if config.getoption("--quick") and collection_path.suffix == ".py" and LEFT_OUT.search(collection_path.read_text()):
+        return True
+    return None
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups

@@ -10,6 +10,22 @@ import typer
 from lwrprobe.contracts.plugins import load
 from lwrprobe_rig.console import joint_angles, run_command, serve
 from lwrprobe_rig.ground_truth import GroundTruth
+from lwrprobe_rig.shared_options import (
+    CONSOLE_ADDRESS,
+    DATA_ADDRESS,
+    DRIVER_ADDRESS,
+    FRI_ADDRESS,
+    Bind,
+    Bridged,
+    Control,
+    CycleMs,
+    Joints,
+    Krl,
+    Remote,
+    Seconds,
+    Telnet,
+    Udp,
+)
 from lwrprobe_rig.world import SimulatedWorld
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -25,35 +41,25 @@ def rig(
     scene: Annotated[
         str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file: the object to touch.")
     ],
-    bind: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated controller.")
-    ] = "127.0.0.1:49939",
-    remote: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the FRI driver.")] = "127.0.0.1:49938",
-    telnet: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated sensor's console.")
-    ] = "127.0.0.1:10023",
-    udp: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of the sensor's commands and data.")
-    ] = "127.0.0.1:49152",
+    bind: Bind = FRI_ADDRESS,
+    remote: Remote = DRIVER_ADDRESS,
+    telnet: Telnet = CONSOLE_ADDRESS,
+    udp: Udp = DATA_ADDRESS,
     transducer: Annotated[
         int, typer.Option(metavar="N", help="Number of the input that the sensor is connected to, 1 to 6.")
     ] = 1,
-    cycle_ms: Annotated[float, typer.Option(metavar="MS", help="Cycle time of the interface in ms, 1 to 100.")] = 10.0,
-    krl: Annotated[str, typer.Option(metavar="A|B|none", help="KRL program that runs on the controller.")] = "A",
-    bridged: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Missing answers in a row that the controller tolerates.")
-    ] = 3,
-    joints: Annotated[
-        str, typer.Option(metavar="DEG,DEG,...", help="Start position: seven joint angles in degrees.")
-    ] = "",
+    cycle_ms: CycleMs = 10.0,
+    krl: Krl = "A",
+    bridged: Bridged = 3,
+    joints: Joints = "",
     fri_faults: Annotated[
         str, typer.Option(metavar="FAULTS", help="Faults of the controller's connection: loss=0.05,delay=0.002,...")
     ] = "",
     ati_faults: Annotated[
         str, typer.Option(metavar="FAULTS", help="Faults of the sensor's connection: loss=0.05,delay=0.002,...")
     ] = "",
-    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
-    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    control: Control = "",
+    seconds: Seconds = float("inf"),
     seed: Annotated[
         int | None, typer.Option(metavar="N", help="Seed of noise and faults; the scene's if left out.")
     ] = None,

@@ -93,7 +93,7 @@ def test_a_report_counts_what_holds_and_puts_the_worst_first():
     bad = {**good, "object": "random:thin:2", "status": "ended early", "mesh": None, "manifold": None, "peak": 4.0}
     report = _report([good, bad])
     assert report.tables[1].rows[0][1] == "random:thin:2"
-    held = {verdict.promise: verdict for verdict in report.verdicts}
+    held = {verdict.requirement: verdict for verdict in report.verdicts}
     assert held["done in 98 %"].measured == "1 of 2"
     assert held["largest force <= 4.5 N in 100 %"].held
     assert not held["false collision threats < 5 %"].held

@@ -22,6 +22,7 @@ MODELS = {"lwr4": lwr4, "iiwa14": iiwa14, "ur5e": ur5e, "panda": panda, "puma560
 TOOL = np.array([[0.0, -1, 0, 0.02], [1, 0, 0, 0], [0, 0, 1, 0.1], [0, 0, 0, 1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_there_and_back_through_roboticstoolbox(name):
     robot = MODELS[name](tool=TOOL, base=np.linalg.inv(TOOL))

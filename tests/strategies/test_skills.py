@@ -338,7 +338,7 @@ def test_a_contour_that_does_not_come_on_is_jammed():
 # For any surface and force: a skill ends, and never asks for more than its limits
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     slope=st.floats(-0.6, 0.6), noise=st.floats(0.0, 0.05), shift=st.floats(-0.002, 0.002),
     stiffness=st.floats(300.0, 4000.0), delay=st.floats(0.005, 0.02),

@@ -11,6 +11,7 @@ from lwrprobe.contracts import InputError
 from lwrprobe_ati.emulator.device import AtiEmulator
 from lwrprobe_ati.emulator.transducer import Wrench
 from lwrprobe_rig.console import run_command, serve
+from lwrprobe_rig.shared_options import CONSOLE_ADDRESS, DATA_ADDRESS, Control, Faults, Seconds, Telnet, Udp
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -42,12 +43,8 @@ def build(
 
 @app.command()
 def ati(
-    telnet: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of the console (telnet).")
-    ] = "127.0.0.1:10023",
-    udp: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of commands and data (UDP).")
-    ] = "127.0.0.1:49152",
+    telnet: Telnet = CONSOLE_ADDRESS,
+    udp: Udp = DATA_ADDRESS,
     active: Annotated[
         str, typer.Option(metavar="DIGITS", help="Inputs with a powered transducer: 25 means 2 and 5.")
     ] = "1",
@@ -55,17 +52,15 @@ def ati(
         str,
         typer.Option(metavar="T=Fx,...,Tz", help="Load on input T: T=Fx,Fy,Fz,Tx,Ty,Tz in N and N-mm; several with ;"),
     ] = "",
-    faults: Annotated[
-        str, typer.Option(metavar="FAULTS", help="Faults of the connection: loss=0.05,delay=0.002,...")
-    ] = "",
+    faults: Faults = "",
     noise: Annotated[
         float, typer.Option(metavar="X", help="Noise of the strain gages, in steps of about 0.6 mN.")
     ] = 1.0,
     sticky: Annotated[
         bool, typer.Option("--sticky", help="Keep the first destination of the data, as some devices do.")
     ] = False,
-    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
-    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    control: Control = "",
+    seconds: Seconds = float("inf"),
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of noise and faults.")] = 0,
 ) -> None:
     """Emulate the ATI Wireless F/T. Type control lines on standard input; `help` lists them, `quit` ends."""

@@ -10,6 +10,19 @@ from lwrprobe_fri.emulator.controller import Controller, ControllerSettings
 from lwrprobe_fri.emulator.device import FriEmulator
 from lwrprobe_fri.emulator.plant import LaggingArm, Plant
 from lwrprobe_rig.console import joint_angles, run_command, serve
+from lwrprobe_rig.shared_options import (
+    DRIVER_ADDRESS,
+    FRI_ADDRESS,
+    Bind,
+    Bridged,
+    Control,
+    CycleMs,
+    Faults,
+    Joints,
+    Krl,
+    Remote,
+    Seconds,
+)
 
 _START = "0,45,0,-80,0,55,0"
 
@@ -41,26 +54,18 @@ def build(
 
 @app.command()
 def fri(
-    bind: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Address of the emulated controller.")
-    ] = "127.0.0.1:49939",
-    remote: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the FRI driver.")] = "127.0.0.1:49938",
-    cycle_ms: Annotated[float, typer.Option(metavar="MS", help="Cycle time of the interface in ms, 1 to 100.")] = 10.0,
-    krl: Annotated[str, typer.Option(metavar="A|B|none", help="KRL program that runs on the controller.")] = "A",
-    joints: Annotated[
-        str, typer.Option(metavar="DEG,DEG,...", help="Start position: seven joint angles in degrees.")
-    ] = _START,
-    bridged: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Missing answers in a row that the controller tolerates.")
-    ] = 3,
-    faults: Annotated[
-        str, typer.Option(metavar="FAULTS", help="Faults of the connection: loss=0.05,delay=0.002,...")
-    ] = "",
+    bind: Bind = FRI_ADDRESS,
+    remote: Remote = DRIVER_ADDRESS,
+    cycle_ms: CycleMs = 10.0,
+    krl: Krl = "A",
+    joints: Joints = _START,
+    bridged: Bridged = 3,
+    faults: Faults = "",
     acknowledge: Annotated[
         str, typer.Option(metavar="auto|manual", help="auto: the next start clears an error.")
     ] = "auto",
-    control: Annotated[str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines.")] = "",
-    seconds: Annotated[float, typer.Option(metavar="S", help="Stop after this time in s.")] = float("inf"),
+    control: Control = "",
+    seconds: Seconds = float("inf"),
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the faults.")] = 0,
 ) -> None:
     """Emulate the KRC2 lr with FRI 1.0. Type control lines on standard input; `help` lists them, `quit` ends."""

@@ -20,6 +20,8 @@ from lwrprobe.evaluation.machine import machine, versions
 
 SEED = 7
 """Of the noise in the rows of single departures."""
+TRUTH_PROFILES = ("ideal", "lab", "datasheet", "rough")
+"""Of the scene's table `[truth]`."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -121,8 +123,8 @@ def _rows(asked: Options, quick: bool) -> list[Row]:
 def _profiles(asked: Options, quick: bool) -> list[str]:
     names = asked.words("profiles", ("none",) if quick else ("lab", "datasheet"))
     for name in names:
-        if name not in ("none", "ideal", "lab", "datasheet", "rough"):
-            raise UnknownNameError("profile", name, ("none", "ideal", "lab", "datasheet", "rough"))
+        if name not in ("none", *TRUTH_PROFILES):
+            raise UnknownNameError("profile", name, ("none", *TRUTH_PROFILES))
     return [name for name in names if name != "none"]
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from lwrprobe.bench.exploration import STRATEGIES
 from lwrprobe.bench.options import Options
+from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport, Table
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
 
@@ -69,13 +70,13 @@ class Criterion:
 
     Attributes
     ----------
-    promise : in words
+    requirement : in words
     key : of the run's record; None there fails
     good : of the value
     share : of the runs
     """
 
-    promise: str
+    requirement: str
     key: str
     good: Callable[[Any], bool]
     share: float
@@ -137,7 +138,6 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
     from lwrprobe.scene.shape import KINDS
-    from lwrprobe.scene.truth import PROFILES
 
     asked = Options("shapes", options, "count", "base_seed", "kinds", "strategies", "profile", "jobs", "keep")
     kinds = asked.words("kinds", KINDS)
@@ -146,7 +146,7 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
     for what, given, known in (
         ("kind", kinds, KINDS),
         ("strategy", strategies, STRATEGIES),
-        ("profile", [profile], PROFILES),
+        ("profile", [profile], TRUTH_PROFILES),
     ):
         for name in given:
             if name not in known:
@@ -167,7 +167,7 @@ def _judged(job: Job) -> dict[str, Any]:
             found = record | _explored(job, place)
         except LwrprobeError as error:
             found = record | {"status": "refused", "reason": str(error)}
-    return found | {"fails": ", ".join(c.promise for c in CRITERIA if not _holds(c, found))}
+    return found | {"fails": ", ".join(c.requirement for c in CRITERIA if not _holds(c, found))}
 
 
 def _holds(criterion: Criterion, found: dict[str, Any]) -> bool:
@@ -304,7 +304,7 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
         [strategy, *(_share([i for i in found if i["strategy"] == strategy], c) for c in CRITERIA)]
         for strategy in strategies
     ]
-    report.table("Runs that fulfil it", ["strategy", *(c.promise for c in CRITERIA)], shares)
+    report.table("Runs that fulfil it", ["strategy", *(c.requirement for c in CRITERIA)], shares)
     pictures = [item.pop("picture", None) for item in worst]
     for item in found:
         item.pop("picture", None)
@@ -315,15 +315,15 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
     )
     for criterion in CRITERIA:
         held = sum(_holds(criterion, item) for item in found)
-        promise = f"{criterion.promise} in {100.0 * criterion.share:.0f} %"
-        report.promise(promise, f"{held} of {len(found)}", held >= criterion.share * len(found))
+        requirement = f"{criterion.requirement} in {100.0 * criterion.share:.0f} %"
+        report.require(requirement, f"{held} of {len(found)}", held >= criterion.share * len(found))
     for criterion in MEDIANS:
         values = [item[criterion.key] for item in found if item.get(criterion.key) is not None]
         middle = float(np.median(values)) if values else np.nan
-        report.promise(criterion.promise, f"{middle:.3g} in the median of {len(values)}", criterion.good(middle))
+        report.require(criterion.requirement, f"{middle:.3g} in the median of {len(values)}", criterion.good(middle))
     threats = [(item["false_threats"], item["threats"]) for item in found if item.get("threats") is not None]
     false, all_of_them = np.sum(threats, axis=0).tolist() if threats else (0, 0)
-    report.promise("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
+    report.require("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
     report.notes = [
         "Mesh errors are means of both ways, above the lowest height of the sphere's centre, undersides that no sphere "
         "reaches included; `reachable mesh` measures against what an upright probe reaches alone.",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import lwrprobe
+from lwrprobe.cli.shared_options import Settings
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -26,9 +27,7 @@ def doctor(
     scene: Annotated[
         str, typer.Option(metavar="SCENE", help="Scene whose [drivers.*] tables hold the devices' addresses.")
     ] = "empty",
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
-    ] = None,
+    settings: Settings = None,
     seconds: Annotated[
         float, typer.Option(metavar="S", min=0.5, max=600.0, help="How long to read from a device, in s.")
     ] = 5.0,

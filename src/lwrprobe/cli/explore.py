@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lwrprobe.cli.shared_options import Arm, Confirmed, Quiet, Realtime, SceneName, Sensor, Settings, SummaryJson
+
 if TYPE_CHECKING:
     from lwrprobe.views.viewer import Viewer
 
@@ -15,18 +17,12 @@ _MAX_ZONES = 3  # the widest, which are listed one by one
 
 
 def explore(
-    scene: Annotated[
-        str, typer.Argument(help="Built-in scene or random:KIND:SEED (see `lwrprobe list scenes`), or scene file.")
-    ],
+    scene: SceneName,
     strategy: Annotated[
         str | None, typer.Option(metavar="NAME", help="Strategy (see `lwrprobe list strategies`).")
     ] = None,
-    arm: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
-    ] = None,
-    sensor: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
-    ] = None,
+    arm: Arm = None,
+    sensor: Sensor = None,
     profile: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Settings put over those of the scene: a built-in profile or a TOML file."),
@@ -37,15 +33,8 @@ def explore(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; runs/SCENE if left out.")
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change one value of the scene: strategy.step=0.005; repeatable."
-        ),
-    ] = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
-    ] = False,
+    settings: Settings = None,
+    realtime: Realtime = False,
     dry: Annotated[
         bool,
         typer.Option(
@@ -53,10 +42,7 @@ def explore(
             help="Run in the simulator only and report reach, limits and time; no device is opened.",
         ),
     ] = False,
-    confirm: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
-    ] = 0,
+    confirm: Confirmed = 0,
     record: Annotated[
         bool | None,
         typer.Option(
@@ -69,8 +55,8 @@ def explore(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a run that was cut off and could be resumed.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
+    as_json: SummaryJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
     from lwrprobe.cli.checks import check_empty, check_folder, check_plugins

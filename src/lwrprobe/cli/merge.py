@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import SummaryJson
+
 
 def merge(
     runs: Annotated[
@@ -23,7 +25,7 @@ def merge(
         ),
     ] = None,
     as_is: Annotated[bool, typer.Option("--as-is", help="Do not register: take every run's frame as it is.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
+    as_json: SummaryJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but the result of --json.")] = False,
 ) -> None:
     """Join the contacts of several runs over one object, which may have moved a few millimetres between them."""

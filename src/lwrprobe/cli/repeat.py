@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import Arm, Realtime, SceneName, Sensor, Settings
+
 
 def repeat(
-    scene: Annotated[str, typer.Argument(help="Built-in scene (see `lwrprobe list scenes`) or scene file.")],
+    scene: SceneName,
     above: Annotated[
         str | None,
         typer.Option(metavar="X,Y,Z", help="Start of each approach in m; the middle of the area's top if left out."),
@@ -27,21 +29,13 @@ def repeat(
         ),
     ] = "",
     count: Annotated[int, typer.Option(metavar="N", help="Touches at each speed.")] = 10,
-    arm: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
-    ] = None,
-    sensor: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
-    ] = None,
+    arm: Arm = None,
+    sensor: Sensor = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; nothing is written if left out.")
     ] = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
-    ] = False,
+    realtime: Realtime = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, as the last line.")] = False,
 ) -> None:
     """Touch one place N times at each speed: mean, sigma and range along the approach, and the bias of each speed."""

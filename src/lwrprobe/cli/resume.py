@@ -8,21 +8,17 @@ from typing import Annotated
 import typer
 
 from lwrprobe.cli.explore import finish
+from lwrprobe.cli.shared_options import Confirmed, Quiet, Realtime, SummaryJson
 
 
 def resume(
     run: Annotated[
         Path, typer.Argument(help="Run folder of a run that was killed or lost its power.", show_default=False)
     ],
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Run the simulator at the speed of the wall clock.")
-    ] = False,
-    confirm: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
-    ] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
+    realtime: Realtime = False,
+    confirm: Confirmed = 0,
+    as_json: SummaryJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Continue an interrupted run from where the probe was last free; map, contacts and strategy are restored."""
     from lwrprobe.cli.checks import check_plugins, check_run

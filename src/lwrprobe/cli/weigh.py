@@ -6,18 +6,15 @@ from typing import Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import Confirmed, Settings
+
 
 def weigh(
     scene: Annotated[
         str, typer.Argument(help="Built-in scene or scene file; the space above its start pose must be free.")
     ],
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
-    ] = None,
-    confirm: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
-    ] = 0,
+    settings: Settings = None,
+    confirm: Confirmed = 0,
 ) -> None:
     """Identify mass and centre of mass of what is mounted on the sensor; the arm moves above the scene's start pose.
 

@@ -1,6 +1,6 @@
 """Table `[truth]`: how the simulated world differs from what the scene says of it.
 
-The rest of a scene is what the user believes. The simulator builds its world from the scene and this table, and the
+The rest of a scene is what the user assumes. The simulator builds its world from the scene and this table, and the
 evaluation compares with that world; nothing else may read the table (tests/sim/test_truth.py).
 """
 
