@@ -14,6 +14,10 @@ from lwrprobe.reconstruction.grid import Grid
 SHARPNESS = 0.1
 """Share of the largest eigenvalue from which on a second or third direction of the tangent planes counts as an edge."""
 
+_APART = 1e-3
+"""Of a cell's edge: how far a vertex keeps from the faces of its cell, where those of its neighbours may lie as well.
+As a share: how far it is drawn to the mean of its crossings, which another sheet in the cell does not have."""
+
 Hermite = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 """Fills positions (m, 3) in units of the grid and unit normals (m, 3) for crossed edges (m, 4)."""
 
@@ -73,7 +77,8 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.n
     """The vertices (n, 3) in units of the grid: where the tangent planes of a cell's crossings meet, in the cell.
 
     A vertex minimises the squared distances to the planes; directions whose eigenvalue is below `SHARPNESS` of the
-    largest are taken from the crossings' mean.
+    largest are taken from the crossings' mean. No two vertices have the same place, which a file without indices such
+    as STL would make one: edges with four faces.
     """
     middle = surface.means(positions)
     planes = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 1, 9)
@@ -83,7 +88,9 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.n
     values, vectors = np.linalg.eigh(matrix)
     sharp = values > SHARPNESS * values[:, -1:]
     along = np.einsum("nij,ni->nj", vectors, right) * sharp / np.where(sharp, values, 1.0)
-    return np.clip(middle + np.einsum("nij,nj->ni", vectors, along), surface.cells, surface.cells + 1)
+    vertices = middle + np.einsum("nij,nj->ni", vectors, along)
+    vertices = np.clip(vertices, surface.cells + _APART, surface.cells + 1 - _APART)
+    return vertices + _APART * (middle - vertices)
 
 
 def _flatness(corners: np.ndarray) -> np.ndarray:
