@@ -25,7 +25,7 @@ from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import Waypoint, path_to
-from lwrprobe_strategies.planning.retraction import UNDER, back_along, off_surface
+from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, way_back
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import ShaftMemory
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -33,7 +33,9 @@ from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, 
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
 RAISE = 0.0025
-"""m by which a line is raised where the stick has been touched: half of the sphere's radius."""
+"""m by which a line is raised at least where the stick has been touched: half of the sphere's radius."""
+UNDERSIDE = -0.6
+"""Share of the normal along z, below which a descending contour ends: the stick touches at -0.9."""
 PAST_END = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 TURNED_BACK = -0.5
@@ -97,7 +99,7 @@ class Coverage(SkillStrategy):
             near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
         )  # fmt: skip
         self.upright = self.tip.rotation
-        self.rest = False
+        self.rest, self.back = False, np.inf
         self.shaft = ShaftMemory(BESIDE * spacing)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
@@ -178,10 +180,7 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        def safe_speed(along: np.ndarray) -> float:
-            return tip.control.approach_speed(along, tip.rotation)
-
-        path = path_to(line, start, tip.rotation, self.task, tip.memory, safe_speed)
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, tip.speeds(tip.rotation))
         return transit(tip, retraction + path, before)
 
     def along_line(self) -> Procedure:
@@ -190,7 +189,7 @@ class Coverage(SkillStrategy):
         line = self.frame.line
 
         def stretch(here: np.ndarray) -> tuple[np.ndarray, bool]:
-            end, careful = self.shaft.stretch(line, here)
+            end, careful = self.shaft.stretch(line, here, self.tip.memory)
             target = line.at(end)
             target[Z] = here[Z]
             return target, careful
@@ -208,7 +207,7 @@ class Coverage(SkillStrategy):
 
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
-        descent = DescentWatch(self.task, self.tip.control, self.tip.memory)
+        descent = DescentWatch(self.task, self.tip.control, self.tip.memory, self.tip.free)
 
         def until() -> Outcome | None:
             turn = self.turn_wanted()
@@ -223,6 +222,8 @@ class Coverage(SkillStrategy):
                 return Ended.LINE_END if self._turned_back() else None
             if self._at_table():
                 return Ended.TABLE
+            if self._under():
+                return Ended.UNDERSIDE
             return Ended.DESCENT if self._climbs_instead(descent) else None
 
         return follow_contour(self.tip, self.frame, until)
@@ -260,12 +261,24 @@ class Coverage(SkillStrategy):
         """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
         line, here = self.frame.line, self.tip.here
         self.shaft.add(line, here)
-        height = float(here[Z]) + RAISE
+        if line.fallback is not None:
+            return self.give_up()
+        self.back = self.options.retreat
+        height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)
         if height > self.task.area.upper[Z]:
             return self.give_up()
         begin = float(here[line.axis]) - line.sign * self.options.retreat
         self.lines.raise_line(replace(line, begin=begin, height=height, on_surface=False))
         return None
+
+    def _height_met(self) -> float:
+        """m above the sphere's centre, of what touches the stick or has come near it."""
+        seen, here = self.tip.seen, self.tip.here
+        if seen.contact is not None:
+            return float(seen.contact.point[Z] - here[Z])
+        near = seen.clearance
+        stick = near is not None and near.threatens and near.link == "stick"
+        return float(near.on_map[Z] - here[Z]) if stick else 0.0
 
     def next_in_passing(self) -> Procedure:
         """A level contour has come to the next grid line: along that, from the side it is on."""
@@ -276,15 +289,16 @@ class Coverage(SkillStrategy):
         return self.contour()
 
     def retraction(self) -> list[Waypoint]:
-        """Off the surface that is touched, or back along a line that met nothing."""
+        """Off the surface that is touched; from under something, or leaning, back the way the probe came."""
         tip = self.tip
+        normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
         tip.leave()
+        back, self.back = self.back, np.inf
+        if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):
+            return way_back(tip.seen, tip.free, back)
         if tip.trace.ended is guarded_move and not tip.leaving:
-            first = back_along(tip.seen, self.frame.line)
-        else:
-            normal = tip.normal() if tip.leaving else tip.control.normal
-            first = off_surface(tip.seen, normal, self.options.retreat, tip.memory)
-        return [] if first is None else [first]
+            return way_back(tip.seen, tip.free) if self.frame.line.fallback is not None else []
+        return off_surface(tip.seen, normal, self.options.retreat)
 
     def _beneath(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""
@@ -314,6 +328,13 @@ class Coverage(SkillStrategy):
     def _at_table(self) -> bool:
         tip, frame = self.tip, self.frame
         return frame.at_table(tip.here) and tip.control.tangent(frame.binormal())[Z] < 0.0
+
+    def _under(self) -> bool:
+        """Whether an upright probe has come down around a lower edge: its stick is about to touch what is above."""
+        tip, normal = self.tip, self.tip.control.normal
+        if normal[Z] > UNDERSIDE or tip.rotation is not self.upright:
+            return False
+        return tip.control.tangent(self.frame.binormal())[Z] < 0.0
 
     def _climbs_instead(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""

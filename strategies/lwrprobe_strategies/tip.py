@@ -7,6 +7,8 @@ import numpy as np
 from lwrprobe.contracts import Confidence, Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import FreeSpace
+from lwrprobe_strategies.planning.paths import Speeds
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
@@ -29,6 +31,7 @@ class Tip:
     period : s between the last two
     control : hybrid force and velocity control; holds the tracked normal
     memory : where the tip has been and what it touched there
+    free : what the probe has shown to be free
     rotation : (3, 3), the orientation in which the tip is to be held; set by the program, never by a skill
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
@@ -41,6 +44,7 @@ class Tip:
         self.period = FIRST_PERIOD
         self.control = ContourControl(task)
         self.memory = ContactMemory()
+        self.free = FreeSpace(task.area, task.probe.radius)
         self.leaving = False
         self.trace = Trace()
         self._samples = 0
@@ -57,6 +61,7 @@ class Tip:
         self._samples += 1
         self.seen = seen
         self.trace.time = seen.time
+        self.free.note(seen.pose, None if seen.contact is None else seen.contact.normal)
         if seen.contact is None:
             self.leaving = False
 
@@ -68,6 +73,11 @@ class Tip:
     def leave(self) -> None:
         """What is touched now counts as no contact until the tip is off it."""
         self.leaving = self.seen.contact is not None
+
+    def speeds(self, rotation: np.ndarray) -> Speeds:
+        """How fast a motion may be for a tip held by `rotation` (3, 3)."""
+        control = self.control
+        return Speeds(self.task.free_speed, control.column_speed, lambda along: control.approach_speed(along, rotation))
 
     def normal(self) -> np.ndarray:
         """(3,) unit: the contact's normal, or the direction of the force where no normal could be estimated."""

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Contact, Observation
+from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import LIFT, FreeSpace
+from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, Pace
-from lwrprobe_strategies.planning.retraction import off_surface
-from lwrprobe_strategies.planning.shaft import WARY, ShaftMemory
+from lwrprobe_strategies.planning.retraction import goes_up, off_surface, way_back
+from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, WARY, WITNESSES, ShaftMemory
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from strategy_task import AREA, DOWN, task
 
@@ -19,15 +21,22 @@ LINKS = load_scene("block").probe.as_probe().links
 BORDER = float(AREA.upper[1])
 
 
+def stand(free, *places, rotation=DOWN, normal=None):
+    """Let the probe have been at places (3,), one after the other."""
+    for place in places:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, place
+        free.note(pose, normal)
+
+
 def descend(height, travel=1.0, known=True, normal=None, first=0.0):
     """Follow a wall at y = 0.03 down from `height`; the line offered instead, or None, and where it was offered."""
     t = task(approach=0.03, links=LINKS)
-    touched = ContactMemory()
+    free = FreeSpace(AREA, t.probe.radius)
     if known:
-        for z in np.arange(0.006, 0.06, 0.001):
-            touched.passed(np.array([-0.01, travel * BORDER, z]), -0.01)
+        stand(free, *([-0.01, travel * BORDER, z] for z in np.arange(0.06, 0.006, -0.001)))
     control = ContourControl(t)
-    watch = DescentWatch(t, control, touched)
+    watch = DescentWatch(t, control, ContactMemory(), free)
     line = Line(1, 0.0, -travel * BORDER, travel * BORDER, 0.006, free_end=True)
     frame = TrackingFrame(line, AREA)
     wall = np.array([0.0, travel, 0.0]) if normal is None else normal
@@ -67,56 +76,120 @@ def test_a_slope_is_no_wall():
     assert descend(0.055, normal=slope) == (None, None)
 
 
-def test_a_line_is_driven_with_care_only_where_the_shaft_may_be_met():
-    shaft = ShaftMemory(0.015)
-    line = Line(1, 0.0, -BORDER, BORDER, 0.006)
-    assert shaft.stretch(line, line.start) == (BORDER, False)
-    shaft.add(Line(1, 0.01, -BORDER, BORDER, 0.006), np.array([0.01, -0.03, 0.006]))
-    end, careful = shaft.stretch(line, line.start)
-    assert (end, careful) == (pytest.approx(-0.03 - WARY), False)
-    end, careful = shaft.stretch(line, line.at(end))
-    assert careful
-    assert -0.03 < end < 0.0
-    assert shaft.stretch(line, line.at(end)) == (BORDER, False), "behind it as fast as ever"
-    turned = line.turned()
-    assert shaft.stretch(turned, turned.start)[1], "what stands out on one side may do so on the other"
-    aside = Line(1, 0.03, -BORDER, BORDER, 0.006)
-    assert shaft.stretch(aside, aside.start) == (BORDER, False)
-
-
-def test_a_line_is_never_cut_into_pieces_without_end():
-    shaft = ShaftMemory(0.015)
-    line = Line(0, 0.0, 0.09, -0.09, 0.006)
-    shaft.add(line, np.array([0.02, 0.0, 0.006]))
-    here, pieces = line.start, 0
-    while here[0] > line.end + 1e-9:
-        end, _ = shaft.stretch(line, here)
-        assert end < here[0] - 1e-4
-        here, pieces = line.at(end), pieces + 1
-    assert pieces <= 4
-
-
-def test_a_surface_is_left_along_its_normal_and_an_undercut_sideways():
+def wall(y, x=0.0, normal=(0.0, -1.0, 0.0)):
+    """A contact of the line at x, facing -y, at the centre's place y."""
     touched = ContactMemory()
-    touched.add(np.array([0.03, 0.0, 0.024]), np.array([0.024, 0.0, 0.024]), np.array([1.0, 0.0, 0.0]), np.nan)
+    normal = np.array(normal) / np.linalg.norm(normal)
+    centre = np.array([x, y, 0.02])
+    touched.add(centre, centre - 0.005 * normal, normal, x)
+    return touched
+
+
+def pieces(shaft, line, touched):
+    """(begin, end, whether with care) of all pieces in which a line is driven."""
+    here, found = line.start, []
+    while abs(here[line.axis] - line.end) > 1e-9:
+        end, careful = shaft.stretch(line, here, touched)
+        assert line.sign * (end - here[line.axis]) > 1e-4, "each piece leads on"
+        found.append((float(here[line.axis]), end, careful))
+        here = line.at(end)
+        assert len(found) < 6
+    return found
+
+
+LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
+
+
+def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
+    assert pieces(ShaftMemory(0.015), LINE, ContactMemory()) == [(-BORDER, BORDER, True)]
+    passed = ContactMemory()
+    passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
+    assert pieces(ShaftMemory(0.015), LINE, passed) == [(-BORDER, BORDER, False)], "the line beside met nothing"
+    assert pieces(ShaftMemory(0.015), Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2], "too far beside"
+
+
+def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
+    first, second, third = pieces(ShaftMemory(0.015), LINE, wall(-0.03, 0.01))
+    assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), False)
+    assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), True)
+    assert third[1:] == (BORDER, False)
+
+
+@pytest.mark.parametrize("how", ["stick", "leaning wall"])
+def test_a_line_is_driven_with_care_from_before_what_stands_out_beside_it(how):
+    shaft, touched = ShaftMemory(0.015), ContactMemory()
+    if how == "stick":
+        shaft.add(Line(1, 0.01, -BORDER, BORDER, 0.006), np.array([0.01, -0.03, 0.006]))
+        touched.passed(np.array([0.01, -0.05, 0.006]), 0.01)
+        touched.add(np.array([0.01, -0.03, 0.05]), np.zeros(3), np.array([0.0, -1.0, 0.0]), 0.01)
+    else:
+        for k in range(WITNESSES + 1):
+            leaning = wall(-0.03 - 0.0005 * k, 0.01, normal=(0.0, -0.9, -0.4)).contacts()[0]
+            touched.add(leaning[:3], leaning[3:6], leaning[6:9], 0.01)
+        assert pieces(shaft, LINE, wall(-0.03, 0.01, normal=(0.0, -0.9, -0.4)))[0][1] > -0.03, "one may be noise"
+    first, second, *_ = pieces(shaft, LINE, touched)
+    assert first == (-BORDER, pytest.approx(-0.03 - WARY), False)
+    assert second[2]
+    assert second[1] > -0.03
+    turned_line = LINE.turned()
+    if how == "stick":
+        first, second, *_ = pieces(shaft, turned_line, touched)
+        assert first[1] == pytest.approx(-0.03 + WARY), "what stands out on one side may do so on the other"
+        assert second[2]
+
+
+def seen(place, trust=None, rotation=DOWN, clearance=None):
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = DOWN, (0.026, 0.0, 0.011)
+    pose[:3, :3], pose[:3, 3] = rotation, place
+    normal = np.array([0.0, 0.0, 1.0])
+    contact = None if trust is None else Contact(0.0, pose[:3, 3], normal, normal, pose[:3, 3], trust)
+    return Observation(0.0, pose, np.zeros(3), np.zeros(3), contact, clearance)
 
-    def seen(trust):
-        normal = np.array([0.0, 0.0, 1.0])
-        contact = Contact(0.0, pose[:3, 3], normal, normal, pose[:3, 3], trust)
-        return Observation(0.0, pose, np.zeros(3), np.zeros(3), contact)
 
-    up = off_surface(seen(1.0), np.array([0.0, 0.0, 1.0]), 0.01, touched)
+def test_a_surface_is_left_along_its_normal():
+    place = np.array([0.026, 0.0, 0.011])
+    (up,) = off_surface(seen(place, 1.0), np.array([0.0, 0.0, 1.0]), 0.01)
     assert (up.pace, up.place[2]) == (Pace.FREE, pytest.approx(0.011 + OFF)), "the probe's own column"
-    wall = off_surface(seen(1.0), np.array([1.0, 0.0, 0.0]), 0.01, touched)
-    assert (wall.pace, wall.place[0]) == (Pace.GUARDED, pytest.approx(0.026 + OFF))
-    doubted = off_surface(seen(0.0), np.array([1.0, 0.0, 0.0]), 0.01, touched)
-    assert doubted.place[0] == pytest.approx(0.036), "further where nobody knows what is touched"
-    for contact in (seen(1.0), Observation(0.0, pose, np.zeros(3), np.zeros(3))):
-        out = off_surface(contact, np.array([0.6, 0.0, -0.8]), 0.01, touched)
-        assert out.place[2] == pose[2, 3]
-        assert out.place[0] > 0.03, "past all that was touched there"
-    assert (
-        off_surface(Observation(0.0, pose, np.zeros(3), np.zeros(3)), np.array([0.0, 0.0, 1.0]), 0.01, touched) is None
-    )
+    (side,) = off_surface(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.01)
+    assert (side.pace, side.place[0]) == (Pace.GUARDED, pytest.approx(0.026 + OFF))
+    (doubted,) = off_surface(seen(place, 0.2), np.array([1.0, 0.0, 0.0]), 0.01)
+    assert doubted.place[0] == pytest.approx(0.036), "further where the point is imprecise"
+    assert off_surface(seen(place), np.array([0.0, 0.0, 1.0]), 0.01) == []
+
+
+def test_the_way_up_is_taken_only_by_an_upright_probe_that_is_under_nothing():
+    place, flat, under = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([0.8, 0.0, -0.6])
+    leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
+    near = Clearance(0.0, place, place, "stick", required=0.001)
+    assert goes_up(seen(place, 1.0), flat, DOWN)
+    assert goes_up(seen(place), flat, DOWN)
+    assert not goes_up(seen(place, 1.0), under, DOWN)
+    assert not goes_up(seen(place, 0.05), flat, DOWN), "the stick touches"
+    assert not goes_up(seen(place, 1.0, leaning), flat, DOWN)
+    assert not goes_up(seen(place, None, clearance=near), flat, DOWN)
+
+
+def test_under_something_the_probe_goes_back_the_way_it_came():
+    free = FreeSpace(AREA, 0.005)
+    stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
+    stand(free, *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)))
+    stand(free, *([0.0, 0.01, z] for z in np.arange(0.006, 0.0301, 0.0012)), normal=np.array([0.0, -1.0, 0.0]))
+    path = way_back(seen([0.0, 0.01, 0.03], 1.0), free)
+    assert all(piece.pace is Pace.FREE for piece in path)
+    places = np.array([piece.place for piece in path])
+    assert places[0] == pytest.approx([0.0, 0.01 - LIFT, 0.03]), "off the wall first"
+    assert places[-1][1] == pytest.approx(-0.05, abs=0.003), "to where it came down"
+    assert (places[:, 2] <= 0.03 + 1e-9).all()
+    assert 2 <= len(path) <= 8
+    short = way_back(seen([0.0, 0.01, 0.03], 1.0), free, 0.01)
+    assert short[-1].place == pytest.approx([0.0, 0.01 - LIFT, 0.02], abs=0.0015)
+
+
+def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
+    free = FreeSpace(AREA, 0.005)
+    stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
+    leaning = turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
+    stand(free, [0.0, -0.05, 0.006], *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)), rotation=leaning)
+    path = way_back(seen([0.0, 0.01, 0.006], rotation=leaning), free)
+    assert np.allclose(path[0].rotation, leaning)
+    assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"

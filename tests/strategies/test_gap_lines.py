@@ -12,6 +12,7 @@ from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
 from lwrprobe_strategies.planning.outlines import outlines
 
 FLOOR, RADIUS = 0.006, 0.005
+NONE = np.empty(0)
 
 
 def contacts_on(height, xs, ys):
@@ -177,13 +178,18 @@ def test_a_near_side_that_was_met_above_its_foot_is_felt_from_as_low_as_it_may_b
         centre = np.array([0.0, y, 0.055])
         touched.add(centre, centre - RADIUS * up, up, 0.0)
     area = Area(np.array([-0.08, -0.06, FLOOR]), np.array([0.08, 0.06, 0.06]))
-    assert near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008) == [], (
+    assert near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008, NONE) == [], (
         "the far side went no lower"
+    )
+    raised = np.array([0.0])
+    (down,) = near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008, raised)
+    assert (down.on_surface, down.begin, down.end) == (True, pytest.approx(-0.025 * travel), -0.06 * travel), (
+        "above what the stick has met the wall is descended"
     )
     for z in np.arange(0.05, FLOOR, -0.001):
         centre = np.array([0.0, 0.03 * travel, z])
         touched.add(centre, centre + RADIUS * wall, -wall, 0.0)
-    (line,) = near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008)
+    (line,) = near_sides(touched.contacts(), touched.trail(), area, 0.01, lambda line: 0.008, NONE)
     assert (line.axis, line.place, line.height, line.on_surface) == (1, 0.0, 0.008, False)
     assert line.begin == pytest.approx(-0.06 * travel)
     assert line.end == pytest.approx(-0.025 * travel)

@@ -9,49 +9,106 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import GAP, SIDE, SPACING, FreeSpace
+from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import HOVER, RISE, Pace, line_height, lowest_beside, path_to, seconds
+from lwrprobe_strategies.planning.paths import (
+    HOVER,
+    RISE,
+    THERE,
+    Pace,
+    Speeds,
+    line_height,
+    lowest_beside,
+    path_to,
+    seconds,
+    up_from,
+)
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
 TOP = float(AREA.upper[2])
 BORDER = float(AREA.upper[1])
+RADIUS = 0.005
 
 
-def safe_speed(along):
-    return 0.007 if abs(along[2]) > 0.5 else 0.03
+SPEEDS = Speeds(free=1.0, column=0.012, guarded=lambda along: 0.007 if abs(along[2]) > 0.5 else 0.03)
 
 
-def way(line, here, touched=None):
-    return path_to(line, np.array(here), DOWN, task(), ContactMemory() if touched is None else touched, safe_speed)
+def way(line, here, free=None):
+    return path_to(line, np.array(here), DOWN, AREA, nowhere() if free is None else free, SPEEDS)
+
+
+def nowhere():
+    return FreeSpace(AREA, RADIUS)
+
+
+def stand(free, *places, rotation=DOWN):
+    for place in places:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, place
+        free.note(pose, None)
+    return free
 
 
 def column(x, y, low):
-    """The memory of a probe that has stood in one place down to `low`."""
-    touched = ContactMemory()
-    for z in np.arange(low, 0.0601, 0.001):
-        touched.passed(np.array([x, y, z]), x)
-    return touched
+    """What is known to be free for a probe that came straight down in one place to `low`."""
+    return stand(nowhere(), *([x, y, z] for z in np.linspace(TOP, low, max(int((TOP - low) / 0.0011), 1) + 1)))
 
 
-def test_an_unknown_column_is_felt_all_the_way_down():
+def test_an_unknown_column_is_come_down_slowly_below_what_may_be_there():
     line = Line(1, 0.03, BORDER, -BORDER, 0.006)
-    pieces = way(line, [0.0, 0.0, 0.05])
-    assert [piece.pace for piece in pieces[:-1]] == [Pace.FREE] * (len(pieces) - 1)
-    assert all(piece.place[2] == TOP for piece in pieces[:-1])
-    assert pieces[-1].pace is Pace.GUARDED
-    assert tuple(pieces[-1].place) == tuple(line.start)
+    *over, down, last = way(line, [0.0, 0.0, 0.058])
+    assert [piece.pace for piece in over] == [Pace.FREE] * len(over)
+    assert all(piece.place[2] == TOP for piece in over)
+    assert (down.pace, down.place[2]) == (Pace.FREE, pytest.approx(TOP - RADIUS))
+    assert last.pace is Pace.GUARDED
+    assert tuple(last.place) == tuple(line.start)
 
 
 def test_a_column_the_probe_has_stood_in_is_come_down_fast_and_left_sideways():
     line = Line(1, 0.03, BORDER, -BORDER, 0.006)
-    pieces = way(line, [0.0, 0.0, 0.05], column(0.02, BORDER, 0.006))
-    *_, over, down, last = pieces
+    *_, over, down, last = way(line, [0.0, 0.0, 0.05], column(0.02, BORDER, 0.006))
     assert over.place == pytest.approx([0.02, BORDER, TOP])
     assert (down.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
     assert down.place == pytest.approx([0.02, BORDER, 0.006])
     assert tuple(last.place) == tuple(line.start)
+
+
+def test_up_from_under_an_overhang_that_only_the_stick_has_passed_is_slow():
+    here, there = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, TOP])
+    along = stand(column(0.0, -0.05, 0.02), *([0.0, y, 0.02] for y in np.arange(-0.05, 0.0001, 0.0011)))
+    slow, fast = up_from(here, there, along)
+    assert (slow.pace, slow.place[2]) == (Pace.COLUMN, pytest.approx(TOP - RADIUS))
+    assert (fast.pace, fast.place[2]) == (Pace.FREE, TOP)
+    (up,) = up_from(np.array([0.0, -0.05, 0.02]), there, along)
+    assert up.pace is Pace.FREE, "where the sphere came down"
+    beside = up_from(np.array([1.1 * SIDE, -0.05, 0.02]), there, along)
+    assert beside[0].pace is Pace.COLUMN, "the sphere is wider than the stick"
+
+
+def test_a_probe_that_turns_under_something_may_not_go_straight_up_any_more():
+    leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
+    free = column(0.0, 0.0, 0.03)
+    opened = len(free.open_places())
+    stand(free, *([0.0, 0.0, z] for z in np.arange(0.028, 0.01, -0.0011)), rotation=leaning)
+    assert opened > 10
+    assert len(free.open_places()) == opened
+    assert not stand(nowhere(), [0.0, 0.0, 0.02], [0.004, 0.0, 0.02], rotation=leaning).swept(
+        np.array([0.0, 0.0, 0.02]), np.array([0.004, 0.0, 0.02])
+    )
+
+
+def test_a_level_line_is_free_where_the_upright_probe_has_been_all_along_it():
+    free = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(0.0, 0.0401, 0.002)))
+    begin, end = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.04, 0.02])
+    assert free.swept(begin, end)
+    assert free.swept(end, begin)
+    beside = np.array([0.002, 0.0, 0.0])
+    assert not free.swept(begin, end + 5.0 * beside[[1, 0, 2]])
+    assert not free.swept(begin + beside, end + beside)
+    broken = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(0.0, 0.0401, 0.002) if abs(y - 0.02) > GAP))
+    assert not broken.swept(begin, end)
 
 
 def test_lines_across_come_down_where_the_grid_has_been():
@@ -65,11 +122,11 @@ def test_lines_across_come_down_where_the_grid_has_been():
 def test_along_the_border_or_over_the_top_whatever_is_quicker(distance, above):
     here = np.array([0.08, BORDER, 0.006])
     line = Line(1, 0.08 - distance, BORDER, -BORDER, 0.006)
-    touched = column(line.place, BORDER, 0.006)
-    pieces = way(line, here, touched)
+    free = stand(column(line.place, BORDER, 0.006), here)
+    pieces = way(line, here, free)
     assert any(piece.place[2] == TOP for piece in pieces) is above
-    along = abs(distance) / safe_speed(np.array([1.0, 0.0, 0.0]))
-    assert seconds(pieces, here, task(), safe_speed) <= along + 0.5
+    along = abs(distance) / SPEEDS.guarded(np.array([1.0, 0.0, 0.0]))
+    assert seconds(pieces, here, SPEEDS) <= along + 0.5
 
 
 @settings(max_examples=60, deadline=None)
@@ -78,20 +135,18 @@ def test_along_the_border_or_over_the_top_whatever_is_quicker(distance, above):
     known=st.floats(-0.09, 0.09), low=st.floats(0.006, 0.05), height=st.floats(0.006, 0.04),
 )  # fmt: skip
 def test_only_known_or_high_places_are_driven_to_fast(x, y, z, known, low, height):
-    touched = column(known, y, low)
+    free = column(known, y, low)
     line = Line(1, x, y, -y, height)
     here = np.array([0.0, 0.0, z])
-    stood = touched.trail()[:, :3]
     before = here
-    for piece in way(line, here, touched):
+    for piece in way(line, here, free):
         if piece.pace is Pace.FREE and np.abs(piece.place - before).max() > 1e-9:
-            straight_up = np.abs(piece.place[:2] - before[:2]).max() < 1e-9 and piece.place[2] > before[2]
-            high = min(piece.place[2], before[2]) >= TOP
-            beside = np.abs(stood[:, :2] - piece.place[:2]).max(axis=1) < 1e-9
-            been = beside.any() and piece.place[2] >= stood[beside, 2].min() - 1e-9
-            assert straight_up or high or been
+            lowest = min(piece.place[2], before[2])
+            high, level = lowest >= TOP - RADIUS - GAP, lowest >= low - GAP - 1e-9
+            in_column = np.abs(np.array([before, piece.place])[:, :2] - [known, y]).max() < SIDE + 2.0 * SPACING
+            assert high or (in_column and level)
         before = piece.place
-    assert np.abs(before - line.start).max() < 1e-9
+    assert np.abs(before - line.start).max() < THERE
 
 
 def naive_lowest(line, points, t):
@@ -129,9 +184,11 @@ def test_the_lowest_height_beside_what_was_touched(seed):
     assert lowest_beside(line, np.empty((0, 3)), t) == t.area.lower[2]
 
 
-def test_a_known_touch_is_come_down_to_fast_but_for_the_last_half_millimetre():
-    line = Line(0, 0.0, 0.05, 0.06, 0.055, True, 0.056)
+def test_a_known_touch_is_come_down_to_at_the_pace_of_a_column_that_the_stick_has_filled():
+    line = Line(0, 0.0, 0.05, 0.06, 0.03, True, 0.031)
     *_, known, last = way(line, [0.0, 0.0, 0.05])
-    assert known.place[2] == pytest.approx(0.056 + HOVER)
-    assert (known.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
+    assert known.place[2] == pytest.approx(0.031 + HOVER)
+    assert (known.pace, last.pace) == (Pace.COLUMN, Pace.GUARDED)
     assert last.place[2] < line.height
+    *_, known, last = way(line, [0.0, 0.0, 0.05], column(0.05, 0.0, 0.03))
+    assert (known.pace, last.pace) == (Pace.FREE, Pace.GUARDED)

@@ -16,6 +16,7 @@ from lwrprobe.contact.estimator import (
 from lwrprobe.contact.limit_cycle import LimitCycle
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
+from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.time_skew import TimeSkew, time_skew
 from lwrprobe.contact.touch import TouchFit, zero_force_point
 from lwrprobe.contact.touch_identification import TouchIdentification
@@ -50,6 +51,7 @@ __all__ = [
     "identify_compliance",
     "identify_payload",
     "make_estimator",
+    "stick_contact",
     "time_skew",
     "zero_force_point",
 ]

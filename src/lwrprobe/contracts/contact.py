@@ -58,7 +58,7 @@ class Contact:
     Attributes
     ----------
     time : s since the start of the run, of the wrench sample it comes from
-    point : (3,) m, on the object's surface
+    point : (3,) m, on the object's surface; on the stick where the force acts there, and not on the sphere
     normal : (3,) unit, out of the object
     force : (3,) N, acting on the sphere
     centre : (3,) m, the sphere's centre at that instant

@@ -42,6 +42,11 @@ DIRECTIONS = 200
 """Steps from across the stick to along it for which the approach speed is computed beforehand."""
 FORCE_RESERVE = 0.85
 """Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
+COLUMN_PLAY = 0.0005
+"""m sideways by which the sphere may miss the column of its stick."""
+CAREFUL = 0.6
+"""Share of the approach speed along the stick, where the stick may be met beside the sensor: nothing bends there but
+the arm, which is stiffer in some directions than in others."""
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
 
@@ -65,6 +70,9 @@ class ContourControl:
     Attributes
     ----------
     normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
+    careful_speed : m/s, where the stick may be met anywhere
+    column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
+        the sphere's flank
     """
 
     def __init__(self, task: Task) -> None:
@@ -84,6 +92,11 @@ class ContourControl:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
         safe = [approach_speed(room, k, task.delay, task.acceleration) for k in hardest.tolist()]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
+        self.careful_speed = CAREFUL * self._approach(1.0)
+        probe = task.probe
+        flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
+        series = (np.cos(NORMALS) / (1.0 / task.stiffness + give))[flank <= NORMALS].max()
+        self.column_speed = min(approach_speed(room, float(series), task.delay, task.acceleration), task.approach_speed)
 
     def begin(self, normal: np.ndarray) -> None:
         """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""

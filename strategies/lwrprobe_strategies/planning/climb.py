@@ -16,8 +16,9 @@ import numpy as np
 from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.paths import OFF, Waypoint, lowest_beside, path_to, seconds
+from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, lowest_beside, path_to, seconds
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -38,11 +39,12 @@ class DescentWatch:
     ----------
     task : speeds, area, the probe's links
     control : the tracked normal, and how fast a descent may be
-    memory : where the probe has been
+    memory : what was touched
+    free : what the probe has shown to be free
     """
 
-    def __init__(self, task: Task, control: ContourControl, memory: ContactMemory) -> None:
-        self._task, self._control, self._memory = task, control, memory
+    def __init__(self, task: Task, control: ContourControl, memory: ContactMemory, free: FreeSpace) -> None:
+        self._task, self._control, self._memory, self._free = task, control, memory, free
         self._edge: np.ndarray | None = None
         self._decided = False
 
@@ -75,10 +77,11 @@ class DescentWatch:
         def speed(along: np.ndarray) -> float:
             return self._control.approach_speed(along, held)
 
+        speeds = Speeds(task.free_speed, self._control.column_speed, speed)
         height = here[Z] - up.height
-        there = path_to(up, here + OFF * self._control.normal, rotation, task, self._memory, speed)
+        there = path_to(up, here + OFF * self._control.normal, rotation, task.area, self._free, speeds)
         top = float(task.area.upper[Z])
         over = np.array([up.start[0], up.start[1], top])
         back = [Waypoint(np.array([here[0], here[1], top])), Waypoint(over), Waypoint(up.start)]
-        climb = height / task.contour_speed + seconds(there, here, task, speed) + seconds(back, here, task, speed)
+        climb = height / task.contour_speed + seconds(there, here, speeds) + seconds(back, here, speeds)
         return climb < height / min(speed(DOWN), task.contour_speed)

@@ -78,7 +78,12 @@ def _end(trail: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: 
 
 
 def near_sides(
-    contacts: np.ndarray, trail: np.ndarray, area: Area, pitch: float, lowest: Callable[[Line], float]
+    contacts: np.ndarray,
+    trail: np.ndarray,
+    area: Area,
+    pitch: float,
+    lowest: Callable[[Line], float],
+    raised: np.ndarray,
 ) -> list[Line]:
     """Lines along y up every wall that a line met well above the area's floor, from its foot to where it came over.
 
@@ -91,13 +96,17 @@ def near_sides(
         own = contacts[contacts[:, 9] == x]
         over = own[own[:, 8] > OVER]
         # The far side was followed as far down as the links allow; no lower than that goes the near one.
-        met_above = own[0, 2] - own[:, 2].min() > 0.5 * pitch
-        if not (met_above and abs(own[0, 8]) < 0.5 and len(over)):
+        overhangs = bool((np.abs(raised - x) < 1e-6).any())
+        bottom = float(area.lower[2]) if overhangs else own[:, 2].min()
+        if not (own[0, 2] - bottom > 0.5 * pitch and abs(own[0, 8]) < 0.5 and len(over)):
             continue
         top = over[0]
         stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - top[1]) < NEAR), 2].max()
         out = float(area.lower[1] if own[0, 7] < 0.0 else area.upper[1])
         down = Line(1, float(x), float(top[1]), out, float(top[2]), True, float(stood))
+        if overhangs:
+            lines.append(down)
+            continue
         up = Line(1, float(x), out, float(top[1]), float(top[2]), fallback=down)
         lines.append(replace(up, height=lowest(up)))
     return lines

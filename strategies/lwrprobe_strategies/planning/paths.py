@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import cos
 
 import numpy as np
 
-from lwrprobe.contracts import Task
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe.contracts import Area, Task
+from lwrprobe_strategies.planning.free_space import BORDER, GAP, FreeSpace
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 
 THERE = 2e-4
 """m, within which a place is reached."""
 HELD = 1.0 + 2.0 * cos(0.02)
 """Trace of the turn between two orientations that are alike to a degree."""
-OFF = 0.003
+OFF = 0.002
 """m off a surface, where it has been left."""
-BORDER = 0.001
-"""m, within which a place is one on the border."""
-COLUMN = 0.0025
+OWN_COLUMN = 0.0025
 """m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
 STOP = 0.15
 """s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
@@ -35,17 +33,37 @@ HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
 
 
-SafeSpeed = Callable[[np.ndarray], float]
-"""Speed, m/s, at which something may be met along a unit direction (3,)."""
-
-
 class Pace(Enum):
     """How fast a piece of a path may be driven."""
 
     FREE = auto()
-    """Nothing is there: the probe has been there, or its column has, or it lies above the area."""
+    """Nothing is there: the part of the probe that moves there has been there, or it lies above all that may be."""
+    COLUMN = auto()
+    """The stick has been there, and the sphere may meet something with its flank."""
     GUARDED = auto()
-    """Something may be memory: as slow as the stiffness in that direction demands."""
+    """Something may be there: as slow as the stiffness in that direction demands."""
+
+
+@dataclass(slots=True, frozen=True)
+class Speeds:
+    """How fast a motion may be.
+
+    Attributes
+    ----------
+    free : m/s, where nothing is
+    column : m/s along the stick, where the stick has been and the sphere has not
+    guarded : m/s at which something may be met, from a unit direction (3,)
+    """
+
+    free: float
+    column: float
+    guarded: Callable[[np.ndarray], float]
+
+    def at(self, pace: Pace, along: np.ndarray) -> float:
+        """m/s along a unit direction (3,)."""
+        if pace is Pace.FREE:
+            return self.free
+        return self.column if pace is Pace.COLUMN else self.guarded(along)
 
 
 @dataclass(slots=True)
@@ -76,45 +94,64 @@ def held(pose: np.ndarray, rotation: np.ndarray) -> bool:
 
 
 def path_to(
-    line: Line, here: np.ndarray, turn: np.ndarray, task: Task, memory: ContactMemory, safe_speed: SafeSpeed
+    line: Line, here: np.ndarray, turn: np.ndarray, area: Area, free: FreeSpace, speeds: Speeds
 ) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven, `safe_speed` as in `seconds`.
+    `turn` (3, 3) is the orientation in which the line is to be driven.
     """
-    start, top = line.start, float(task.area.upper[Z])
-    if line.axis == X and not line.on_surface and _met_nothing(memory, here, start, task.probe.radius):
+    start, top = line.start, float(area.upper[Z])
+    if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
         return [Waypoint(start, rotation=turn)]
-    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < COLUMN and start[Z] > here[Z]:
-        return [Waypoint(start, rotation=turn)]  # up the probe's own column
-    up = Waypoint(np.array([here[X], here[Y], top]))
-    above = np.array([start[X], start[Y], top])
+    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < OWN_COLUMN and start[Z] > here[Z]:
+        return [replace(waypoint, rotation=turn) for waypoint in up_from(here, start, free)]
+    up = up_from(here, np.array([here[X], here[Y], top]), free)
+    above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
     if line.on_surface:
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        down = [Waypoint(known), Waypoint(start - (0.0, 0.0, HOVER), Pace.GUARDED)]
-        return [up, Waypoint(above, rotation=turn), *down]
-    column = _known_column(memory, start, line.axis)
+        touch = Waypoint(start - (0.0, 0.0, HOVER), Pace.GUARDED)
+        return [*up, above, *_down_to(known, free, Pace.COLUMN), touch]
+    column = _known_column(free, start, line.axis)
     if column is None:
-        over = [up, Waypoint(above, rotation=turn), Waypoint(start, Pace.GUARDED)]
+        over = [*up, above, *_down_to(start, free, Pace.GUARDED)]
     else:
-        above[:2] = column[:2]
-        over = [up, Waypoint(above, rotation=turn), Waypoint(column), Waypoint(start, Pace.GUARDED)]
+        above.place[:2] = column[:2]
+        level = np.array([*start[:2], column[Z]])
+        beside = Pace.FREE if free.swept(column, level) else Pace.GUARDED
+        over = [*up, above, Waypoint(column), Waypoint(level, beside)]
+        if column[Z] - start[Z] > THERE:
+            over.append(Waypoint(start, Pace.GUARDED))
     if line.axis == X or abs(here[Y] - line.begin) > BORDER:
         return over
     # Nothing should stand on the border; where something does, the area is cut through an object.
-    beside = np.array([start[X], start[Y], here[Z]])
-    pace = Pace.GUARDED if here[Z] > start[Z] + BORDER else Pace.FREE
-    along = [Waypoint(here, rotation=turn), Waypoint(beside, Pace.GUARDED), Waypoint(start, pace)]
-    return min(along, over, key=lambda way: seconds(way, here, task, safe_speed))
+    level = np.array([start[X], start[Y], here[Z]])
+    along = [Waypoint(here, rotation=turn), Waypoint(level, Pace.GUARDED)]
+    along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
+    return min(along, over, key=lambda path: seconds(path, here, speeds))
 
 
-def _known_column(memory: ContactMemory, start: np.ndarray, axis: int) -> np.ndarray | None:
-    """(3,) m, a place beside the start (3,) of a line, where the probe has stood: above it nothing is.
+def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """Straight up from a place (3,) of the upright probe to another one: fast from where the sphere fits."""
+    level = free.clear_down_to(float(here[X]), float(here[Y]))
+    if level - here[Z] < GAP or level > there[Z]:
+        return [Waypoint(there, Pace.FREE if level - here[Z] < GAP else Pace.COLUMN)]
+    return [Waypoint(np.array([here[X], here[Y], level]), Pace.COLUMN), Waypoint(there)]
+
+
+def _down_to(there: np.ndarray, free: FreeSpace, below: Pace) -> list[Waypoint]:
+    """Straight down to a place (3,): fast as far as the sphere fits, at the pace `below` from there on."""
+    level = max(free.clear_down_to(float(there[X]), float(there[Y])), float(there[Z]))
+    fast = Waypoint(np.array([there[X], there[Y], level]))
+    return [fast] if level - there[Z] < THERE else [fast, Waypoint(there, below)]
+
+
+def _known_column(free: FreeSpace, start: np.ndarray, axis: int) -> np.ndarray | None:
+    """(3,) m, a place beside the start (3,) of a line, from which the sphere fits straight up.
 
     The cheapest of them all, counting what is left to be driven slowly from there; None where none is of use.
     """
-    way, aside = memory.trail(), 1 - axis
-    stood = way[np.abs(way[:, axis] - start[axis]) < BORDER, :3]
+    places, aside = free.open_places(), 1 - axis
+    stood = places[np.abs(places[:, axis] - start[axis]) < BORDER]
     deep = np.maximum(stood[:, Z], start[Z])
     cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
     if not len(stood) or cost.min() > FARTHEST:
@@ -123,27 +160,16 @@ def _known_column(memory: ContactMemory, start: np.ndarray, axis: int) -> np.nda
     return np.array([*stood[best, :2], deep[best]])
 
 
-def seconds(way: list[Waypoint], here: np.ndarray, task: Task, safe_speed: SafeSpeed) -> float:
-    """How long a way from `here` (3,) takes; `safe_speed` tells the speed, m/s, along a unit direction (3,)."""
+def seconds(path: list[Waypoint], here: np.ndarray, speeds: Speeds) -> float:
+    """How long a path from `here` (3,) takes."""
     time = 0.0
-    for waypoint in way:
+    for waypoint in path:
         step = waypoint.place - here
         length = float(np.sqrt(step @ step))
         if length > THERE:
-            speed = task.free_speed if waypoint.pace is Pace.FREE else safe_speed(step / length)
-            time += length / speed + STOP
+            time += length / speeds.at(waypoint.pace, step / length) + STOP
         here = waypoint.place
     return time
-
-
-def _met_nothing(memory: ContactMemory, here: np.ndarray, there: np.ndarray, spare: float) -> bool:
-    """Whether both places lie on one line of the grid that met nothing between them, at its height."""
-    if np.abs(here[[X, Z]] - there[[X, Z]]).max() > 1e-3:
-        return False
-    touches = memory.contacts()
-    low, high = sorted((here[Y], there[Y]))
-    on_line = np.abs(touches[:, 9] - there[X]) < 1e-3
-    return not (on_line & (touches[:, Y] > low - spare) & (touches[:, Y] < high + spare)).any()
 
 
 def line_height(task: Task) -> float:

@@ -144,7 +144,9 @@ class LineScheduler:
         return line if here[Y] <= 0.5 * (low + high) else line.turned()
 
     def _near_sides(self) -> list[Line]:
-        return near_sides(self._memory.contacts(), self._memory.trail(), self._area, self._spacing, self.lowest)
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        raised = np.array([line.place for line in self._raised if line.axis == Y])
+        return near_sides(contacts, trail, self._area, self._spacing, self.lowest, raised)
 
     def _lines_across(self) -> list[Line]:
         contacts, trail, floor = self._memory.contacts(), self._memory.trail(), float(self._area.lower[Z])

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.corner_watch import CornerWatch
 from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.inner_edge import InnerEdge
@@ -31,7 +32,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
     -------
     What `until` says, Ended.LINE_END, Ended.CEILING, or Lost with the point touched last
     """
-    edge = InnerEdge(tip.task.force_target)
+    edge, corner = InnerEdge(tip.task.force_target), CornerWatch()
     binormal = frame.binormal()
     while True:
         seen, here = tip.seen, tip.here
@@ -42,7 +43,8 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
-            motion = slide(tip, frame, normal, follow_contour.name)
+            careful = frame.level and corner.rounds(here, tip.control.normal)
+            motion = slide(tip, frame, normal, follow_contour.name, careful)
             yield motion
         except Overload:
             overload = True
@@ -70,14 +72,16 @@ def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> b
     return frame.at_ceiling(tip.here) and tangent[Z] > 0.0 and float(motion.velocity @ tangent) <= 0.0
 
 
-def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str) -> VelocityCommand:
-    """Along the tangent, and along the normal (3,) by the force law."""
+def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, careful: bool = False) -> VelocityCommand:
+    """Along the tangent, and along the normal (3,) by the force law; with care where the stick may be met."""
     seen, task = tip.seen, tip.task
     here, held = seen.pose[:3, 3], seen.pose[:3, :3]
     feed = task.contour_speed
     if seen.contact is None or seen.contact.confidence is not Confidence.RELIABLE:
         # The stick may be what touches, and above the sphere nothing is known then.
         feed = min(feed, tip.control.approach_speed(DOWN, held))
+    if careful:
+        feed = min(feed, tip.control.careful_speed)
     force = max(float(seen.force @ normal), 0.0)
     velocity = tip.control.velocity(normal, force, frame.binormal(), feed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)

@@ -37,7 +37,7 @@ def guarded_move(
     ----------
     end : (3,) m, where the motion ends without a contact
     ahead : (3,) unit, direction of the motion, None = from here to `end`
-    stretch : how far to go in one piece, None = to the end; with care is at the speed along the stick
+    stretch : how far to go in one piece, None = to the end; with care is at the control's careful speed
     grid_x : m, of the grid line that is driven, for the memory
     rest : stand still for one sample first
 
@@ -55,7 +55,7 @@ def guarded_move(
         if not doubts and (goal is None or tip.seen.goal_reached):
             target, careful = (end, False) if stretch is None else stretch(tip.here)
             held = tip.seen.pose[:3, :3]
-            speed = tip.control.approach_speed(held[:, 2] if careful else ahead, held)
+            speed = tip.control.careful_speed if careful else tip.control.approach_speed(ahead, held)
             goal = Goal(tip.pose_at(target), speed, guarded_move.name)
         try:
             yield stop if doubts or goal is None else goal

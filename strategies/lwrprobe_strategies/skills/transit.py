@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
@@ -58,12 +58,10 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
 
 def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     """m/s on the way to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
-    if waypoint.pace is Pace.FREE:
-        return tip.task.free_speed
     way = waypoint.place - tip.here
     size = float(np.sqrt(way @ way))
     along = way / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
-    return min(tip.control.approach_speed(along, turn) for turn in (tip.seen.pose[:3, :3], rotation))
+    return min(tip.speeds(turn).at(waypoint.pace, along) for turn in (tip.seen.pose[:3, :3], rotation))
 
 
 def yields(tip: Tip, waypoint: Waypoint) -> bool:

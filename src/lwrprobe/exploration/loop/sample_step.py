@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench
+from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench, stick_contact
 from lwrprobe.contracts import (
     Contact,
+    Doubt,
     Motion,
     Observation,
     PluginError,
@@ -193,6 +194,9 @@ class SampleStep:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
         contact.time = sample.time - self.zero_time
+        if contact.reason is Doubt.AXIS_MISSES:
+            point = stick_contact(wrench, centre, rotation, pipeline.probe)
+            contact.point = contact.point if point is None else point
         clock.lap("estimate")
         self._touch_age += 1
         # A light touch says little: the error of its normal goes with one over the force.

@@ -1,0 +1,163 @@
+"""What the probe has shown to be free, kept for its sphere and for its stick, each with its own width.
+
+Where an upright stick stands nothing is within the stick's radius. The sphere is wider: between the two radii something
+may begin above it. A place is open for the sphere where the sphere itself came down to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+
+SPACING = 0.001
+"""m between two places that are kept."""
+UPRIGHT = 0.9995
+"""Share of the stick along z, downwards, from which on it fills a vertical column (1.8 degrees)."""
+TURNED = 0.998
+"""Cosine between two directions of the stick, up to which the second one is kept (3.6 degrees)."""
+SIDE = 0.0026
+"""m sideways from where the sphere has been, within which it fits: half of its radius. What stands in the strip that is
+left is met by the sphere's flank, across the stick, where the probe gives way."""
+GAP = 0.004
+"""m in height between two places of the sphere, up to which nothing fits in between (the waist of two spheres)."""
+LIFT = 0.001
+"""m off a surface, at which a path along it is driven back."""
+CHORD = 0.0003
+"""m by which a path that is driven back may cut its corners."""
+FARTHEST_BACK = 600
+"""Places, as far as a path is driven back."""
+BORDER = 0.001
+"""m, within which a place is one on the border."""
+
+Pose = tuple[np.ndarray, np.ndarray]
+"""Place (3,) m of the sphere's centre, and orientation (3, 3) of the tip."""
+
+
+class FreeSpace:
+    """Where the probe has been, in the order in which it was there.
+
+    Parameters
+    ----------
+    area : nothing in it is higher than its top less the sphere's radius
+    radius : m, of the sphere
+    """
+
+    def __init__(self, area: Area, radius: float) -> None:
+        self._area = area
+        self._top = float(area.upper[2]) - radius
+        self._rows: list[tuple[float, ...]] = []  # place, place off the surface, stick's direction, open, upright
+        self._turns: list[np.ndarray] = []
+        self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
+        self._known = np.empty((0, 11))
+
+    def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
+        """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or nothing; called each sample."""
+        x, y, z = pose[:3, 3].tolist()
+        ax, ay, az = pose[:3, 2].tolist()
+        if self._rows:
+            last = self._rows[-1]
+            moved = max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2]))
+            if moved < SPACING and ax * last[6] + ay * last[7] + az * last[8] > TURNED:
+                return
+        nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
+        upright = -az > UPRIGHT
+        if z >= self._top:
+            self._column = x, y, ax, ay, az
+        elif self._column is not None:
+            cx, cy, *stick = self._column
+            held = ax * stick[0] + ay * stick[1] + az * stick[2] > TURNED
+            self._column = self._column if held and max(abs(x - cx), abs(y - cy)) < SIDE else None
+        is_open = self._column is not None or self._on_border(x, y)
+        self._rows.append((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, float(is_open), float(upright)))
+        self._turns.append(pose[:3, :3].copy())
+
+    def clear_down_to(self, x: float, y: float) -> float:
+        """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
+        rows = self._table()
+        near = rows[np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE]
+        level = min(self._top, float(near[near[:, 9] > 0.0, 2].min(initial=np.inf)))
+        for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
+            if level - z > GAP:
+                break
+            level = z
+        return level
+
+    def open_places(self) -> np.ndarray:
+        """(n, 3) m, places from which the probe may go straight up: it came down there.
+
+        On the area's border every place counts as open: nothing stands there.
+        """
+        rows = self._table()
+        return rows[rows[:, 9] > 0.0, :3]
+
+    def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether the upright probe has been all along a straight level line between two places (3,)."""
+        way = end - begin
+        length = float(np.sqrt(way @ way))
+        if length < SPACING:
+            return True
+        rows = self._table()
+        rows = rows[rows[:, 10] > 0.0, :3] - begin
+        along = rows @ (way / length)
+        beside = rows - along[:, None] * (way / length)
+        near = np.abs(beside).max(axis=1) < SPACING
+        places = np.sort(along[near & (along > -GAP) & (along < length + GAP)])
+        steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
+        return bool(len(places) and steps.max() <= GAP)
+
+    def way_back(self, distance: float = np.inf) -> list[Pose] | None:
+        """Back the way the probe came: for `distance` m, or to the latest open place; None where that is too far.
+
+        Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
+        """
+        rows = self._table()
+        if len(rows) < 2:
+            return None
+        last, places, here = len(rows) - 1, [], rows[-1, 3:6]
+        left = distance
+        for k in range(last, max(last - FARTHEST_BACK, -1), -1):
+            place = rows[k, 3:6]
+            left -= float(np.abs(place - here).max())
+            here = place
+            places.append(k)
+            if left <= 0.0 or (rows[k, 9] > 0.0 and not np.isfinite(distance)):
+                break
+        else:
+            if not np.isfinite(distance):
+                return None
+        kept = _corners(rows[places, 3:9])
+        return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
+
+    def _on_border(self, x: float, y: float) -> bool:
+        low, high = self._area.lower, self._area.upper
+        return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
+
+    def _table(self) -> np.ndarray:
+        """(n, 11) all rows; asked for while the tip moves, so only what is new is converted."""
+        new = self._rows[len(self._known) :]
+        if new:
+            self._known = np.concatenate([self._known, np.array(new)])
+        return self._known
+
+
+def _corners(rows: np.ndarray) -> list[int]:
+    """Indices of the places (n, 6: place and direction of the stick) between which straight lines suffice."""
+    kept, spans = {0, len(rows) - 1}, [(0, len(rows) - 1)]
+    while spans:
+        first, last = spans.pop()
+        if last - first < 2:
+            continue
+        share = np.linspace(0.0, 1.0, last - first + 1)[1:-1, None]
+        way = rows[last, :3] - rows[first, :3]
+        inner = rows[first + 1 : last]
+        size = float(way @ way)
+        along = np.clip((inner[:, :3] - rows[first, :3]) @ way / size, 0.0, 1.0)[:, None] if size > 1e-12 else share
+        off = np.abs(inner[:, :3] - rows[first, :3] - along * way).max(axis=1)
+        turn = np.abs(inner[:, 3:] - rows[first, 3:] - along * (rows[last, 3:] - rows[first, 3:])).max(axis=1)
+        worst = int(np.argmax(off / CHORD + turn / 0.05))
+        if off[worst] > CHORD or turn[worst] > 0.05:
+            middle = first + 1 + worst
+            kept.add(middle)
+            spans += [(first, middle), (middle, last)]
+    return sorted(kept)
