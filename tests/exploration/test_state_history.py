@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.loop.state_history import HISTORY, StateHistory
+from lwrprobe.exploration.loop.state_history import HISTORY, VELOCITY_SPAN, StateHistory
 from lwrprobe.kinematics import lwr4
 
 ROBOT = lwr4()
@@ -62,3 +62,30 @@ def test_acceleration_is_that_of_the_last_cycle():
     assert recent.acceleration == pytest.approx(2.5)
     recent.note(0.002, np.zeros(3), np.zeros(7))
     assert recent.acceleration == np.inf
+
+
+def test_the_measured_velocity_is_the_mean_of_the_measured_joints():
+    times, velocities, joints = states(3 * HISTORY)
+    recent = StateHistory(ROBOT)
+    assert not recent.measured_velocity(0.0).any(), "nothing is known yet"
+    for time, velocity, q in zip(times, velocities, joints):
+        recent.note(time, velocity, q)
+    for time in [times[-20], times[-20] + 3e-4, times[-2], times[-1], times[-1] + 1.0]:
+        end = min(time + VELOCITY_SPAN, times[-1])
+        places = [naive(times, velocities, joints, t)[0][:3, 3] for t in (end - VELOCITY_SPAN, end)]
+        np.testing.assert_allclose(
+            recent.measured_velocity(time), (places[1] - places[0]) / VELOCITY_SPAN, atol=1e-9
+        )  # fmt: skip
+
+
+def test_the_velocity_of_a_delayed_arm_is_measured_and_not_commanded():
+    """A command that jumps shows in the measured velocity when the joints move, however late that is."""
+    recent, bent, pose = StateHistory(ROBOT), np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.9, 0.0]), np.empty((4, 4))
+    for k in range(40):
+        q = bent.copy()
+        q[0] = 0.1 * max(0, k - 20) * 1e-3
+        recent.note(k * 1e-3, np.array([0.0, 0.05 * (k >= 10), 0.0]), q)
+    assert recent.tip_at(0.015)[1][1] == 0.05
+    assert not recent.measured_velocity(0.015).any()
+    ROBOT.fk_into(bent, pose)
+    assert np.linalg.norm(recent.measured_velocity(0.034)) == pytest.approx(0.1 * np.linalg.norm(pose[:2, 3]), rel=1e-3)

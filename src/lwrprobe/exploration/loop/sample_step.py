@@ -131,7 +131,7 @@ class SampleStep:
         size = wrench.magnitude
         if size > self._light:
             self._record.note_range(wrench)
-        contact = self._contact(sample, wrench, size, place, rotation, velocity)
+        contact = self._contact(sample, wrench, size, place, rotation)
         confirmed = not wrench.status & UNCONFIRMED
         pipeline.force.update(wrench, pose, contact)
         time = sample.time - self.zero_time
@@ -176,7 +176,6 @@ class SampleStep:
         size: float,
         place: np.ndarray,
         rotation: np.ndarray,
-        velocity: np.ndarray,
     ) -> Contact | None:
         """The contact of a sample above the threshold, stored where it can be trusted; else free space is recorded."""
         clock, pipeline = self._clock, self._pipeline
@@ -192,6 +191,7 @@ class SampleStep:
         centre = place
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
+        velocity = self._arm.history.measured_velocity(sample.time)
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
         contact.time = sample.time - self.zero_time
         if contact.reason is Doubt.AXIS_MISSES:

@@ -11,6 +11,8 @@ from lwrprobe.kinematics import Robot
 
 HISTORY = 64
 """Cycles that are remembered: longer than any sample is late."""
+VELOCITY_SPAN = 0.004
+"""s over which the measured velocity is a mean: as long as a sample is under way, so that it lies after the sample."""
 
 
 class StateHistory:
@@ -30,6 +32,10 @@ class StateHistory:
         self._note = entry(k.note, self._ring, 0, 0.0, three, self.q)
         self._acceleration = entry(k.acceleration, self._ring, 0)
         self._note_rows = entry(k.note_rows, self._ring, 0, three, np.zeros((1, 3)), self._ring)
+        self._scratch = np.zeros(robot.n)
+        self._mean_velocity = entry(
+            k.mean_velocity, self._ring, 0, 0.0, VELOCITY_SPAN, self._chain, self._scratch, three
+        )  # fmt: skip
         self._tip_at = entry(k.tip_at, self._ring, 0, 0.0, self._chain, self.q, pose, three)
 
     def note(self, time: float, velocity: Vector, q: Vector) -> None:
@@ -43,10 +49,19 @@ class StateHistory:
         self._count += len(times)
 
     def tip_at(self, time: float) -> tuple[np.ndarray, Vector]:
-        """Tip pose (4, 4) and velocity (3,) m/s at an instant not long ago, joints interpolated linearly."""
+        """Tip pose (4, 4) and commanded velocity (3,) m/s at an instant not long ago, joints interpolated linearly."""
         pose, velocity = np.empty((4, 4)), np.empty(3)
         self._tip_at(self._ring, self._count, time, self._chain, self.q, pose, velocity)
         return pose, velocity
+
+    def measured_velocity(self, time: float) -> Vector:
+        """(3,) m/s of the tip from the measured joints, the mean over the `VELOCITY_SPAN` after a recent instant.
+
+        Where not so much is known after it, the mean is over the last `VELOCITY_SPAN` known.
+        """
+        velocity = np.empty(3)
+        self._mean_velocity(self._ring, self._count, time, VELOCITY_SPAN, self._chain, self._scratch, velocity)
+        return velocity
 
     @property
     def newest(self) -> Vector:

@@ -28,8 +28,8 @@ def note_rows(ring, count, times, velocities, joints):
 
 
 @kernel
-def tip_at(ring, count, time, chain, q, pose, velocity):
-    """Tip pose (4, 4) at an instant, joints interpolated linearly into q, and its velocity (3,) in that cycle.
+def joints_at(ring, count, time, q):
+    """Joints q (n,) at an instant, interpolated linearly; returns the row of the cycle that the instant lies in.
 
     Before the oldest state known that one counts, after the newest the newest.
     """
@@ -44,14 +44,44 @@ def tip_at(ring, count, time, chain, q, pose, velocity):
     share = min(max((time - earlier[TIME]) / span, 0.0), 1.0) if span > 0.0 else 1.0
     for i in range(q.shape[0]):
         q[i] = earlier[JOINTS + i] + share * (later[JOINTS + i] - earlier[JOINTS + i])
+    return at % length
+
+
+@kernel
+def tip_at(ring, count, time, chain, q, pose, velocity):
+    """Tip pose (4, 4) and joints q (n,) at an instant, and the velocity (3,) commanded in that cycle."""
+    row = ring[joints_at(ring, count, time, q)]
     for i in range(3):
-        velocity[i] = earlier[VELOCITY + i]
+        velocity[i] = row[VELOCITY + i]
     f = tip_frame(chain, q)
     for i in range(3):
         for k in range(4):
             pose[i, k] = f[3 * k + i]
         pose[3, i] = 0.0
     pose[3, 3] = 1.0
+
+
+@kernel
+def mean_velocity(ring, count, time, span, chain, q, velocity):
+    """Mean velocity (3,) of the tip as measured over `span` s after an instant, or over the last `span` s known.
+
+    q (n,) is overwritten; zero before there are states over a tenth of the span.
+    """
+    length = ring.shape[0]
+    newest, oldest = ring[(count - 1) % length, TIME], ring[max(0, count - length) % length, TIME]
+    end = min(time + span, newest)
+    begin = max(end - span, oldest)
+    for i in range(3):
+        velocity[i] = 0.0
+    if not end - begin > 0.1 * span:
+        return
+    for instant, sign in ((begin, -1.0), (end, 1.0)):
+        joints_at(ring, count, instant, q)
+        f = tip_frame(chain, q)
+        for i in range(3):
+            velocity[i] += sign * f[9 + i]
+    for i in range(3):
+        velocity[i] /= end - begin
 
 
 @kernel
