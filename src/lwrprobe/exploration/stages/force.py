@@ -13,6 +13,7 @@ from lwrprobe.contact import (
     DriftWatch,
     Estimator,
     LimitCycle,
+    PressCompliance,
     TouchIdentification,
     Wrench,
     WrenchConditioner,
@@ -30,6 +31,21 @@ GUARD = 0.25
 
 SPEED_STEPS = 20
 """Steps in which a speed is reduced."""
+COVERED = 1.25
+"""Ratio of found to stated stiffness that the reserves of the speeds cover."""
+AGREED = 2
+"""Batches of presses after which the speeds follow the stiffness."""
+TOUCHES_AGREED = 3
+"""Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
+APART = 3.0
+"""Standard deviations between found and stated compliance from which on contacts are corrected with the found one."""
+
+DOUBT = 3.0
+"""Standard deviations by which arm and object may be stiffer than stated before that is measured."""
+ACROSS = 0.1
+"""Cosine to the stick below which a motion or a normal counts as across it."""
+_NO_NORMAL = np.zeros(3)
+
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -59,7 +75,6 @@ class ForceStage:
         """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
         self._delay = 0.0
         self._touch_speed = self._approach
-        self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
         self._bend = Deflection(probe)
         self._axial = float(probe.compliance[2])
@@ -68,6 +83,12 @@ class ForceStage:
         )
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
+        self._press = PressCompliance(self._bend)
+        # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
+        stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
+        self._share = min(COVERED / stiffest, 1.0)
+        self._axis, self._normal, self._place = np.array([0.0, 0.0, 1.0]), _NO_NORMAL, _NO_NORMAL
+        self._compliance = 0.0
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
@@ -110,8 +131,19 @@ class ForceStage:
 
     @property
     def compliance(self) -> float:
-        """m/N of the object as far as the first touches have shown; 0 where it is too stiff to be measured."""
-        return self._touch.compliance
+        """m/N of object and arm where it differs from what the scene states; 0 where it does not."""
+        return self._compliance
+
+    def compliance_sigma(self, of_object: float, of_arm: float) -> float:
+        """m/N, standard deviation of the compliance that contacts are corrected with.
+
+        `of_object` [m/N] is that of an object that no press has shown, `of_arm` a share of the stated compliance.
+        """
+        stated = math.hypot(of_object, of_arm / self._contact.stiffness)
+        if not math.isfinite(self._press.sigma):
+            return stated
+        used = self._compliance or 1.0 / self._contact.stiffness
+        return min(stated, math.hypot(self._press.sigma, used - self._press.value))
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
         """One sample.
@@ -122,13 +154,16 @@ class ForceStage:
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
-        self._normal = contact.normal if contact is not None else None
         if contact is not None and self._cycle is not None:
             self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
         elif self._cycle is not None:
             self._cycle.reset()
-        if self._touch.update(wrench, pose, contact):
-            self._adopt()
+        self._axis, self._place = pose[:3, 2], pose[:3, 3]
+        self._normal = contact.normal if contact is not None else _NO_NORMAL
+        if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
+            self._adopt(self._touch.compliance)
+        if self._press.update(wrench, pose, contact):
+            self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings or the loop is late; on the way to a goal the sensor's zero is
@@ -143,17 +178,23 @@ class ForceStage:
             self._drift.rezero()
         if self.excess > 0.0:
             motion = self._slowed(motion)
-        if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
+        if isinstance(motion, Goal) and motion.speed <= self._approach:
+            share = self._share_along(motion.pose[:3, 3] - self._place)
+            return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
+        if self._cycle is None or not isinstance(motion, VelocityCommand):
             return motion
-        return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
+        share = self._cycle.scale * self._share_along(motion.velocity)
+        if share == 1.0:
+            return motion
+        return VelocityCommand(motion.velocity * share, motion.hold, motion.reason, motion.pose)
 
     @property
     def touch_speed(self) -> float:
         """m/s at which something may be met in any direction, as late as the loop is now."""
-        return self._touch_speed * self._share
+        return self._touch_speed * self._delay_share
 
     @property
-    def _share(self) -> float:
+    def _delay_share(self) -> float:
         """Of the speed that the stated delay allows; in steps, so that a plan is not made anew with every sample."""
         if self._delay <= 0.0:
             return 1.0
@@ -161,19 +202,50 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that the measured delay allows; what leaves a surface is not slowed."""
-        share = self._share
+        share = self._delay_share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
             return replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            leaving = np.zeros(3)
-            if self._normal is not None:
-                leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
+            leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _adopt(self) -> None:
+    def _share_along(self, path: np.ndarray) -> float:
+        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+
+        Across it the probe gives way so much that the stiffness of arm and object does not count.
+        """
+        if self._share == 1.0 or abs(float(self._normal @ self._axis)) > ACROSS:
+            return self._share
+        along = abs(float(path @ self._axis))
+        return self._share if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+
+    def _judge_presses(self) -> None:
+        """Presses have shown the stiffness of object and arm: adapt the speeds, and the contacts where it is another.
+
+        Raises TouchRefused where no speed is safe.
+        """
+        stated, found = 1.0 / self._contact.stiffness, self._press.value
+        if self._press.batches < AGREED:
+            return
+        # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
+        share = (found + self._axial) / (stated + self._axial)
+        self._share = share if COVERED * share < 1.0 else 1.0
+        if self._share < 1.0:
+            c = self._contact
+            law = choose_force_law(
+                1.0 / (found + self._axial), self._delay, c.target, c.limit, force_threshold=c.threshold,
+                braking=self._braking,
+            )  # fmt: skip
+            if isinstance(law, Refusal):
+                raise TouchRefused(f"touch refused: {law.reason}")
+        if abs(found - stated) > APART * self._press.sigma:
+            self._compliance = found
+            self._estimator.set_indentation(found)
+
+    def _adopt(self, found: float) -> None:
         """A touch has been fitted: subtract its indentation from now on, check the damping against its stiffness."""
-        found = self._touch.compliance
+        self._compliance = found
         self._estimator.set_indentation(found)
         if found <= 0.0:
             return
@@ -189,8 +261,21 @@ class ForceStage:
     def report(self) -> dict[str, Any]:
         """For the summary."""
         changes = self._drift.changes
-        found = self._touch.compliance
-        return self._report | {
+        found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
+        report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if self._press.batches >= AGREED else None}
+        if self._press.batches >= AGREED and self._share < 1.0:
+            report["warnings"] = [
+                *report.get("warnings", []),
+                f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
+                f"{1.0 / stated:.3g}: the probe moves slower",
+            ]
+        elif abs(pressed - stated) > APART * self._press.sigma:
+            report["warnings"] = [
+                *report.get("warnings", []),
+                f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
+                f"{1.0 / stated:.3g}: contacts are corrected with what was found",
+            ]
+        return report | {
             "object_stiffness": round(1.0 / found, 1) if found > 0.0 else None,
             "touches_fitted": self._touch.fitted,
             "limit_cycles": self._cycle.detections if self._cycle is not None else 0,
