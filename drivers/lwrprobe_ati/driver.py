@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError, HealthCheck
 from lwrprobe_ati.config import AtiConfig
+from lwrprobe_ati.emulated_truth import EmulatedTruth
 from lwrprobe_ati.health_checks import sensor_health
 from lwrprobe_ati.sensor import AtiSensor
 
@@ -26,8 +27,9 @@ class AtiDriver:
     def sensor(self) -> AtiSensor:
         return self._sensor
 
-    def ground_truth(self) -> None:
-        """A real device knows no ground truth."""
+    def ground_truth(self) -> EmulatedTruth | None:
+        """None for a real device; that of an emulated rig once the sensor is closed."""
+        return EmulatedTruth.of(self._sensor.config, self._sensor.ahead)
 
     @property
     def left_out(self) -> tuple[()]:

@@ -44,6 +44,8 @@ class AtiSensor:
         self._asked = 0.0
         self._valid_from = 0.0
         self._last_counters: dict[str, int] = {}
+        self.ahead: int | None = None
+        """`Stream.ahead` of the last stream that was closed."""
 
     def __enter__(self) -> AtiSensor:
         self.open()
@@ -104,6 +106,8 @@ class AtiSensor:
         if self._socket is None:
             return
         self._last_counters = self.counters()
+        if self.stream is not None:
+            self.ahead = self.stream.ahead
         self._stop_stream()
         self._console.close()
         self._socket.close()

@@ -47,6 +47,8 @@ class Stream:
         self._to_si = calibration.to_si
         self._limits = calibration.ratings
         self._sequence = 0
+        self.ahead = 0
+        """By how much the device's record numbers are ahead of the samples' sequence."""
         self._unchanged = 0
         self._stuck = round(config.stuck_after * config.rate) or 1 << 62
 
@@ -71,6 +73,7 @@ class Stream:
         self._unchanged = self._unchanged + 1 if self.last and record.counts == self.last.counts else 0
         self.last = record
         self._sequence += 1 + gap
+        self.ahead = record.sequence - self._sequence
         time = self._clock.host_time(record.stamp, arrival)
         flags = status_flags(record, self._config.transducer)
         if gap:

@@ -58,7 +58,9 @@ def rig(
     ati_faults: Annotated[
         str, typer.Option(metavar="FAULTS", help="Faults of the sensor's connection: loss=0.05,delay=0.002,...")
     ] = "",
-    control: Control = "",
+    control: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="UDP port that accepts control lines; empty for none.")
+    ] = "127.0.0.1:49160",
     seconds: Seconds = float("inf"),
     seed: Annotated[
         int | None, typer.Option(metavar="N", help="Seed of noise and faults; the scene's if left out.")
@@ -82,6 +84,7 @@ def rig(
     # The world's sensor brings its own noise.
     loads = {transducer: world.wrench}
     sensor = load("emulator", "ati").build(telnet, udp, str(transducer), loads, 0.0, faults=ati_faults, seed=seed)
+    sensor.set_load(transducer, lambda now: world.record(sensor.sequence))
     greeting = (
         f"{loaded.name}: FRI at {bind} every {cycle_ms:g} ms, answers expected from {remote}; "
         f"ATI console at {telnet}, data at {udp}, transducer {transducer}"

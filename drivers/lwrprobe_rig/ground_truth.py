@@ -8,14 +8,18 @@ import selectors
 from lwrprobe.contracts import UnknownNameError
 from lwrprobe_rig.world import SimulatedWorld
 
+_MOST = 200
+"""Contacts that fit into one datagram."""
+
 
 class GroundTruth:
     """A `lwrprobe_rig.reactor.Device` without sockets that answers from the simulated world.
 
-    `status` answers one line of JSON, `mark` makes the peak since then count from now on.
+    `status` answers one line of JSON, `mark` makes the peak since then count from now on; `scene` and
+    `contacts FIRST COUNT` are what the evaluation of a run needs, as JSON.
     """
 
-    WORDS = ("status", "mark", "help")
+    WORDS = ("status", "mark", "scene", "contacts", "help")
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._world = world
@@ -31,13 +35,17 @@ class GroundTruth:
 
     def control(self, line: str) -> str:
         """One line of the operator."""
-        match line.strip():
-            case "status":
+        match line.split():
+            case ["status"]:
                 return json.dumps(self._world.truth())
-            case "mark":
+            case ["scene"]:
+                return self._world.ground_truth.scene.model_dump_json(by_alias=True)
+            case ["contacts", first, count] if first.isdigit() and count.isdigit():
+                return json.dumps(self._world.contacts(int(first), min(int(count), _MOST)))
+            case ["mark"]:
                 self._world.mark()
                 return "ok"
-            case "help":
-                return "status | mark | quit"
+            case ["help"]:
+                return "status | mark | scene | contacts FIRST COUNT | quit"
             case _:
                 raise UnknownNameError("control word", line.strip(), self.WORDS)

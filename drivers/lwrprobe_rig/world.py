@@ -42,6 +42,8 @@ class SimulatedWorld:
         self._arm.open()
         self._sensor.open()
         self._wrench = np.zeros(6)
+        self._sample = 0
+        self._records: dict[int, int] = {}
         self._joints = self._arm.read().q
         self.elapsed = 0.0
         """s that have passed in this world."""
@@ -66,6 +68,7 @@ class SimulatedWorld:
             self._joints = self._arm.read().q
             for sample in self._sensor.read():
                 self._wrench[:3], self._wrench[3:] = sample.force, sample.torque
+                self._sample = sample.sequence
                 touch = self.ground_truth.contact_at(sample.sequence)
                 self.force = 0.0 if touch is None else touch.force
                 self.peak_since = max(self.peak_since, self.force)
@@ -82,10 +85,25 @@ class SimulatedWorld:
             "joints": self._joints.tolist(),
             "force_n": self.force,
             "peak_force_n": self.ground_truth.peak_force,
+            "probe_peak_force_n": self.ground_truth.probe_peak_force,
+            "differences": self.ground_truth.differences,
             "peak_since_mark_n": self.peak_since,
             "link_collisions": self.ground_truth.link_collisions,
             "refused": self.refused,
         }
+
+    def record(self, number: int) -> np.ndarray:
+        """`wrench` for the sensor's record of that number, which is remembered for `contacts`."""
+        self._records[number] = self._sample
+        return self._wrench
+
+    def contacts(self, first: int, count: int) -> list[list[float] | None]:
+        """True contacts of the sensor's records from `first` on: point m, normal, force N; None where it was free."""
+        found: list[list[float] | None] = []
+        for number in range(first, first + count):
+            touch = self.ground_truth.contact_at(self._records.get(number, 0))
+            found.append(None if touch is None else [*touch.point.tolist(), *touch.normal.tolist(), touch.force])
+        return found
 
     def wrench(self, now: float) -> np.ndarray:
         """(6,) N and N·m on the probe in the sensor frame, the latest."""

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import DriverContext
+from lwrprobe.contracts import GroundTruth as Truth
 from lwrprobe.contracts.plugins import load
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import load_scene
+from lwrprobe_rig.console import OperatorConsole
+from lwrprobe_rig.ground_truth import GroundTruth
 from lwrprobe_rig.reactor import Reactor
 from lwrprobe_rig.world import SimulatedWorld
 
@@ -107,3 +110,40 @@ def test_touch_over_real_sockets(scene, descent):
             assert min(s.force[2] for s in samples[:20]) > -0.1
             # Both clocks are the host's: a sample's instant lies among the arm's states.
             assert states[0].time - 1.0 < samples[0].time < samples[-1].time < states[-1].time
+
+
+def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene, descent):
+    world = SimulatedWorld(scene, 1, descent[0])
+    for before, after in itertools.pairwise(descent):
+        world.advance(before, after, CYCLE)
+    control = free_address()
+    device = load("emulator", "ati").build("127.0.0.1:0", "127.0.0.1:0", "1", {}, 0.0)
+    device.set_load(1, lambda now: world.record(device.sequence))
+    console = OperatorConsole({"ati": device, "world": GroundTruth(world)}, control, stdin=False)
+    ati = load("driver", "ati")
+    with Reactor([device, console]):
+        addresses = {"telnet": device.telnet_address, "udp": device.udp_address, "local": "127.0.0.1:0"}
+        driver = ati(DriverContext(ati.Config(**addresses, truth=control), scene))
+        assert driver.ground_truth() is None, "not before there was a run"
+        sensor, samples = driver.sensor(), []
+        with sensor:
+            end = time.monotonic() + 30.0
+            while len(samples) < 150:
+                assert time.monotonic() < end
+                samples += sensor.read()
+                time.sleep(0.01)
+        truth = driver.ground_truth()
+        assert isinstance(truth, Truth)
+        assert (truth.scene.objects, truth.scene.probe, truth.scene.table) == (scene.objects, scene.probe, scene.table)
+        assert truth.peak_force == pytest.approx(4.0, rel=0.05)
+        assert truth.probe_peak_force == pytest.approx(4.0, rel=0.05)
+        assert truth.link_collisions == 0
+        touches = [truth.contact_at(sample.sequence) for sample in samples]
+        assert all(touch.force == pytest.approx(-sample.force[2], abs=0.05) for touch, sample in zip(touches, samples))
+        assert touches[0].point[2] == pytest.approx(0.0, abs=1e-6)
+        assert touches[0].normal == pytest.approx([0.0, 0.0, 1.0])
+        assert truth.contact_at(10_000_000) is None
+        silent = ati(DriverContext(ati.Config(**addresses, truth=free_address()), scene))
+        with silent.sensor():
+            pass
+        assert silent.ground_truth() is None

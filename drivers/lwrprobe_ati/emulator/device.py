@@ -95,6 +95,11 @@ class AtiEmulator:
         return f"{host}:{port}"
 
     @property
+    def sequence(self) -> int:
+        """Number of the next record."""
+        return self._sequence
+
+    @property
     def streaming(self) -> bool:
         return self._streaming
 

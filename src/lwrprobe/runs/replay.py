@@ -11,10 +11,10 @@ import numpy as np
 
 from lwrprobe.contact import check_estimator
 from lwrprobe.evaluation import surface_error
+from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import Recording, read_recording
 from lwrprobe.scene import Scene
-from lwrprobe.scene.actual_scene import actual_scene
 
 
 @dataclass(slots=True, frozen=True)
@@ -83,7 +83,7 @@ def _passage(recording: Recording, scene: Scene, folder: Path | None, same: bool
     error = None
     if scene.arm.driver == "sim" and scene.objects and passage.contacts and recording.own:
         points = np.array([contact.point for contact in passage.contacts])
-        error = surface_error(points, actual_scene(scene).solid()).as_dict()
+        error = surface_error(points, true_solid(scene)).as_dict()
     count = len(passage.contacts)
     if folder is not None:
         passage.finish()

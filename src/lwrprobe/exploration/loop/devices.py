@@ -16,18 +16,16 @@ from lwrprobe.scene import Scene
 
 @dataclass(slots=True)
 class Devices:
-    """Arm, sensor and, in simulation, the ground truth.
+    """Arm and sensor.
 
     Attributes
     ----------
     arm, sensor : closed until the `with` block is entered
-    ground_truth : None on real devices
     drivers : by name, the one or two that were made
     """
 
     arm: Arm
     sensor: Sensor
-    ground_truth: GroundTruth | None
     drivers: dict[str, Driver]
 
     @classmethod
@@ -46,7 +44,7 @@ class Devices:
                 config = configure(plugin.Config, scene.drivers.get(name, {}), f"drivers.{name}")
                 drivers[name] = plugin(DriverContext(config, scene, seed, realtime, start_q))
         arm, sensor = drivers[scene.arm.driver], drivers[scene.sensor.driver]
-        return cls(arm.arm(), sensor.sensor(), arm.ground_truth(), drivers)
+        return cls(arm.arm(), sensor.sensor(), drivers)
 
     def __enter__(self) -> Devices:
         try:
@@ -59,6 +57,11 @@ class Devices:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
+
+    @property
+    def ground_truth(self) -> GroundTruth | None:
+        """That of the driver which knows it, asked for after the run; None on real devices."""
+        return next((truth for driver in self.drivers.values() if (truth := driver.ground_truth()) is not None), None)
 
     @property
     def left_out(self) -> list[LeftOut]:
