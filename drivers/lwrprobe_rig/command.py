@@ -17,7 +17,6 @@ from lwrprobe_rig.shared_options import (
     FRI_ADDRESS,
     Bind,
     Bridged,
-    Control,
     CycleMs,
     Joints,
     Krl,

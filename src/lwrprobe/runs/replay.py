@@ -81,9 +81,10 @@ def _passage(recording: Recording, scene: Scene, folder: Path | None, same: bool
     passage = Replay(recording, scene, folder, same)
     outcome = passage.run()
     error = None
-    if scene.arm.driver == "sim" and scene.objects and passage.contacts and recording.own:
+    solid = true_solid(scene) if scene.arm.driver == "sim" and recording.own else None
+    if solid is not None and passage.contacts:
         points = np.array([contact.point for contact in passage.contacts])
-        error = surface_error(points, true_solid(scene)).as_dict()
+        error = surface_error(points, solid).as_dict()
     count = len(passage.contacts)
     if folder is not None:
         passage.finish()
