@@ -68,6 +68,23 @@ class MissingExtraError(LwrprobeError, ImportError):
         )
 
 
+class StorageError(LwrprobeError):
+    """A file cannot be written: the disk is full, the folder is gone or read-only.
+
+    Parameters
+    ----------
+    place : file or folder
+    error : what the system says
+    """
+
+    def __init__(self, place: object, error: OSError) -> None:
+        self.place, self.error = place, error
+        super().__init__(f"{place}: cannot be written: {error.strerror or error}; what was written so far is kept")
+
+    def __reduce__(self) -> tuple[type, tuple]:
+        return type(self), (self.place, self.error)
+
+
 class PluginError(LwrprobeError):
     """A plug-in failed; the message names the plug-in."""
 

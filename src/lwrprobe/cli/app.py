@@ -26,7 +26,7 @@ from lwrprobe.cli import (
     resume,
     weigh,
 )
-from lwrprobe.errors import DriverError, LwrprobeError, PluginError, UnknownNameError
+from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
 from lwrprobe.help_page import Command, Group
 
 app = typer.Typer(
@@ -86,7 +86,7 @@ def main() -> None:
         app()
     except LwrprobeError as error:
         typer.echo(f"lwrprobe: {error}{_next_step(error)}", err=True)
-        sys.exit(2)
+        sys.exit(1 if isinstance(error, StorageError) else 2)
     except KeyboardInterrupt:
         typer.echo("lwrprobe: interrupted", err=True)
         sys.exit(1)

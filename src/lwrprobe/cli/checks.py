@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING
 
 from lwrprobe.contracts.plugins import names
@@ -51,6 +52,37 @@ def check_folder(field: str, folder: Path | None) -> None:
         raise InputError(field, str(folder), f"a folder that can be written to ({nearest} is a file)")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(field, str(folder), f"a folder that can be written to (no permission to write in {nearest})")
+
+
+RUN_FILES = frozenset(
+    "contacts.csv trace.csv states.csv scene.toml summary.json contacts.ply cloud.pcd map.bt mesh.stl preview.png report.html "
+    "observations.f64 observations.words bag".split()
+)
+"""What an exploration may find in its run folder, left there by an earlier one."""
+
+
+def check_empty(field: str, folder: Path, overwrite: bool) -> None:
+    """Raise InputError for a folder with other files than a run's, or with a run that can be resumed.
+
+    With `overwrite` a run that can be resumed is replaced. A run that came to its end always is, all of it.
+    """
+    if not folder.is_dir():
+        return
+    others = sorted(path.name for path in folder.iterdir() if path.name not in RUN_FILES)
+    runs = (folder / "scene.toml").is_file()
+    if others and not runs:
+        raise InputError(field, str(folder), f"a new, an empty or a run folder; this one has {', '.join(others[:3])}")
+    if runs and (folder / "observations.f64").is_file() and not overwrite:
+        raise InputError(
+            field, str(folder),
+            "another folder: this run was cut off. `lwrprobe resume` continues it, --overwrite replaces it",
+        )  # fmt: skip
+    for name in RUN_FILES:
+        path = folder / name
+        if path.is_dir():
+            rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def check_output(field: str, file: Path | None, endings: Iterable[str] = ()) -> None:

@@ -54,11 +54,18 @@ def explore(
         int,
         typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
     ] = 0,
+    record: Annotated[
+        bool | None,
+        typer.Option("--record/--no-record", help="Write a bag (rosbag2, MCAP) into the run folder; on with real devices."),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a run that was cut off and could be resumed.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
-    from lwrprobe.cli.checks import check_folder, check_plugins
+    from lwrprobe.cli.checks import check_empty, check_folder, check_plugins
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
@@ -77,11 +84,12 @@ def explore(
             return _rehearse(loaded, line, as_json)
         folder = out if out is not None else Path("runs") / loaded.name
         check_folder("--out", folder)
+        check_empty("--out", folder, overwrite)
         from lwrprobe.exploration.safety.confirm import Confirm
         from lwrprobe.runs.explore import explore as run
 
         asking = Confirm(confirm, line.message) if confirm > 0 else None
-        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking)
+        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking, record=record)
     finish(found.summary.as_dict(), folder, as_json, quiet)
 
 

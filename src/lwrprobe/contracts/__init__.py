@@ -47,6 +47,7 @@ from lwrprobe.errors import (
     SafetyStop,
     SceneError,
     StaleData,
+    StorageError,
     UnknownNameError,
 )
 
@@ -91,6 +92,7 @@ __all__ = [
     "Sensor",
     "StaleData",
     "SteppedArm",
+    "StorageError",
     "Strategy",
     "Task",
     "TouchRecord",

@@ -189,8 +189,12 @@ class VoxelMap:
     def write(self, path: str | Path) -> Path:
         """Write `.bt` or `.ot`, by the ending, as OctoMap's own readers take it; the path as written."""
         path = Path(path)
-        path.write_bytes(octomap_file.encode(self._octree(), self._resolution, _ending(path)))
+        path.write_bytes(self.encoded(_ending(path)))
         return path
+
+    def encoded(self, ending: str) -> bytes:
+        """Content of a file with the ending `.bt` or `.ot`."""
+        return octomap_file.encode(self._octree(), self._resolution, ending)
 
     @classmethod
     def read(cls, path: str | Path) -> VoxelMap:

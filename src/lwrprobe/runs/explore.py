@@ -25,6 +25,7 @@ def explore(
     realtime: bool = False,
     progress: bool | ProgressDisplay = True,
     confirm: Confirm | None = None,
+    record: bool | None = None,
 ) -> Run:
     """Explore a scene from start to end: a simulated object, or what stands in front of a real arm.
 
@@ -41,6 +42,7 @@ def explore(
     realtime : a simulator keeps pace with the wall clock
     progress : show what is going on; or a display of one's own with `message` and `watch`
     confirm : asks the operator for each of the first motions, None = does not ask
+    record : write a bag into the run folder (extra `bags`); None = on real devices
 
     Returns
     -------
@@ -63,6 +65,7 @@ def explore(
         realtime=realtime,
         progress=progress,
         confirm=confirm,
+        record=record,
     )
     with session:
         for _ in session:

@@ -50,6 +50,7 @@ class Session:
     realtime : a simulator keeps pace with the wall clock
     progress : show what is going on; or a display of one's own with `message` and `watch`
     confirm : asks the operator for each of the first motions, None = does not ask
+    record : write a bag into the run folder (extra `bags`); None = on real devices
 
     Attributes
     ----------
@@ -71,6 +72,7 @@ class Session:
         realtime: bool = False,
         progress: bool | ProgressDisplay = True,
         confirm: Confirm | None = None,
+        record: bool | None = None,
     ) -> None:
         loaded = load_scene(scene, settings or (), profile)
         named = {"strategy.name": strategy, "reconstruction.method": reconstructor}
@@ -82,7 +84,7 @@ class Session:
         own = [choice if not isinstance(choice, str) else None for choice in (strategy, reconstructor)]
         self.scene, self._choices = choose_own(loaded, *own)
         self._out = None if out is None else Path(out)
-        self._realtime, self._confirm = realtime, confirm
+        self._realtime, self._confirm, self._record = realtime, confirm, record
         self._display = progress_display(not progress) if isinstance(progress, bool) else progress
         self._exploration: Exploration | None = None
         self._steps: Iterator[Observation] = iter(())
@@ -104,6 +106,7 @@ class Session:
                 message=self._display.message,
                 choices=self._choices,
                 confirm=self._confirm,
+                record=self._record,
             )
             self._exploration.__enter__()
             self._shown = shown.pop_all()

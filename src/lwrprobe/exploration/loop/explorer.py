@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from lwrprobe.contact import Counters
-from lwrprobe.contracts import Done, DriverError, Observation, PluginError, Progress, SafetyStop, Task
+from lwrprobe.contracts import Done, DriverError, Observation, PluginError, Progress, SafetyStop, StorageError, Task
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.motion_request import MotionRequest
@@ -26,12 +28,13 @@ from lwrprobe.scene import Scene
 
 STAGES = (
     "arm", "sensor", "condition", "estimate", "map", "carve", "watch", "clearance", "strategy", "trajectory",
-    "set points", "governor", "record",
+    "set points", "governor", "record", "bag",
 )  # fmt: skip
 
 SHOW_EVERY = 0.1
 """s of wall-clock time between two progress snapshots."""
 
+Question = Callable[[Sequence[np.ndarray]], bool]
 WatchFunction = Callable[["ProgressSnapshot"], None]
 
 
@@ -125,7 +128,7 @@ class Explorer:
         self._clock = StageClock(STAGES)
         self._silence = SilenceGuard(max(scene.safety.silence, 5.0 / devices.sensor.rate), cycle)
         self.arm = ArmMotion(scene, pipeline, devices, self._clock, self._silence)
-        self.start_up = StartUp(pipeline, devices, self.arm, scene.motion.approach_speed, confirm)
+        self.start_up = StartUp(pipeline, devices, self.arm, recorder, scene.motion.approach_speed, confirm)
         self._request = MotionRequest(pipeline, self.arm)
         self._record = RunRecord(recorder, pipeline.strategy, pipeline.probe)
         self._sample = SampleStep(
@@ -151,9 +154,13 @@ class Explorer:
         stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate)
         self._pipeline.force.begin(task.delay, stated)
         self._sample.zero_time = self.arm.time - elapsed
+        if self._recorder.bag is not None:
+            self._recorder.bag.begin(self._sample.zero_time, elapsed, self._pipeline.trajectory.pose, task.delay)
         try:
             self._pipeline.strategy.start(task)
             self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
+        except StorageError:
+            raise
         except Exception as error:
             raise failed(self._scene.strategy.name, error) from error
 
@@ -177,9 +184,14 @@ class Explorer:
             stiffness=scene.contact.stiffness,
             delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay),
             options=pipeline.options,
-            reachable=self._request.reachable,
-            clear=self._request.clear,
+            reachable=self._answered(self._request.reachable),
+            clear=self._answered(self._request.clear),
         )
+
+    def _answered(self, ask: Question) -> Question:
+        """The question with its answers in the bag, where one is recorded."""
+        bag = self._recorder.bag
+        return ask if bag is None else lambda poses: bag.answer(ask(poses))
 
     def run(self, time_limit: float) -> Outcome:
         """Until the strategy is done, or `time_limit` s of robot time are over."""
@@ -207,7 +219,7 @@ class Explorer:
             else:
                 reason = self._request.current.reason
                 status = "done" if self._request.current.complete else "ended early"
-        except (DriverError, SafetyStop, PluginError) as error:
+        except (DriverError, SafetyStop, PluginError, StorageError) as error:
             reason, cause = str(error), error
         except KeyboardInterrupt:
             reason = "interrupted"

@@ -27,12 +27,14 @@ class MotionRequest:
 
     Attributes
     ----------
-    current : the motion asked for last, None before the first
+    asked : the strategy's last motion, None before the first
+    current : the motion that was handed on last, the strategy's or a guard's, None before the first
     """
 
     def __init__(self, pipeline: Pipeline, arm: ArmMotion) -> None:
         self._pipeline, self._arm = pipeline, arm
         self._ahead = np.zeros(pipeline.robot.n)
+        self.asked: Motion | None = None
         self.current: Motion | None = None
 
     def adopt(self, motion: Motion, urgent: bool = False) -> None:

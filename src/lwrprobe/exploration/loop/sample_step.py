@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench
-from lwrprobe.contracts import Contact, Motion, Observation, PluginError, WrenchSample
+from lwrprobe.contracts import Contact, Motion, Observation, PluginError, StorageError, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.motion_request import MotionRequest
 from lwrprobe.exploration.loop.run_record import RunRecord
@@ -77,6 +77,11 @@ class SampleStep:
         """
         clock, pipeline, arm = self._clock, self._pipeline, self._arm
         pose, velocity = arm.history.tip_at(sample.time)
+        bag = self._recorder.bag
+        if bag is not None:
+            arrived, blocked = pipeline.trajectory.arrived, arm.blocked
+            bag.sample(sample, arm.time, arm.history.acceleration, arrived, blocked, pose, velocity, arm.history.q)
+            clock.lap("bag")
         rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
         wrench = pipeline.conditioner.condition(sample, rotation)
         self._silence.heard(sample.status | wrench.status)
@@ -110,6 +115,9 @@ class SampleStep:
         self.retreat.note(place, contact.normal if contact is not None else None)
         self._record.note(seen, place, size)
         clock.lap("record")
+        if bag is not None:
+            bag.decided(seen, self._request.asked, pipeline.strategy.progress(), pipeline.voxels, arm.history.q)
+            clock.lap("bag")
         self.observation = seen
         return seen
 
@@ -157,7 +165,8 @@ class SampleStep:
         override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed)
         motion: Motion
         if confirmed or override is None:
-            motion = force.limit(self._ask(seen), wrench, arm.history.acceleration)
+            self._request.asked = self._ask(seen)
+            motion = force.limit(self._request.asked, wrench, arm.history.acceleration)
         else:
             motion = override  # maybe a spike: the strategy is not shown it, the tip holds still until the next sample
         self._clock.lap("strategy")
@@ -169,6 +178,8 @@ class SampleStep:
     def _ask(self, seen: Observation) -> Motion:
         try:
             return self._pipeline.strategy.step(seen)
+        except StorageError:
+            raise
         except Exception as error:
             raise failed(self._strategy_name, error) from error
 

@@ -9,6 +9,7 @@ from lwrprobe.contracts import SafetyStop, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.loop_delay import LoopDelay
+from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -28,6 +29,7 @@ class StartUp:
     pipeline : generator, inverse kinematics, wrench conditioner
     devices : arm and sensor
     arm : its motion
+    recorder : takes the samples of the pauses
     approach_speed : m/s, of a step back
     confirm : asks the operator before the arm moves, None = does not ask
 
@@ -37,9 +39,15 @@ class StartUp:
     """
 
     def __init__(
-        self, pipeline: Pipeline, devices: Devices, arm: ArmMotion, approach_speed: float, confirm: Confirm | None
+        self,
+        pipeline: Pipeline,
+        devices: Devices,
+        arm: ArmMotion,
+        recorder: Recorder,
+        approach_speed: float,
+        confirm: Confirm | None,
     ) -> None:
-        self._pipeline, self._devices, self._arm = pipeline, devices, arm
+        self._pipeline, self._devices, self._arm, self._recorder = pipeline, devices, arm, recorder
         self._speed, self._confirm = approach_speed, confirm
         self.loop_delay = LoopDelay()
 
@@ -92,7 +100,10 @@ class StartUp:
                 self.loop_delay.note_age(arm.time - sample.time)
             samples += new
         self.loop_delay.rest()
-        return [sample for sample in samples if sample.time > begin]
+        heard = [sample for sample in samples if sample.time > begin]
+        if self._recorder.bag is not None:
+            self._recorder.bag.listened(heard, arm.q)
+        return heard
 
     def _note_arm(self) -> None:
         arm = self._arm

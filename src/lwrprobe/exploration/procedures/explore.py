@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from shutil import rmtree
 from time import perf_counter
 from types import TracebackType
 from typing import Any, Self
 
 from lwrprobe.compiled.pipeline import collector_paused
-from lwrprobe.contracts import LeftOut, LwrprobeError, Observation, Reconstruction, TouchRecord
+from lwrprobe.contracts import (
+    InputError,
+    LeftOut,
+    LwrprobeError,
+    MissingExtraError,
+    Observation,
+    Reconstruction,
+    StorageError,
+    TouchRecord,
+)
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import find_table
@@ -51,6 +61,7 @@ class Exploration:
     choices : strategy and reconstructor, None = those that the scene names
     confirm : asks for each of the first motions
     earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
+    record : write a bag into the run folder; None = on real devices, where its libraries are installed
 
     Attributes
     ----------
@@ -74,12 +85,13 @@ class Exploration:
         choices: Choices | None = None,
         confirm: Confirm | None = None,
         earlier: RunFolder | None = None,
+        record: bool | None = None,
     ) -> None:
         self.scene, self.out, self._message, self._earlier = scene, out, message, earlier
         self._ahead = CompileAhead.where_it_pays(scene)
         try:
             with collector_paused():
-                self._prepare(realtime, watch, choices or choose(scene), confirm)
+                self._prepare(realtime, watch, choices or choose(scene), confirm, record)
         except BaseException:
             self._end_ahead()
             raise
@@ -89,9 +101,18 @@ class Exploration:
         self.surface: Reconstruction | None = None
         self._summary: Summary | None = None
 
-    def _prepare(self, realtime: bool, watch: WatchFunction | None, choices: Choices, confirm: Confirm | None) -> None:
+    def _prepare(
+        self,
+        realtime: bool,
+        watch: WatchFunction | None,
+        choices: Choices,
+        confirm: Confirm | None,
+        record: bool | None,
+    ) -> None:
         begin = perf_counter()
         scene, out, message, earlier = self.scene, self.out, self._message, self._earlier
+        if record:
+            _check_recording(out)
         robot = robot_of(scene)
         self._start = pose, q = start_posture(scene, robot)
         self._beyond = unreachable_part(scene, robot, pose, q)
@@ -111,6 +132,18 @@ class Exploration:
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
         warm_up(scene, choices, arm.cycle, sensor.rate, pose, q)
+        if record is None:
+            record = out is not None and self._devices.ground_truth is None and self._can_record()
+        if record:
+            assert out is not None
+            from lwrprobe.bags.recover import recover_bag
+            from lwrprobe.exploration.recording.run_bag import RunBag
+
+            if earlier is None:
+                rmtree(out / "bag", ignore_errors=True)
+            elif (out / "bag").is_dir():
+                recover_bag(out)
+            self.recorder.bag = RunBag(out, robot, sensor, arm.cycle, scene.probe.radius)
         self._log = _logged(self.pipeline, out, earlier)
         self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm)
         if isinstance(self.pipeline.strategy, Resumed):
@@ -152,7 +185,7 @@ class Exploration:
                 self.explorer.end("ended early", "stopped by the caller")
         finally:
             self._stack.close()
-            self.recorder.close()
+            self._close_recording()
             if self._log is not None:
                 self._log.close()
             self._seconds["explore"] = perf_counter() - self._began
@@ -172,7 +205,33 @@ class Exploration:
             self._end_ahead()
         return self._summary
 
+    def _can_record(self) -> bool:
+        """Whether the libraries for a bag are there; else the run says that it goes without one."""
+        try:
+            _check_recording(self.out)
+        except MissingExtraError as error:
+            self.pipeline.left_out.append(LeftOut(stage="bag", why=str(error)))
+            return False
+        return True
+
+    def _close_recording(self) -> None:
+        """Close streams and bag; where there is no room even for that the outcome says so."""
+        outcome = self.explorer.outcome
+        try:
+            if self.recorder.bag is not None and outcome is not None:
+                self.recorder.bag.close(self.pipeline.voxels, f"{outcome.status}: {outcome.reason}")
+        except StorageError as error:
+            if outcome is not None and outcome.status == "done":
+                outcome.status, outcome.reason = "ended early", str(error)
+        self.recorder.close()
+
     def _evaluate(self) -> Summary:
+        try:
+            return self._evaluated()
+        except OSError as error:
+            raise StorageError(self.out, error) from None
+
+    def _evaluated(self) -> Summary:
         scene, pipeline, recorder, outcome = self.scene, self.pipeline, self.recorder, self.explorer.outcome
         assert outcome is not None
         begin = perf_counter()
@@ -195,6 +254,9 @@ class Exploration:
         if self._earlier is not None:
             summary.resumed = {"from_s": round(self._elapsed, 3), "contacts_before": self._contacts_before}
         if self.out is not None:
+            if not (self.out / "contacts.csv").is_file():
+                self.recorder.write_again()
+                write_scene(scene, self.out / "scene.toml")
             write_results(self.out, scene, pipeline, recorder, self.surface, summary)
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
@@ -248,6 +310,15 @@ def resume(folder: Path, **given: Any) -> dict[str, Any]:
     """
     earlier = read_run(folder)
     return explore(earlier.scene, folder, earlier=earlier, **given)
+
+
+def _check_recording(out: Path | None) -> None:
+    """Raise MissingExtraError without the libraries for a bag, InputError without a folder for it."""
+    from lwrprobe.bags.messages import require
+
+    if out is None:
+        raise InputError("record", True, "a run folder to record into")
+    require("recording a bag")
 
 
 def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> Logbook | None:

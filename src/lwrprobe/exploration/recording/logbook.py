@@ -9,6 +9,9 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from errno import ENOSPC
+from io import FileIO
+from os import strerror
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,6 +27,7 @@ from lwrprobe.contracts import (
     Motion,
     Observation,
     Progress,
+    StorageError,
     Strategy,
     Task,
 )
@@ -49,10 +53,11 @@ class Logbook:
     folder : of the run
     keep : rows of an earlier part of the run that stay, None = begin anew
 
-    Raises InputError when the folder cannot be written to.
+    Raises InputError when the folder cannot be written to, and StorageError when that fails later.
     """
 
     def __init__(self, folder: Path, keep: int | None = None) -> None:
+        self._folder = folder
         self._paths = folder / OBSERVATIONS, folder / WORDS
         known = [] if keep is None else _read_words(self._paths[1])
         try:
@@ -72,13 +77,13 @@ class Logbook:
         """Where the strategy takes over."""
         row = self._empty(TASK, 0.0)
         row[2:11], row[11:14], row[14] = task.orientation.ravel(), task.start, task.delay
-        self._rows.write(row.data)
+        self._write(self._rows, row.tobytes())
 
     def answer(self, answer: bool) -> bool:
         """The answer to the strategy's question for the arm's reach or for the links' clearance."""
         row = self._empty(ANSWER, 0.0)
         row[2] = answer
-        self._rows.write(row.data)
+        self._write(self._rows, row.tobytes())
         return answer
 
     def note(self, seen: Observation) -> None:
@@ -97,7 +102,7 @@ class Logbook:
         else:
             row += (1.0, near.distance, near.required, *near.on_robot.tolist(), *near.on_map.tolist())
             row.append(self._of(near.link))
-        self._rows.write(array("d", row))
+        self._write(self._rows, array("d", row).tobytes())
 
     def close(self) -> None:
         """The run was cut off and may be resumed."""
@@ -110,6 +115,13 @@ class Logbook:
         for path in self._paths:
             path.unlink(missing_ok=True)
 
+    def _write(self, stream: FileIO, content: bytes) -> None:
+        try:
+            if stream.write(content) != len(content):  # the rest of a full disk took the beginning
+                raise OSError(ENOSPC, strerror(ENOSPC))
+        except OSError as error:
+            raise StorageError(self._folder, error) from None
+
     def _empty(self, kind: float, time: float) -> np.ndarray:
         self._row[:] = 0.0
         self._row[0], self._row[1] = kind, time
@@ -119,7 +131,7 @@ class Logbook:
         code = self._code.get(word)
         if code is None:
             code = self._code[word] = float(len(self._code))
-            self._words.write(word.replace("\n", " ").encode() + b"\n")
+            self._write(self._words, word.replace("\n", " ").encode() + b"\n")
         return code
 
 

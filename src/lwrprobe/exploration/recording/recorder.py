@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from errno import ENOENT, ENOSPC
 from io import FileIO
+from os import strerror
 from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lwrprobe.contracts import Contact, InputError
+from lwrprobe.contracts import Contact, InputError, StorageError
 from lwrprobe.evaluation.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from lwrprobe.exploration.recording.run_bag import RunBag
 
 CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,trust"
 TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
 STATE_COLUMNS = "time,state,event,next"
 
+LOOK_EVERY = 0.5
+"""s of wall-clock time between two looks whether the folder is still there: a lost one takes lines without an error."""
 NO_SAMPLE = -1
 """Sequence number of a contact whose wrench sample belongs to an earlier part of the run."""
 
@@ -26,11 +35,17 @@ class Recorder:
     folder : the run folder, made when missing; None records in memory alone
     earlier : what an earlier part of the run left there, to go on after; None begins anew
 
-    Raises InputError when the folder cannot be made or written to.
+    Attributes
+    ----------
+    bag : the run as a bag, None where none is recorded
+
+    Raises InputError when the folder cannot be made or written to, and StorageError when that fails later.
     """
 
     def __init__(self, folder: Path | None, earlier: RunFolder | None = None) -> None:
         self.folder = folder
+        self.bag: RunBag | None = None
+        self._look_due = 0.0
         self.contacts: list[Contact] = []
         self.sequences: list[int] = []
         self.accepted = 0
@@ -48,12 +63,9 @@ class Recorder:
         self.sequences.append(sequence)
         self.accepted += 1
         if self._contact_file is not None:
-            (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
-            line = (
-                f"{contact.time:.6f},{x:.7f},{y:.7f},{z:.7f},{nx:.6f},{ny:.6f},{nz:.6f},"
-                f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
-            )
-            self._contact_file.write(line.encode())
+            self._write(self._contact_file, _line(contact))
+        if self.bag is not None:
+            self.bag.contact(contact)
 
     def trace_row(
         self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str
@@ -63,12 +75,15 @@ class Recorder:
         self._trace.append((time, x, y, z, force, touching, clearance))
         if self._trace_file is not None:
             line = f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
-            self._trace_file.write(line.encode())
+            self._write(self._trace_file, line)
+            self._look()
 
     def transition(self, time: float, state: str, event: str, following: str) -> None:
         """One step of the strategy's state machine."""
         if self._state_file is not None:
-            self._state_file.write(f"{time:.4f},{state},{event},{following}\n".encode())
+            self._write(self._state_file, f"{time:.4f},{state},{event},{following}\n")
+        if self.bag is not None:
+            self.bag.log(f"{state}: {event}, then {following}")
 
     def withhold(self, since: float) -> None:
         """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
@@ -92,11 +107,37 @@ class Recorder:
         """(k, 7): time, x, y, z, force, touching, clearance."""
         return np.array(self._trace, dtype=np.float64).reshape(-1, 7)
 
+    def write_again(self) -> None:
+        """Contacts and path anew, where the folder was lost while the run went on; raises OSError."""
+        assert self.folder is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        lines = [CONTACT_COLUMNS + "\n", *map(_line, self.contacts)]
+        (self.folder / "contacts.csv").write_text("".join(lines), encoding="utf-8")
+        rows = [f"{t:.4f},{x:.6f},{y:.6f},{z:.6f},{f:.4f},{int(on)},{c:.5f},\n" for t, x, y, z, f, on, c in self._trace]
+        (self.folder / "trace.csv").write_text("".join([TRACE_COLUMNS + "\n", *rows]), encoding="utf-8")
+
     def close(self) -> None:
         """Close the streams; the folder is complete up to here."""
         for stream in (self._contact_file, self._trace_file, self._state_file):
             if stream is not None:
                 stream.close()
+
+    def _look(self) -> None:
+        now = monotonic()
+        if now >= self._look_due:
+            self._look_due = now + LOOK_EVERY
+            if self.folder is not None and not (self.folder / "contacts.csv").exists():
+                raise StorageError(self.folder, OSError(ENOENT, strerror(ENOENT)))
+
+    def _write(self, stream: FileIO, line: str) -> None:
+        """A line, whole or not at all as far as the system lets one know; raises StorageError."""
+        content = line.encode()
+        try:
+            written = stream.write(content)
+            if written != len(content):  # the rest of a full disk took the beginning
+                raise OSError(ENOSPC, strerror(ENOSPC))
+        except OSError as error:
+            raise StorageError(self.folder, error) from None
 
     def _take_over(self, earlier: RunFolder) -> None:
         """Contacts and path; no true contact is known of them any more."""
@@ -123,8 +164,16 @@ class Recorder:
             stream = open(self.folder / name, "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
-        stream.write(f"{header}\n".encode())
+        self._write(stream, f"{header}\n")
         return stream
+
+
+def _line(contact: Contact) -> str:
+    (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
+    return (
+        f"{contact.time:.6f},{x:.7f},{y:.7f},{z:.7f},{nx:.6f},{ny:.6f},{nz:.6f},"
+        f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
+    )
 
 
 def _cut_to_whole_lines(path: Path) -> None:
