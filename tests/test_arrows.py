@@ -11,7 +11,7 @@ LIBRARY = ROOT / "src" / "lwrprobe"
 LEVELS = [
     {"errors"},
     {"contracts"},
-    {"compiled", "control", "help_page", "options"},
+    {"bags", "compiled", "control", "help_page", "options"},
     {"kinematics", "trajectory"},
     {"contact", "mapping"},
     {"collision", "reconstruction"},
@@ -19,6 +19,7 @@ LEVELS = [
     {"evaluation"},
     {"exploration"},
     {"runs"},
+    {"sweeps", "views"},
     {"bench"},
     {"cli"},
 ]

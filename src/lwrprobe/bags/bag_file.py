@@ -133,7 +133,16 @@ def _messages(stream: BinaryIO, size: int, state: BagState) -> Iterator[BagMessa
                     state.first = min(state.first or record.log_time, record.log_time)
                     state.last = max(state.last, record.log_time)
                     yield BagMessage(topic, kind, record.log_time, record.data)
-        except (FormatError, McapError, StructError, KeyError, UnicodeDecodeError, EOFError, ValueError, RuntimeError) as bad:
+        except (
+            FormatError,
+            McapError,
+            StructError,
+            KeyError,
+            UnicodeDecodeError,
+            EOFError,
+            ValueError,
+            RuntimeError,
+        ) as bad:
             state.broken = f"byte {state.good}: {type(bad).__name__}: {bad}"
             return
         state.good = stream.tell()

@@ -1,4 +1,4 @@
-"""A bag written while it grows: rosbag2's folder with `metadata.yaml` and MCAP files, readable from its first moment."""
+"""A bag written while it grows: rosbag2's folder with `metadata.yaml` and MCAP files, readable from the start."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class BagWriter:
     folder : of the bag, made when missing; the files of an earlier part of the run that lie there stay
     name : of the files, numbered from 0
 
-    Raises StorageError where a file cannot be written, also later, and MissingExtraError.
+    Raises StorageError where a file cannot be written, also later, and MissingExtraError. After the first such error
+    the bag is closed, and what is written to it is dropped.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -66,6 +67,8 @@ class BagWriter:
 
     def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
         """One message, recorded at a time [ns]."""
+        if not self._open:
+            return
         number = self._channels.get(topic) or self.channel(topic, kind)
         state = self._state
         state.counts[topic] += 1
@@ -88,6 +91,8 @@ class BagWriter:
 
     def flush(self) -> None:
         """Hand everything to the system."""
+        if not self._open:
+            return
         try:
             self._writer.flush()
         except OSError as error:

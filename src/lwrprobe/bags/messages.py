@@ -1,7 +1,7 @@
 """Standard ROS 2 messages: their types, and CDR of those that a run writes many times a second.
 
-The types and the serialisation are those of rosbags. A message of fixed length is serialised once and kept as a template,
-into which each new stamp and its numbers are written: a fifteenth of the time of a new serialisation.
+The types and the serialisation are those of rosbags. A message of fixed length is serialised once and kept as a
+template, into which each new stamp and its numbers are written.
 """
 
 from __future__ import annotations
@@ -135,7 +135,11 @@ def _pose(numbers: Sequence[float]) -> Any:
 def transforms(time: int, frames: Sequence[str], numbers: np.ndarray) -> Any:
     """tf2_msgs/TFMessage of frames in the world; `numbers` (n, 7) are place and quaternion (x, y, z, w)."""
     vector, turn = kind("geometry_msgs/msg/Vector3"), kind("geometry_msgs/msg/Quaternion")
-    stamped, transform, head = kind("geometry_msgs/msg/TransformStamped"), kind("geometry_msgs/msg/Transform"), header(time)
+    stamped, transform, head = (
+        kind("geometry_msgs/msg/TransformStamped"),
+        kind("geometry_msgs/msg/Transform"),
+        header(time),
+    )
     rows = [
         stamped(head, frame, transform(vector(*row[:3]), turn(*row[3:])))
         for frame, row in zip(frames, numbers.tolist())

@@ -21,9 +21,13 @@ from lwrprobe.cli import (
     map_file,
     merge,
     reconstruct,
+    recover,
     repeat,
+    replay,
     report,
+    rescan,
     resume,
+    sweep,
     weigh,
 )
 from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
@@ -40,11 +44,15 @@ app = typer.Typer(
 )
 app.command("explore", cls=Command)(explore.explore)
 app.command("resume", cls=Command)(resume.resume)
+app.command("recover", cls=Command)(recover.recover)
+app.command("replay", cls=Command)(replay.replay)
+app.command("rescan", cls=Command)(rescan.rescan)
 app.command("reconstruct", cls=Command)(reconstruct.reconstruct)
 app.command("fit", cls=Command)(reconstruct.fit)
 app.command("evaluate", cls=Command)(evaluate.evaluate)
 app.command("report", cls=Command)(report.report)
 app.command("merge", cls=Command)(merge.merge)
+app.command("sweep", cls=Command)(sweep.sweep)
 app.command("list", cls=Command)(listing.list_names)
 app.command("doctor", cls=Command)(doctor.doctor)
 app.command("weigh", cls=Command)(weigh.weigh)

@@ -55,9 +55,11 @@ def check_folder(field: str, folder: Path | None) -> None:
 
 
 RUN_FILES = frozenset(
-    "contacts.csv trace.csv states.csv scene.toml summary.json contacts.ply cloud.pcd map.bt mesh.stl preview.png report.html "
-    "observations.f64 observations.words bag".split()
-)
+    (
+        "bag", "cloud.pcd", "contacts.csv", "contacts.ply", "map.bt", "mesh.stl", "observations.f64",
+        "observations.words", "preview.png", "report.html", "scene.toml", "states.csv", "summary.json", "trace.csv",
+    )
+)  # fmt: skip
 """What an exploration may find in its run folder, left there by an earlier one."""
 
 

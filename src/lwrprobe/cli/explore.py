@@ -56,7 +56,9 @@ def explore(
     ] = 0,
     record: Annotated[
         bool | None,
-        typer.Option("--record/--no-record", help="Write a bag (rosbag2, MCAP) into the run folder; on with real devices."),
+        typer.Option(
+            "--record/--no-record", help="Write a rosbag2 bag (MCAP) into the run folder; on with real devices."
+        ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a run that was cut off and could be resumed.")

@@ -9,6 +9,9 @@ from typing import Any
 
 from lwrprobe.contracts import FormatError, LeftOut
 
+CUT_OFF = "cut off"
+"""Status of a run that was killed before it could write its summary."""
+
 Table = dict[str, Any]
 """One table of the file: names and plain values."""
 

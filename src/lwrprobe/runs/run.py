@@ -14,16 +14,13 @@ import numpy as np
 
 from lwrprobe.contracts import InputError, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.evaluation.summary import Summary
+from lwrprobe.evaluation.summary import CUT_OFF, Summary
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene
 
 if TYPE_CHECKING:
     import trimesh
     from matplotlib.figure import Figure
-
-CUT_OFF = "cut off"
-"""Status of a run that was killed before it could write its summary."""
 
 
 @dataclass(slots=True, frozen=True, eq=False)

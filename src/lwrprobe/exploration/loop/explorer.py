@@ -166,27 +166,12 @@ class Explorer:
 
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""
-        scene, pipeline, sensor = self._scene, self._pipeline, self._devices.sensor
-        pose = pipeline.trajectory.pose
-        return Task(
-            area=pipeline.area,
-            probe=pipeline.probe,
-            orientation=pose[:3, :3].copy(),
-            start=pose[:3, 3].copy(),
-            free_speed=scene.motion.free_speed,
-            approach_speed=scene.motion.approach_speed,
-            contour_speed=scene.motion.contour_speed,
-            acceleration=scene.motion.acceleration,
-            force_threshold=scene.contact.threshold,
-            force_target=scene.contact.target,
-            force_limit=scene.contact.limit,
-            clearance_threshold=scene.clearance.threshold,
-            stiffness=scene.contact.stiffness,
-            delay=reaction_delay(scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay),
-            options=pipeline.options,
-            reachable=self._answered(self._request.reachable),
-            clear=self._answered(self._request.clear),
+        sensor = self._devices.sensor
+        delay = reaction_delay(
+            self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay
         )
+        reachable, clear = self._answered(self._request.reachable), self._answered(self._request.clear)
+        return make_task(self._scene, self._pipeline, delay, reachable, clear)
 
     def _answered(self, ask: Question) -> Question:
         """The question with its answers in the bag, where one is recorded."""
@@ -300,3 +285,27 @@ class Explorer:
             contacts = len(self._recorder.contacts)
             self._watch(ProgressSnapshot(self.time, now - begin, progress, contacts, self._record.force))
         return now
+
+
+def make_task(scene: Scene, pipeline: Pipeline, delay: float, reachable: Question, clear: Question) -> Task:
+    """What is to be done, from where the generator has the tip; `delay` s from a force to the arm's reaction."""
+    pose = pipeline.trajectory.pose
+    return Task(
+        area=pipeline.area,
+        probe=pipeline.probe,
+        orientation=pose[:3, :3].copy(),
+        start=pose[:3, 3].copy(),
+        free_speed=scene.motion.free_speed,
+        approach_speed=scene.motion.approach_speed,
+        contour_speed=scene.motion.contour_speed,
+        acceleration=scene.motion.acceleration,
+        force_threshold=scene.contact.threshold,
+        force_target=scene.contact.target,
+        force_limit=scene.contact.limit,
+        clearance_threshold=scene.clearance.threshold,
+        stiffness=scene.contact.stiffness,
+        delay=delay,
+        options=pipeline.options,
+        reachable=reachable,
+        clear=clear,
+    )

@@ -237,13 +237,13 @@ class Exploration:
         begin = perf_counter()
         if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
             recorder.withhold(pipeline.object_motion.moved_since)
-        table = _leave_table_out(recorder, scene, pipeline)
+        table = leave_table_out(recorder, scene, pipeline)
         self._seconds["explore"] += perf_counter() - begin
 
         self._message("reconstructing and comparing")
         begin = perf_counter()
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
-        self.surface, lack = _reconstruct(self.record, pipeline)
+        self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
         summary = summarise(
             scene, pipeline, self._devices.ground_truth, recorder, outcome, self.surface, self._seconds["explore"]
@@ -335,7 +335,7 @@ def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> 
     return log
 
 
-def _leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dict[str, Any] | None:
+def leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dict[str, Any] | None:
     """Where the table was touched, that is no part of the object; for the summary, None where it was not."""
     if not scene.table.present:
         return None
@@ -348,7 +348,8 @@ def _leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> di
     return table.as_dict(int(touched.sum()))
 
 
-def _reconstruct(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[LeftOut]]:
+def reconstruct_surface(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[LeftOut]]:
+    """The mesh of a run's contacts by the scene's method, or why there is none."""
     if len(record.points) == 0:
         return None, [{"stage": "reconstruction", "why": "no contact"}]
     try:

@@ -9,9 +9,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from errno import ENOSPC
-from io import FileIO
-from os import strerror
 from pathlib import Path
 from typing import ClassVar
 
@@ -27,10 +24,10 @@ from lwrprobe.contracts import (
     Motion,
     Observation,
     Progress,
-    StorageError,
     Strategy,
     Task,
 )
+from lwrprobe.exploration.recording.stream import write_all
 
 OBSERVATIONS, WORDS = "observations.f64", "observations.words"
 WIDTH = 48
@@ -77,13 +74,13 @@ class Logbook:
         """Where the strategy takes over."""
         row = self._empty(TASK, 0.0)
         row[2:11], row[11:14], row[14] = task.orientation.ravel(), task.start, task.delay
-        self._write(self._rows, row.tobytes())
+        write_all(self._rows, row.tobytes(), self._folder)
 
     def answer(self, answer: bool) -> bool:
         """The answer to the strategy's question for the arm's reach or for the links' clearance."""
         row = self._empty(ANSWER, 0.0)
         row[2] = answer
-        self._write(self._rows, row.tobytes())
+        write_all(self._rows, row.tobytes(), self._folder)
         return answer
 
     def note(self, seen: Observation) -> None:
@@ -102,7 +99,7 @@ class Logbook:
         else:
             row += (1.0, near.distance, near.required, *near.on_robot.tolist(), *near.on_map.tolist())
             row.append(self._of(near.link))
-        self._write(self._rows, array("d", row).tobytes())
+        write_all(self._rows, array("d", row).tobytes(), self._folder)
 
     def close(self) -> None:
         """The run was cut off and may be resumed."""
@@ -115,13 +112,6 @@ class Logbook:
         for path in self._paths:
             path.unlink(missing_ok=True)
 
-    def _write(self, stream: FileIO, content: bytes) -> None:
-        try:
-            if stream.write(content) != len(content):  # the rest of a full disk took the beginning
-                raise OSError(ENOSPC, strerror(ENOSPC))
-        except OSError as error:
-            raise StorageError(self._folder, error) from None
-
     def _empty(self, kind: float, time: float) -> np.ndarray:
         self._row[:] = 0.0
         self._row[0], self._row[1] = kind, time
@@ -131,7 +121,7 @@ class Logbook:
         code = self._code.get(word)
         if code is None:
             code = self._code[word] = float(len(self._code))
-            self._write(self._words, word.replace("\n", " ").encode() + b"\n")
+            write_all(self._words, word.replace("\n", " ").encode() + b"\n", self._folder)
         return code
 
 

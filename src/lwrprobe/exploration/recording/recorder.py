@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from errno import ENOENT, ENOSPC
+from errno import ENOENT
 from io import FileIO
 from os import strerror
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Contact, InputError, StorageError
 from lwrprobe.evaluation.run_folder import RunFolder
+from lwrprobe.exploration.recording.stream import write_all
 
 if TYPE_CHECKING:
     from lwrprobe.exploration.recording.run_bag import RunBag
@@ -130,14 +131,7 @@ class Recorder:
                 raise StorageError(self.folder, OSError(ENOENT, strerror(ENOENT)))
 
     def _write(self, stream: FileIO, line: str) -> None:
-        """A line, whole or not at all as far as the system lets one know; raises StorageError."""
-        content = line.encode()
-        try:
-            written = stream.write(content)
-            if written != len(content):  # the rest of a full disk took the beginning
-                raise OSError(ENOSPC, strerror(ENOSPC))
-        except OSError as error:
-            raise StorageError(self.folder, error) from None
+        write_all(stream, line.encode(), self.folder)
 
     def _take_over(self, earlier: RunFolder) -> None:
         """Contacts and path; no true contact is known of them any more."""

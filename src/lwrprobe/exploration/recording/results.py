@@ -54,7 +54,7 @@ def write_results(
     force = np.array([c.magnitude for c in recorder.contacts])
     trust = np.array([c.trust for c in recorder.contacts])
     cloud = Cloud(recorder.points(), recorder.normals(), {"force": force, "trust": trust})
-    _write_shapes(out, scene, cloud, pipeline.voxels, surface.mesh if surface is not None else None, summary)
+    write_shapes(out, scene, cloud, pipeline.voxels, surface.mesh if surface is not None else None, summary)
 
 
 def write_run(
@@ -99,13 +99,14 @@ def write_run(
         out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f"], ",",
         header=TRACE_COLUMNS.removesuffix(",state"), comments="",
     )  # fmt: skip
-    _write_shapes(out, scene, Cloud(record.points, record.normals, scalars), voxels, mesh, summary)
+    write_shapes(out, scene, Cloud(record.points, record.normals, scalars), voxels, mesh, summary)
     summary.write(out / "summary.json")
 
 
-def _write_shapes(
+def write_shapes(
     out: Path, scene: Scene, cloud: Cloud, voxels: VoxelMap, mesh: TriangleMesh | None, summary: Summary
 ) -> None:
+    """Cloud, map, mesh and picture of contacts, into a folder that is there."""
     from lwrprobe.evaluation.preview import run_preview
     from lwrprobe.reconstruction.meshes import write_mesh
 

@@ -125,7 +125,9 @@ class RunBag:
         """One accepted contact."""
         self._contacts.append([*contact.point, *contact.normal, contact.magnitude, contact.trust])
 
-    def decided(self, seen: Observation, motion: Motion | None, progress: Progress, voxels: VoxelMap, q: np.ndarray) -> None:
+    def decided(
+        self, seen: Observation, motion: Motion | None, progress: Progress, voxels: VoxelMap, q: np.ndarray
+    ) -> None:
         """What the strategy was shown and what it answered; called after `sample`, joints at q (n,)."""
         if isinstance(motion, Goal) and (self._goal is None or not np.array_equal(motion.pose, self._goal)):
             self._goal = motion.pose.copy()

@@ -1,0 +1,214 @@
+"""Sensor data read back from a bag: of lwrprobe's own, sample by sample, or of others with the standard messages."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from lwrprobe.bags.bag_file import bag_files, read_bag
+from lwrprobe.bags.messages import seconds
+from lwrprobe.contracts import FormatError, WrenchSample
+from lwrprobe.exploration.recording.run_bag import ANSWERS, LOG, RUN, SAMPLE_COLUMNS, SAMPLES, STATE, WORDS
+
+REST = 0.8
+"""s at the beginning of a foreign bag in which the probe rests in free space: the sensor's bias is taken there."""
+_FIXED = len(SAMPLE_COLUMNS)
+_COLUMN = {name: k for k, name in enumerate(SAMPLE_COLUMNS)}
+
+
+@dataclass(slots=True)
+class Recording:
+    """Samples of a run with what the loop knew of them.
+
+    Attributes
+    ----------
+    path : of the bag
+    rows : (n, 17 + joints), columns as `SAMPLE_COLUMNS`, then joint values [rad]
+    words : by the code of the column `blocked`
+    poses : (n, 4, 4) of the tip where the bag has no joint values, None where it has
+    cycle, rate, latency : of the devices: s, Hz, s
+    zero, delay : s, the arm's clock at the run's start, and the task's delay; None where the bag does not say it
+    start : (4, 4) tip pose where the strategy took over, None likewise
+    scene : the scene's text, empty likewise
+    answers : to the strategy's questions
+    frames : moments of the strategy's state, (time s, content)
+    log : (time s, sentence)
+    own : recorded by lwrprobe
+    """
+
+    path: Path
+    rows: np.ndarray
+    words: list[str] = field(default_factory=lambda: [""])
+    poses: np.ndarray | None = None
+    cycle: float = 0.001
+    rate: float = 125.0
+    latency: float = 0.0
+    zero: float = 0.0
+    delay: float | None = None
+    start: np.ndarray | None = None
+    scene: str = ""
+    answers: list[bool] = field(default_factory=list)
+    frames: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
+    log: list[tuple[float, str]] = field(default_factory=list)
+    own: bool = True
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(n, joints) rad."""
+        return self.rows[:, _FIXED:]
+
+    def column(self, name: str) -> np.ndarray:
+        """(n,) of one of `SAMPLE_COLUMNS`."""
+        return self.rows[:, _COLUMN[name]]
+
+    def sample(self, k: int) -> WrenchSample:
+        """That of row k."""
+        row = self.rows[k]
+        return WrenchSample(float(row[1]), row[4:7].copy(), row[7:10].copy(), int(row[2]), int(row[3]))
+
+    def pauses(self) -> list[list[int]]:
+        """Rows of each pause in which the bias was taken."""
+        number = self.column("listening")
+        return [np.flatnonzero(number == k).tolist() for k in np.unique(number[number > 0.0])]
+
+    def run(self) -> np.ndarray:
+        """Rows of the run itself."""
+        return np.flatnonzero(self.column("listening") == 0.0)
+
+
+def read_recording(path: str | Path) -> Recording:
+    """The recording in a run folder, a bag or an .mcap file; what follows a bad record is left out.
+
+    Raises FormatError for what is no bag, for one without wrench samples and places of the probe, and for a run that
+    was resumed, whose parts are files of their own; and MissingExtraError.
+    """
+    path = Path(path)
+    files = bag_files(path)
+    if len(files) > 1:
+        names = ", ".join(str(file) for file in files)
+        raise FormatError(f"{path}: the recording has several parts; give one of them: {names}")
+    parts: dict[str, list[tuple[int, Any]]] = {}
+    wanted = (SAMPLES, RUN, ANSWERS, WORDS, STATE, LOG)
+    streams = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped")
+    kinds: dict[str, list[tuple[int, Any]]] = {}
+    own = False
+    for message in read_bag(path):
+        own = own or message.topic == SAMPLES
+        if message.topic in wanted:
+            parts.setdefault(message.topic, []).append((message.time, message.decode()))
+        elif message.type in streams and not own:
+            kinds.setdefault(message.type, []).append((message.time, message.decode()))
+    return _own(files[0], parts) if own else _foreign(files[0], kinds)
+
+
+def _own(path: Path, parts: dict[str, list[tuple[int, Any]]]) -> Recording:
+    tables = []
+    for _, message in parts[SAMPLES]:
+        dims, data = message.layout.dim, np.asarray(message.data, dtype=np.float64)
+        columns = dims[1].label.split(",") if len(dims) == 2 else []
+        if tuple(columns[:_FIXED]) != SAMPLE_COLUMNS or len(data) % len(columns):
+            raise FormatError(
+                f"{path}: {SAMPLES}: columns {','.join(columns)[:80]!r}; allowed: {','.join(SAMPLE_COLUMNS)}"
+            )
+        tables.append(data.reshape(-1, len(columns)))
+    if len({table.shape[1] for table in tables}) != 1:
+        raise FormatError(f"{path}: {SAMPLES}: the number of joints changes")
+    rows = np.vstack(tables)
+    words = ["", *(message.data for _, message in parts.get(WORDS, ()))]
+    if not np.isfinite(rows[:, [1, 2, 3]]).all() or not ((rows[:, 13] >= 0) & (rows[:, 13] < len(words))).all():
+        raise FormatError(f"{path}: {SAMPLES}: numbers that no run writes")
+    found = Recording(path, rows, words)
+    if RUN in parts:
+        _about(found, parts[RUN][0][1].data)
+    begin = parts[RUN][0][0] if RUN in parts else parts[SAMPLES][0][0]
+    found.answers = [bool(message.data) for _, message in parts.get(ANSWERS, ())]
+    for time, message in parts.get(STATE, ()):
+        try:
+            content = json.loads(message.data)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(content, dict):
+            found.frames.append((1e-9 * (time - begin), content))
+    found.log = [(1e-9 * (time - begin), message.msg) for time, message in parts.get(LOG, ())]
+    return found
+
+
+def _about(found: Recording, text: str) -> None:
+    try:
+        about = json.loads(text)
+        for name in ("cycle", "rate", "latency", "zero", "delay"):
+            value = float(about[name])
+            if not math.isfinite(value):
+                raise ValueError(name)
+            setattr(found, name, value)
+        found.start = np.array(about["start"], dtype=np.float64).reshape(4, 4)
+        found.scene = str(about["scene"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise FormatError(f"{found.path}: {RUN}: {error}") from None
+    if not (found.cycle > 0.0 and found.rate > 0.0 and np.isfinite(found.start).all()):
+        raise FormatError(f"{found.path}: {RUN}: cycle and rate must be positive, the start finite")
+
+
+def _foreign(path: Path, kinds: dict[str, list[tuple[int, Any]]]) -> Recording:
+    """Standard messages of others: wrenches, each with the probe where joint states or poses around it say it was."""
+    wrenches = [message for _, message in kinds.get("geometry_msgs/msg/WrenchStamped", ())]
+    states = [message for _, message in kinds.get("sensor_msgs/msg/JointState", ()) if len(message.position)]
+    tips = [message for _, message in kinds.get("geometry_msgs/msg/PoseStamped", ())]
+    if len(wrenches) < 2:
+        raise FormatError(f"{path}: no geometry_msgs/WrenchStamped: nothing was measured")
+    if len(states) < 2 and len(tips) < 2:
+        raise FormatError(f"{path}: neither sensor_msgs/JointState nor geometry_msgs/PoseStamped of the probe's tip")
+    times = np.array([seconds(message.header.stamp) for message in wrenches])
+    origin = times[0]  # seconds since 1970 leave too few digits
+    values = [[w.wrench.force.x, w.wrench.force.y, w.wrench.force.z] for w in wrenches]
+    torques = [[w.wrench.torque.x, w.wrench.torque.y, w.wrench.torque.z] for w in wrenches]
+    at = np.array([seconds(message.header.stamp) for message in (states if len(states) > 1 else tips)]) - origin
+    order = np.argsort(at, kind="stable")
+    at, keep = np.unique(at[order], return_index=True)
+    order = order[keep]
+    times = times - origin
+    inside = (times >= at[0]) & (times <= at[-1])
+    if inside.sum() < 2:
+        raise FormatError(f"{path}: wrenches and places of the probe were not recorded at the same time")
+    times = times[inside]
+    joints, poses = np.empty((len(times), 0)), None
+    if len(states) > 1:
+        sizes = {len(message.position) for message in states}
+        if len(sizes) > 1:
+            raise FormatError(f"{path}: sensor_msgs/JointState: the number of joints changes: {sorted(sizes)[:5]}")
+        q = np.array([message.position for message in states], dtype=np.float64)[order]
+        joints = np.column_stack([np.interp(times, at, column) for column in q.T])
+    else:
+        poses = _poses_at(path, [tips[k] for k in order], at, times)
+    rows = np.zeros((len(times), _FIXED + joints.shape[1]))
+    rows[:, 0] = times < REST
+    rows[:, 1], rows[:, 2], rows[:, 10] = times, np.arange(len(times)), times
+    rows[:, 4:7], rows[:, 7:10] = np.array(values)[inside], np.array(torques)[inside]
+    rows[:, _FIXED:] = joints
+    if not np.isfinite(np.hstack([rows[:, [1]], joints])).all():
+        raise FormatError(f"{path}: joint values or times that are not finite")
+    period = float(np.median(np.diff(times)))
+    if not period > 0.0:
+        raise FormatError(f"{path}: geometry_msgs/WrenchStamped: the stamps do not grow")
+    cycle = float(np.median([b - a for a, b in pairwise(at)]))
+    return Recording(
+        path, rows, poses=poses, cycle=cycle, rate=1.0 / period, zero=min(REST, float(times[-1])), own=False
+    )
+
+
+def _poses_at(path: Path, tips: list[Any], at: np.ndarray, times: np.ndarray) -> np.ndarray:
+    place = np.array([[t.pose.position.x, t.pose.position.y, t.pose.position.z] for t in tips])
+    turn = np.array([[getattr(t.pose.orientation, a) for a in "xyzw"] for t in tips])
+    if not np.isfinite(place).all() or not (np.linalg.norm(turn, axis=1) > 0.5).all():
+        raise FormatError(f"{path}: geometry_msgs/PoseStamped: not finite, or no quaternion")
+    poses = np.tile(np.eye(4), (len(times), 1, 1))
+    poses[:, :3, :3] = Slerp(at, Rotation.from_quat(turn))(times).as_matrix()
+    poses[:, :3, 3] = np.column_stack([np.interp(times, at, column) for column in place.T])
+    return poses

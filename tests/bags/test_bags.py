@@ -1,0 +1,295 @@
+"""Bags as others read them: mcap, mcap-ros2-support and rosbags are the judges."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import Reader, Writer
+from rosbags.rosbag2.enums import StoragePlugin
+from rosbags.typesys import Stores, get_typestore
+
+import lwrprobe as lp
+from lwrprobe.bags import messages
+from lwrprobe.bags.bag_file import BagState, read_bag, read_file
+from lwrprobe.bags.bag_writer import BagWriter, state_of
+from lwrprobe.bags.recover import recover_bag
+from lwrprobe.contracts import FormatError, StorageError
+from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
+from lwrprobe.exploration.recording.recording import read_recording
+from lwrprobe.exploration.recording.run_bag import SAMPLE_COLUMNS, quaternion
+
+TOPICS = {
+    "/joint_states", "/wrench", "/probe_tip", "/tf", "/contacts", "/map", "/markers", "/goal", "/rosout",
+    "/lwrprobe/run", "/lwrprobe/samples", "/lwrprobe/state",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A short run that was recorded."""
+    folder = tmp_path_factory.mktemp("recorded") / "sphere"
+    settings = {"strategy.step": 0.04}
+    lp.explore("sphere", seed=5, settings=settings, out=folder, record=True, progress=False)
+    return folder
+
+
+def with_mcap(run: Path) -> list[tuple[str, int, object]]:
+    with (run / "bag" / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        return [(c.topic, m.log_time, decoded) for _, c, m, decoded in reader.iter_decoded_messages()]
+
+
+@pytest.mark.slow
+def test_mcap_and_its_ros_decoder_read_all_messages(run):
+    found = with_mcap(run)
+    assert {topic for topic, _, _ in found} >= TOPICS
+    assert len(found) == sum(1 for _ in read_bag(run))
+    wrenches = [m for topic, _, m in found if topic == "/wrench"]
+    recording = read_recording(run)
+    measured = recording.rows[recording.run(), 4:10]
+    assert len(wrenches) == len(measured)
+    for message, row in zip(wrenches, measured):
+        w = message.wrench
+        assert [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z] == row.tolist()
+
+
+@pytest.mark.slow
+def test_rosbags_reads_folder_metadata_and_messages(run):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(run / "bag") as reader:
+        assert {c.topic for c in reader.connections} >= TOPICS
+        joints = [c for c in reader.connections if c.topic == "/joint_states"]
+        read = [store.deserialize_cdr(raw, c.msgtype) for c, _, raw in reader.messages(connections=joints)]
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert reader.message_count == sum(counts.values())
+    recording = read_recording(run)
+    assert (np.array([m.position for m in read]) == recording.joints[recording.run()]).all()
+    assert read[0].name == [f"lwr4_joint_{k}" for k in range(1, 8)]
+
+
+@pytest.mark.slow
+def test_contacts_and_map_are_those_of_the_run(run):
+    found = with_mcap(run)
+    clouds = [m for topic, _, m in found if topic == "/contacts"]
+    rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 8) for m in clouds])
+    own = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)
+    assert rows[:, :6] == pytest.approx(own[:, 1:7], abs=1e-5)
+    assert rows[:, 6] == pytest.approx(own[:, 7], abs=1e-4)
+    last = [m for topic, _, m in found if topic == "/map"][-1]
+    content = (run / "map.bt").read_bytes()
+    assert np.array(last.data, np.int8).tobytes() == content[content.index(b"\ndata\n") + 6 :]
+    assert last.resolution == 0.002
+    states = [json.loads(m.data) for topic, _, m in found if topic == "/lwrprobe/state"]
+    assert states[-1]["covered"] > 0.9
+
+
+@pytest.mark.slow
+def test_the_tip_is_where_the_joints_put_it(run):
+    robot = lp.kinematics.robot_by_name("lwr4")
+    scene = lp.load_scene(run / "scene.toml")
+    robot = robot.with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
+    found = with_mcap(run)
+    joints = {time: m for topic, time, m in found if topic == "/joint_states"}
+    tips = [(time, m) for topic, time, m in found if topic == "/probe_tip"][::97]
+    for time, message in tips:
+        pose = robot.fk(np.array(joints[time].position)).A
+        p, o = message.pose.position, message.pose.orientation
+        assert [p.x, p.y, p.z] == pytest.approx(pose[:3, 3], abs=1e-12)
+        assert [o.x, o.y, o.z, o.w] == pytest.approx(quaternion(pose), abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1))
+def test_quaternions_agree_with_scipy(q):
+    from scipy.spatial.transform import Rotation
+
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat(q).as_matrix()
+    expected = Rotation.from_quat(q).as_quat()
+    assert abs(np.dot(quaternion(pose), expected)) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_replay_gives_the_same_bytes(run, tmp_path):
+    recording = read_recording(run)
+    outcome = Replay(recording, recorded_scene(recording), tmp_path / "again").run()
+    assert outcome.status == "done"
+    for name in ("contacts.csv", "states.csv", "trace.csv"):
+        assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_the_bag_alone_is_enough(run, tmp_path):
+    file = tmp_path / "alone.mcap"
+    file.write_bytes((run / "bag" / "bag_0.mcap").read_bytes())
+    recording = read_recording(file)
+    Replay(recording, recorded_scene(recording), tmp_path / "again").run()
+    assert (tmp_path / "again" / "contacts.csv").read_bytes() == (run / "contacts.csv").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("streams", [("/joint_states",), ("/probe_tip",)])
+def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams):
+    """Written by rosbags, with the standard messages and nothing of lwrprobe's."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    recording = read_recording(run)
+    pause = recording.pauses()[-1]
+    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        made = {}
+        kinds = {m.topic: m.type for m in read_bag(run) if m.topic in (*streams, "/wrench")}
+        for topic, kind in kinds.items():
+            made[topic] = writer.add_connection(topic, kind, typestore=store)
+        own = [m for m in read_bag(run) if m.topic in kinds]
+        begin = own[0].time
+        first = {topic: next(m for m in own if m.topic == topic) for topic in kinds}
+        for k, row in enumerate(pause):  # the rest before the run: lwrprobe records it in its own table alone
+            time = begin + int((k - len(pause) - 1) * 8e6)
+            for topic in kinds:
+                message = first[topic].decode()
+                message.header.stamp = messages.stamp(time)
+                if topic == "/wrench":
+                    sample, w = recording.sample(row), message.wrench
+                    w.force.x, w.force.y, w.force.z = sample.force
+                    w.torque.x, w.torque.y, w.torque.z = sample.torque
+                writer.write(made[topic], time, store.serialize_cdr(message, kinds[topic]))
+        for message in own:
+            writer.write(made[message.topic], message.time, message.data)
+    other = read_recording(tmp_path / "other")
+    assert not other.own
+    passage = Replay(other, lp.load_scene(run / "scene.toml"), None, same=False)
+    passage.run()
+    points = np.array([contact.point for contact in passage.contacts])
+    own_points = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)[:, 1:4]
+    assert len(points) > 0.8 * len(own_points)
+    from scipy.spatial import cKDTree
+
+    assert np.median(cKDTree(own_points).query(points)[0]) < 1e-4
+
+
+@pytest.mark.slow
+def test_three_estimators_on_one_recording(run):
+    from lwrprobe.runs.replay import replay
+
+    found = {row.estimator: row for row in replay(run, estimators=("force_direction", "wrench_axis", "fused"))}
+    assert found["force_direction"].error_mm["median"] > 2.0 * found["fused"].error_mm["median"]
+    assert found["wrench_axis"].contacts > 100
+
+
+def small(folder: Path, count: int = 400) -> Path:
+    writer = BagWriter(folder, "small")
+    for k in range(count):
+        writer.send("/text", 1_000_000 * k + 1, messages.text(f"message {k}" + "." * 80))
+        if k % 50 == 49:
+            writer.flush()
+    writer.close()
+    return writer.path
+
+
+def contents(path: Path) -> list[str]:
+    return [m.decode().data.split(".")[0] for m in read_file(path, BagState())]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> bytes:
+    return small(tmp_path_factory.mktemp("whole")).read_bytes()
+
+
+@pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 60))
+def test_a_file_cut_anywhere_is_read_to_the_cut_and_recovered(whole, tmp_path, share):
+    file = tmp_path / "cut.mcap"
+    file.write_bytes(whole[: max(8, int(share * len(whole)))])
+    read = contents(file)
+    assert read == [f"message {k}" for k in range(len(read))]
+    assert len(read) >= 400 * share - 180
+    (found,) = recover_bag(file)
+    assert found.messages == len(read)
+    with file.open("rb") as stream:  # mcap's own reader, with the index
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        again = [m.data.split(".")[0] for _, _, _, m in reader.iter_decoded_messages()]
+    assert again == read
+    with Reader(tmp_path) as reader:
+        assert reader.message_count == len(read)
+
+
+def test_a_bag_is_readable_while_it_is_open(tmp_path):
+    writer = BagWriter(tmp_path, "open")
+    assert (tmp_path / "metadata.yaml").is_file()
+    writer.send("/text", 1, messages.text("now"))
+    writer.flush()
+    assert [m.decode().data for m in read_bag(tmp_path)] == ["now"]
+    assert not state_of(writer.path).complete
+    writer.close()
+    assert state_of(writer.path).complete
+
+
+def test_a_second_part_goes_into_a_file_of_its_own(tmp_path):
+    for part in range(2):
+        writer = BagWriter(tmp_path, "bag")
+        writer.send("/text", part + 1, messages.text(str(part)))
+        writer.close()
+    with Reader(tmp_path) as reader:
+        assert reader.message_count == 2
+        assert len({c.topic for c in reader.connections}) == 1
+    with pytest.raises(FormatError, match="several parts"):
+        read_recording(tmp_path)
+
+
+def test_claims_beyond_the_file_are_refused_without_memory(tmp_path):
+    import tracemalloc
+
+    file = tmp_path / "claim.mcap"
+    head = b"\x89MCAP0\r\n"
+    chunk = (b"\0" * 16) + (2**30).to_bytes(8, "little") + b"\0" * 4 + (4).to_bytes(4, "little") + b"zstd"
+    import zstandard
+
+    bomb = zstandard.compress(b"\0" * 2**27)
+    packed = chunk + len(bomb).to_bytes(8, "little") + bomb
+    claims = [
+        b"\x06" + (2**30).to_bytes(8, "little") + b"x" * 1000,
+        b"\x06" + len(packed).to_bytes(8, "little") + packed,
+        b"\x03" + (2**62).to_bytes(8, "little"),
+    ]
+    for claim in claims:
+        file.write_bytes(head + claim)
+        tracemalloc.start()
+        state = BagState()
+        assert list(read_file(file, state)) == []
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert state.broken
+        assert peak < 2**20
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    (tmp_path / "text.mcap").write_text("not a bag")
+    for path in (tmp_path / "text.mcap", tmp_path / "nothing"):
+        with pytest.raises(FormatError):
+            list(read_bag(path))
+    small(tmp_path / "bag")
+    with pytest.raises(FormatError, match="WrenchStamped"):
+        read_recording(tmp_path / "bag")
+
+
+def test_a_full_disk_is_one_typed_error(tmp_path, monkeypatch):
+    writer = BagWriter(tmp_path, "full")
+    writer._stream.close()
+    writer._stream = open("/dev/full", "wb")  # noqa: SIM115
+    writer._writer._Writer__stream = writer._stream
+    writer.send("/text", 1, messages.text("gone"))
+    with pytest.raises(StorageError, match="No space left"):
+        writer.flush()
+    writer.close()
+
+
+def test_the_table_names_its_columns(tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    rows = np.arange(6.0).reshape(2, 3)
+    raw = messages.serialise(messages.table(("a", "b", "c"), rows))
+    read = store.deserialize_cdr(raw, "std_msgs/msg/Float64MultiArray")
+    assert read.layout.dim[1].label == "a,b,c"
+    assert (read.data.reshape(2, 3) == rows).all()
+    assert SAMPLE_COLUMNS[1] == "time"

@@ -1,0 +1,194 @@
+"""Kills, full disks, lost folders and interrupts, on a real small file system where one may be mounted."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lwrprobe as lp
+from lwrprobe.bags.bag_file import read_bag
+from lwrprobe.exploration.procedures.explore import resume
+from lwrprobe.exploration.procedures.recover import recover
+
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+
+START = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored behind a shell's &
+    "sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
+)
+
+
+def explore(out: Path, *more: str) -> subprocess.Popen:
+    command = [
+        sys.executable,
+        "-c",
+        START,
+        "explore",
+        "sphere",
+        "--quiet",
+        "--seed",
+        "5",
+        "--record",
+        "--out",
+        str(out),
+    ]
+    return subprocess.Popen([*command, *more], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def wait_for(condition, process: subprocess.Popen, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+
+
+def lines(path: Path) -> int:
+    return path.read_bytes().count(b"\n") if path.is_file() else 0
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 3 MB; skipped over to a limit of the file size where none may be mounted."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)], capture_output=True)
+    if done.returncode:
+        pytest.skip("mounting a file system is not permitted here; test_a_file_too_large runs in its place")
+    yield place
+    subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def test_a_full_disk_ends_the_run_and_keeps_what_is_there(small_disk):
+    process = explore(small_disk / "run")
+    _, said = process.communicate(timeout=300)
+    assert process.returncode == 1
+    assert "No space left on device" in said
+    assert "Traceback" not in said
+    (small_disk / "room").unlink(missing_ok=True)
+    subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
+    found = recover(small_disk / "run")
+    assert found.contacts > 50
+    assert lp.open_run(small_disk / "run").mesh is not None
+    assert sum(1 for _ in read_bag(small_disk / "run")) > 1000
+
+
+def test_a_disk_that_turns_read_only_ends_the_run(small_disk):
+    run = small_disk / "run"
+    subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
+    process = explore(run, "--realtime")
+    wait_for(lambda: lines(run / "contacts.csv") > 20, process)
+    done = subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], capture_output=True, text=True)
+    if done.returncode:  # tmpfs refuses while a file is open for writing: what is asked here cannot happen to it
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=300)
+        assert "busy" in done.stderr
+        return
+    _, said = process.communicate(timeout=300)
+    assert process.returncode == 1
+    assert "Read-only" in said
+
+
+def test_a_file_too_large_is_one_sentence(tmp_path):
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000)); "
+    limit += "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    command = [sys.executable, "-c", limit + START, "explore", "sphere", "--quiet", "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    assert "File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert recover(tmp_path / "run").contacts > 10
+
+
+def test_a_lost_folder_ends_the_run_and_is_written_again_from_memory(tmp_path):
+    run = tmp_path / "run"
+    process = explore(run, "--realtime")
+    wait_for(lambda: lines(run / "contacts.csv") > 100, process)
+    shutil.rmtree(run)
+    _, said = process.communicate(timeout=300)
+    assert process.returncode == 1
+    assert "No such file" in said
+    again = lp.open_run(run)
+    assert len(again.contacts) > 99
+    assert "cannot be written" in again.summary.reason
+
+
+def test_folders_that_hold_something_are_not_taken(tmp_path):
+    (tmp_path / "thesis.tex").write_text("important")
+    done = explore(tmp_path)
+    assert "thesis.tex" in done.communicate(timeout=60)[1]
+    assert done.returncode == 2
+    (tmp_path / "file").write_text("")
+    done = explore(tmp_path / "file" / "run")
+    assert "is a file" in done.communicate(timeout=60)[1]
+    assert done.returncode == 2
+
+
+def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
+    for times in (1, 2):
+        run = tmp_path / str(times)
+        process = explore(run, "--realtime")
+        wait_for(lambda: lines(run / "contacts.csv") > 100, process)  # noqa: B023
+        process.send_signal(signal.SIGINT)
+        if times == 2:
+            time.sleep(0.3)
+            with suppress(ProcessLookupError):
+                process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=300)
+        assert process.returncode == 1
+        assert "interrupted" in said
+        assert "Traceback" not in said
+        if times == 1:
+            assert lp.open_run(run).summary.reason == "interrupted"
+            assert (run / "report.html").is_file()
+            refused = explore(run)
+            assert "resume" in refused.communicate(timeout=60)[1]  # a run that can be continued is not replaced
+            assert refused.returncode == 2
+        found = recover(run)
+        assert found.contacts >= 99
+        assert found.resumable
+
+
+def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path):
+    run, whole = tmp_path / "run", tmp_path / "whole"
+    process = explore(run)
+    wait_for(lambda: lines(run / "contacts.csv") > 600, process)
+    process.kill()
+    process.communicate()
+    before = lines(run / "contacts.csv")
+    found = recover(run)
+    assert found.contacts >= before - 2 - found.dropped["contacts.csv"]
+    assert found.bag[0].messages > 0
+    assert lp.open_run(run).summary.status == "cut off"
+    again = resume(run)
+    assert again["status"] == "done"
+    unbroken = lp.explore("sphere", seed=5, out=whole, progress=False).summary
+    assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
+    assert again["coverage"] > unbroken.coverage - 0.02
+    assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
+
+
+def test_kills_at_random_times_leave_readable_folders(tmp_path):
+    """Each contact of the log is in contacts.csv, and those of the bag lack 0.2 s at most."""
+    random = np.random.default_rng(1)
+    for number in range(3):
+        run = tmp_path / str(number)
+        process = explore(run, "--realtime")
+        wait_for(lambda: lines(run / "contacts.csv") > 30, process)  # noqa: B023
+        time.sleep(random.uniform(0.0, 2.0))
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+        found = recover(run)
+        assert found.contacts > 20
+        times = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)[:, 0]
+        clouds = [m for m in read_bag(run) if m.topic == "/contacts"]
+        in_bag = sum(m.decode().width for m in clouds)
+        lost = times[-1] - times[min(in_bag, len(times)) - 1]
+        assert lost <= 0.2
