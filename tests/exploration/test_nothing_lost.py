@@ -142,7 +142,7 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
             with suppress(ProcessLookupError):
                 process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=300)
-        assert process.returncode == 1
+        assert process.returncode in ((1,) if times == 1 else (1, 130))
         assert "interrupted" in said
         assert "Traceback" not in said
         if times == 1:
@@ -169,7 +169,7 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path):
     assert lp.open_run(run).summary.status == "cut off"
     again = resume(run)
     assert again["status"] == "done"
-    unbroken = lp.explore("sphere", seed=5, out=whole, progress=False).summary
+    unbroken = lp.explore("block", seed=7, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
     assert again["coverage"] > unbroken.coverage - 0.02
     assert again["sim_time_s"] < unbroken.sim_time_s + 10.0

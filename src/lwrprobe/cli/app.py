@@ -1,6 +1,6 @@
 """The command line's entry: the table of commands, and one way out for every error.
 
-Exit codes: 0 done, 1 a run ended early with its data kept, 2 bad input.
+Exit codes: 0 done, 1 a run ended early with its data kept, 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ import typer
 import lwrprobe
 from lwrprobe.cli import (
     bench,
+    compare,
     doctor,
     emulate,
     evaluate,
     explore,
+    film,
     listing,
     map_file,
     merge,
@@ -28,6 +30,7 @@ from lwrprobe.cli import (
     rescan,
     resume,
     sweep,
+    view,
     weigh,
 )
 from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
@@ -51,6 +54,9 @@ app.command("reconstruct", cls=Command)(reconstruct.reconstruct)
 app.command("fit", cls=Command)(reconstruct.fit)
 app.command("evaluate", cls=Command)(evaluate.evaluate)
 app.command("report", cls=Command)(report.report)
+app.command("compare", cls=Command)(compare.compare)
+app.command("view", cls=Command)(view.view)
+app.command("film", cls=Command)(film.film)
 app.command("merge", cls=Command)(merge.merge)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("list", cls=Command)(listing.list_names)
@@ -60,6 +66,9 @@ app.command("repeat", cls=Command)(repeat.repeat)
 app.command("bench", cls=Command)(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(map_file.app, name="map")
+
+INTERRUPTED = 130
+"""Exit code, that of the shell for SIGINT."""
 
 LISTED = {
     "scene": "scenes",
@@ -95,9 +104,10 @@ def main() -> None:
     except LwrprobeError as error:
         typer.echo(f"lwrprobe: {error}{_next_step(error)}", err=True)
         sys.exit(1 if isinstance(error, StorageError) else 2)
-    except KeyboardInterrupt:
-        typer.echo("lwrprobe: interrupted", err=True)
-        sys.exit(1)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer's answer to Ctrl-C
+            typer.echo("lwrprobe: interrupted; what was written so far is kept", err=True)
+        raise
     except BrokenPipeError:
         sys.exit(1)
 

@@ -56,7 +56,7 @@ def check_folder(field: str, folder: Path | None) -> None:
 
 RUN_FILES = frozenset(
     (
-        "bag", "cloud.pcd", "contacts.csv", "contacts.ply", "map.bt", "mesh.stl", "observations.f64",
+        "bag", "cloud.pcd", "compared.html", "contacts.csv", "contacts.ply", "map.bt", "mesh.stl", "observations.f64",
         "observations.words", "preview.png", "report.html", "scene.toml", "states.csv", "summary.json", "trace.csv",
     )
 )  # fmt: skip

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from lwrprobe.views.viewer import Viewer
 
 _MAX_ZONES = 3  # the widest, which are listed one by one
 
@@ -60,6 +63,9 @@ def explore(
             "--record/--no-record", help="Write a rosbag2 bag (MCAP) into the run folder; on with real devices."
         ),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the exploration in the browser while it goes on (port 8080).")
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a run that was cut off and could be resumed.")
     ] = False,
@@ -91,8 +97,35 @@ def explore(
         from lwrprobe.runs.explore import explore as run
 
         asking = Confirm(confirm, line.message) if confirm > 0 else None
-        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking, record=record)
+        viewer = _viewer(loaded, line) if view else None
+        shown = viewer.update if viewer is not None else None
+        found = run(loaded, out=folder, realtime=realtime, progress=line, confirm=asking, record=record, shown=shown)
+    if viewer is not None:
+        _keep_showing(viewer, folder)
     finish(found.summary.as_dict(), folder, as_json, quiet)
+
+
+def _viewer(scene: Any, line: Any) -> Viewer:
+    from lwrprobe.views.playback import of_scene
+    from lwrprobe.views.viewer import Viewer
+
+    viewer = Viewer(of_scene(scene), live=True)
+    line.message(f"{viewer.url} shows the exploration")
+    return viewer
+
+
+def _keep_showing(viewer: Viewer, folder: Path) -> None:
+    """The whole run, until Ctrl-C."""
+    from threading import Event
+
+    from lwrprobe.views.playback import playback
+
+    viewer.finish(playback(folder))
+    typer.echo(f"{viewer.url} shows the run; Ctrl-C ends", err=True)
+    try:
+        viewer.play(Event())
+    except KeyboardInterrupt:
+        viewer.close()
 
 
 def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ def explore(
     progress: bool | ProgressDisplay = True,
     confirm: Confirm | None = None,
     record: bool | None = None,
+    shown: Callable[[Session], None] | None = None,
 ) -> Run:
     """Explore a scene from start to end: a simulated object, or what stands in front of a real arm.
 
@@ -43,6 +45,7 @@ def explore(
     progress : show what is going on; or a display of one's own with `message` and `watch`
     confirm : asks the operator for each of the first motions, None = does not ask
     record : write a bag into the run folder (extra `bags`); None = on real devices
+    shown : called with the session after each sample, for a display of one's own
 
     Returns
     -------
@@ -69,5 +72,6 @@ def explore(
     )
     with session:
         for _ in session:
-            pass
+            if shown is not None:
+                shown(session)
         return session.finish()

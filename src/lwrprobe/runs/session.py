@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from lwrprobe.contracts import Contact, InputError, LwrprobeError, Observation, Strategy
+from lwrprobe.contracts import Contact, Goal, InputError, LwrprobeError, Observation, Strategy
 from lwrprobe.exploration.loop.explorer import Outcome
 from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -143,6 +143,22 @@ class Session:
     def contacts(self) -> Contacts:
         """What has been touched so far."""
         return contacts_of(self._begun.recorder)
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(n,) rad, at the sample of the last observation."""
+        return self._begun.explorer.arm.history.q.copy()
+
+    @property
+    def goal(self) -> np.ndarray | None:
+        """(3,) m, where the strategy wants the tip to go, None while it gives velocities."""
+        motion = self._begun.explorer.asked
+        return motion.pose[:3, 3] if isinstance(motion, Goal) else None
+
+    @property
+    def doing(self) -> str:
+        """What the strategy does now, in words."""
+        return self._begun.pipeline.strategy.progress().doing
 
     @property
     def map(self) -> VoxelMap:

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contact import Counters
-from lwrprobe.contracts import Done, DriverError, Observation, PluginError, Progress, SafetyStop, StorageError, Task
+from lwrprobe.contracts import (
+    Done,
+    DriverError,
+    Motion,
+    Observation,
+    PluginError,
+    Progress,
+    SafetyStop,
+    StorageError,
+    Task,
+)
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.motion_request import MotionRequest
@@ -145,6 +155,11 @@ class Explorer:
     def observation(self) -> Observation | None:
         """What the strategy was shown last."""
         return self._sample.observation
+
+    @property
+    def asked(self) -> Motion | None:
+        """The strategy's last motion."""
+        return self._request.asked
 
     def begin(self, elapsed: float = 0.0) -> None:
         """Hand the task to the strategy; the run's time begins, `elapsed` s after its zero."""
