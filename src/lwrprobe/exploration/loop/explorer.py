@@ -182,9 +182,7 @@ class Explorer:
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""
         sensor = self._devices.sensor
-        delay = reaction_delay(
-            self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay
-        )
+        delay = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay)
         reachable, clear = self._answered(self._request.reachable), self._answered(self._request.clear)
         return make_task(self._scene, self._pipeline, delay, reachable, clear)
 
