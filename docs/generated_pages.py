@@ -42,7 +42,7 @@ def command_line() -> str:
         "This page is written from the program; `lwrprobe COMMAND --help` says the same.",
         "",
     ]
-    lines += ["Exit codes: 0 done, 1 a run ended early and its data are kept, 2 bad input."]
+    lines += ["Exit codes: 0 done, 1 a run ended early and its data are kept, 2 bad input, 130 interrupted."]
     for name, command in sorted(typer.main.get_command(app).commands.items()):
         for path, leaf in _leaves(name, command):
             lines += _command(path, leaf)

@@ -52,7 +52,9 @@ def test_list_describes_each_name(kind):
 
 COMMANDS = [
     [], ["explore"], ["resume"], ["reconstruct"], ["fit"], ["evaluate"], ["report"], ["merge"], ["list"], ["doctor"],
-    ["weigh"], ["repeat"], ["bench"], ["map"], ["map", "info"], ["map", "cloud"],
+    ["weigh"], ["repeat"],
+    ["recover"], ["replay"], ["rescan"], ["sweep"], ["compare"], ["view"], ["film"],
+    ["bench"], ["map"], ["map", "info"], ["map", "cloud"],
     ["emulate"], ["emulate", "fri"], ["emulate", "ati"], ["emulate", "rig"],
 ]  # fmt: skip
 

@@ -7,10 +7,8 @@ by side.
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,6 +21,7 @@ from lwrprobe.bench.threat_pictures import SCENE as STACKED
 from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.sweeps.execute import run_local
 
 SOURCE_SCENES = (
     "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
@@ -63,8 +62,9 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench exploration`."""
     jobs, processes = _jobs(quick, options)
     if processes > 1:
-        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(_explored, jobs))
+        tasks = {str(number): job for number, job in enumerate(jobs)}
+        results = dict(run_local(tasks, _explored, processes))
+        found = [results[key] for key in tasks]
     else:
         found = [_explored(job) for job in jobs]
     report = BenchReport("exploration", "Exploring: errors, coverage and time")

@@ -101,7 +101,7 @@ def run_cluster(
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError("--scheduler", scheduler, f"the address of a Dask scheduler that answers ({error})") from None
-    with client:
+    with client, client.as_current():
         client.run(one_thread)
         if prepare is not None and tasks:
             first = next(iter(tasks.values()))

@@ -7,7 +7,6 @@ are noted but move nothing. With the settings of the recorded run all its decisi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -178,7 +177,7 @@ class Replay:
     """
 
     def __init__(self, recording: Recording, scene: Scene, out: Path | None = None, same: bool = True) -> None:
-        self.scene, self._recording, self._out = scene, recording, out
+        self.scene, self._recording, self._out, self._same = scene, recording, out, same
         pipeline = self.pipeline = compose(scene, choose(scene), recording.cycle, recording.rate)
         joints = recording.joints.shape[1]
         if recording.poses is None and joints != pipeline.robot.n:
@@ -281,11 +280,12 @@ class Replay:
         return tip
 
     def _task(self, tip: RecordedTip) -> Task:
+        """With the delay that the recorded run had found, unless the settings state another one."""
         recording = self._recording
-        delay = reaction_delay(self.scene, recording.cycle, recording.latency, recording.rate)
-        task = make_task(self.scene, self.pipeline, delay, self._request.reachable, self._request.clear)
-        same = recording.delay is not None and self.scene.contact.delay is None
-        return replace(task, delay=cast(float, recording.delay)) if same else task
+        delay = recording.delay
+        if delay is None or not (self._same or self.scene.contact.delay is None):
+            delay = reaction_delay(self.scene, recording.cycle, recording.latency, recording.rate)
+        return make_task(self.scene, self.pipeline, delay, self._request.reachable, self._request.clear)
 
     def _take_bias(self, rotation: np.ndarray) -> None:
         conditioner, pauses = self.pipeline.conditioner, self._recording.pauses()

@@ -216,7 +216,9 @@ def read_log(folder: Path, free_force: float) -> Past:
     numbers = np.fromfile(path)
     rows = numbers[: len(numbers) // WIDTH * WIDTH].reshape(-1, WIDTH)
     words = ["", *_read_words(folder / WORDS)]
-    if not len(rows) or rows[0, 0] != TASK or (rows[1:, 0] == TASK).any() or rows[:, [21, 37, 47]].max() >= len(words):
+    codes = rows[:, [21, 37, 47]]
+    known = ((codes >= 0.0) & (codes < len(words))).all()  # false for NaN
+    if not len(rows) or rows[0, 0] != TASK or (rows[1:, 0] == TASK).any() or not known:
         raise FormatError(f"{path}: not a log of observations")
     if not {words[int(code)] for code in rows[:, 37]} <= set(Doubt):
         raise FormatError(f"{path}: the reason of a contact's low trust is unknown")
@@ -230,6 +232,8 @@ def read_log(folder: Path, free_force: float) -> Past:
 def _last_free(rows: np.ndarray, free_force: float) -> int | None:
     """Index of the last observation at the end of at least FREE without a force and not blocked."""
     seen = np.flatnonzero(rows[:, 0] == SEEN)
+    if not len(seen):
+        return None
     free = (np.linalg.norm(rows[seen, 17:20], axis=1) < free_force) & (rows[seen, 22] == 0.0) & (rows[seen, 21] == 0.0)
     ends = np.flatnonzero(np.convolve(free, np.ones(FREE))[: len(seen)] >= FREE)
     return int(seen[ends[-1]]) if len(ends) else None
