@@ -16,12 +16,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import Waypoint, path_to
@@ -173,7 +175,7 @@ class Coverage(SkillStrategy):
     def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
-        self.threats = 0
+        self.threats, self.circling = 0, CirclingWatch(self.task.area)
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
         line, tip.rotation = self.prepared(line, start)
@@ -214,6 +216,9 @@ class Coverage(SkillStrategy):
             if turn is not None:
                 self.tip.rotation = turn
                 return Ended.TURN_WANTED
+            way = self.tip.period * hypot(*self.tip.seen.velocity.tolist())
+            if self.circling.circles(self.frame, self.tip.here, way):
+                return Ended.CIRCLING
             if self.frame.line.outline:
                 return Ended.END_FOUND if self._end_found() else None
             if self.frame.level:
@@ -282,7 +287,7 @@ class Coverage(SkillStrategy):
 
     def next_in_passing(self) -> Procedure:
         """A level contour has come to the next grid line: along that, from the side it is on."""
-        self.threats = 0
+        self.threats, self.circling = 0, CirclingWatch(self.task.area)
         line = self.lines.in_passing(self.tip.here)
         inward = -1.0 if self.tip.control.normal[Y] > 0.0 else 1.0
         self.frame = TrackingFrame(line if line.sign == inward else line.turned(), self.task.area)

@@ -24,6 +24,8 @@ class Ended(StrEnum):
     TABLE = "table height reached"
     CEILING = "upper end of the area reached"
     """A contour would have to leave the area upwards to go on."""
+    CIRCLING = "leads in a circle"
+    """A contour goes on and on without leading further along its line."""
     UNDERSIDE = "lower edge reached"
     """A contour has come down around an edge below which an upright probe cannot follow."""
     NOTHING_FOUND = "nothing found"

@@ -85,3 +85,13 @@ def test_a_top_that_runs_out_of_the_area_is_open_there():
 def test_a_face_that_looks_out_of_the_area_closes_it():
     points = np.column_stack([np.zeros(50), np.full(50, 0.015), np.linspace(0.01, 0.04, 50)])
     assert open_borders(points, np.tile([0.0, 1.0, 0.0], (50, 1)), RADIUS, AREA) == []
+
+
+def test_a_top_that_runs_on_where_no_line_goes_is_open_on_that_side():
+    points = np.column_stack([np.full(50, 0.016), np.linspace(-0.01, 0.01, 50), np.full(50, 0.03)])
+    up = np.tile([0.0, 0.0, 1.0], (50, 1))
+    assert [side.side for side in open_borders(points, up, RADIUS, AREA)] == ["+x"]
+    end = np.array([[0.0105, 0.0, 0.02]])
+    closed = np.concatenate([points, end]), np.concatenate([up, [[1.0, 0.0, 0.0]]])
+    assert open_borders(*closed, RADIUS, AREA) == [], "its end was touched"
+    assert open_borders(points - [0.002, 0.0, 0.0], up, RADIUS, AREA) == []

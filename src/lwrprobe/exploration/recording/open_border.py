@@ -48,7 +48,10 @@ def open_borders(points: np.ndarray, normals: np.ndarray, radius: float, area: A
     centres = points + radius * normals
     for side, axis, sign in _SIDES:
         limit = area.upper[axis] if sign > 0.0 else area.lower[axis]
-        out = (sign * (centres[:, axis] - limit) > -AT_BORDER) & (sign * normals[:, axis] < FACING)
+        inside, ends = sign * (limit - centres[:, axis]), sign * normals[:, axis] >= FACING
+        # The last line along y may be as far from the border as the sphere reaches; an end seen there says it is none.
+        last = axis == 0 and not (ends & (inside < 2.0 * radius)).any()
+        out = (inside < (radius if last else 0.0) + AT_BORDER) & ~ends
         if out.sum() >= FEWEST:
             found.append(OpenBorder(side, int(out.sum()), points[out].min(axis=0), points[out].max(axis=0)))
     return found
