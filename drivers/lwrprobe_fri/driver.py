@@ -307,6 +307,8 @@ class FriArm:
             status |= ArmStatus.FAULT
         if arrival.late:
             status |= ArmStatus.LATE
+        if self._before is not None and m.misses > self._before.measurement.misses:
+            status |= ArmStatus.UNANSWERED
         return int(status)
 
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from naive_device import NaiveDevice
 
 from lwrprobe.contracts import (
     ConnectionLost,
@@ -428,3 +429,16 @@ def test_rate_is_the_scenes_unless_given():
     assert AtiDriver(DriverContext(AtiConfig(), None)).sensor().rate == 125.0
     with pytest.raises(InputError, match="oversampling"):
         AtiDriver(DriverContext(AtiConfig(oversampling=32), scene)).sensor()
+
+
+def test_device_written_from_the_layout_alone_streams_and_is_tared():
+    with NaiveDevice() as device:
+        addresses = {"telnet": device.address("console"), "udp": device.address("data"), "local": "127.0.0.1:0"}
+        with AtiDriver(DriverContext(AtiConfig(**addresses, rate=125), None)).sensor() as sensor:
+            assert sensor.setup.firmware == ""
+            assert "versions" in device.asked
+            before = collect(sensor, 20)
+            assert all(s.force == pytest.approx([1.0, 0.0, 0.0]) for s in before)
+            sensor.tare()
+            assert np.abs([s.force for s in collect(sensor, 20)]).max() == 0.0
+            assert sensor.counters()["malformed"] == 0

@@ -196,8 +196,8 @@ def test_reaction_is_as_stated_until_something_is_late():
     assert excess.seconds == pytest.approx(MOST_LATE * 0.01)
     excess.note_state(11.1, False)
     assert excess.seconds == pytest.approx(MOST_LATE * 0.01 / np.e, rel=0.01)
-    excess.note_age(0.1)
-    assert excess.seconds > 0.06
+    excess.note_age(10.0)
+    assert 0.03 < excess.seconds < 0.05, "what comes later than that finds the tip already off the surface"
     assert excess.largest >= excess.seconds
     excess.note_silence(0.2)
     assert excess.seconds > 0.2

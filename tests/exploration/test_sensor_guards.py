@@ -38,8 +38,11 @@ def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
     guard = SilenceGuard(0.1, 0.01, 0.008)
     guard.check(1.0)
     guard.check(1.8)
-    for n in range(1, 8):
+    for n in range(1, 9):
         guard.check(1.8 + 0.01 * n)
+    guard.check(1.885)
+    guard.check(1.89)
+    assert guard.silent == pytest.approx(0.1)
     with pytest.raises(SensorLost, match="no usable wrench sample"):
         guard.check(1.9)
 

@@ -56,6 +56,7 @@ class Fault:
     words : the sentence has one of these; empty = the run goes on
     travel : m that the tip may move after the fault began, the way back not counted
     goes_back : the tip is to leave the surface by itself
+    person : somebody or a limit has stopped the arm, which must not move again unasked
     settings : of the scene, beside the small area
     """
 
@@ -64,6 +65,7 @@ class Fault:
     words: tuple[str, ...] = ()
     travel: float = 0.004
     goes_back: bool = False
+    person: bool = False
 
 
 # At 20 mm/s, 0.1 s of silence and the stop are 2.5 mm; frozen values are found after 0.5 s.
@@ -78,14 +80,18 @@ FAULTS = (
     Fault("30 % of the samples lost", "ati fault loss=0.3"),
     Fault("sensor's line corrupt, 5 %", "ati fault corrupt=0.05"),
     Fault("controller silent", "fri fault down=1", ("has been silent",)),
-    Fault("drives off", "fri drives off", ("drives off",)),
-    Fault("joint limit hit", "fri limit", ("drive errors",)),
+    Fault("drives off", "fri drives off", ("drives off",), person=True),
+    Fault("emergency stop", "fri emergency", ("drives off",), person=True),
+    Fault("stopped by the operator", "fri stop", ("left command mode",), person=True),
+    Fault("joint limit hit", "fri limit", ("drive errors",), person=True),
     Fault("quality falls", "fri fault quality=bad", ("quality BAD",)),
     Fault("controller repeats its last word", "fri fault freeze", ("has been silent", "left command mode")),
     Fault("controller restarted", "fri restart 1", ("has been silent", "left command mode")),
     Fault("2 % of the controller's datagrams lost", "fri fault loss=0.02"),
 )
 QUICK = ("sensor silent", "sensor saturated", "30 % of the samples lost", "controller silent", "drives off")
+_REENTRY = "safety.reentry_time=4.0"
+"""So that a bench does not wait long for an arm that does not come back."""
 
 
 @dataclass(slots=True)
@@ -146,7 +152,8 @@ class Outcome:
             return quiet and not self.stopped
         said = any(word in self.summary["reason"] for word in fault.words)
         left = not (fault.goes_back and self.touching)
-        return quiet and self.stopped and said and left and self.travel <= fault.travel
+        rests = not (fault.person and self.summary["reentries"])
+        return quiet and self.stopped and said and left and rests and self.travel <= fault.travel
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
@@ -159,7 +166,18 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     outcomes = [suffer(fault) for fault in wanted]
     report = BenchReport("faults", "Each fault of arm and sensor, during a contour over real sockets")
     report.machine = machine()
-    columns = ["fault", "ended", "exit code", "moved on mm", "for s", "peak N", "touches", "kept", "sentence"]
+    columns = [
+        "fault",
+        "ended",
+        "exit code",
+        "moved on mm",
+        "for s",
+        "peak N",
+        "touches",
+        "kept",
+        "re-entries",
+        "sentence",
+    ]
     report.tables = [Table("What the run does about it", columns, [_row(o) for o in outcomes])]
     report.verdicts = [
         Verdict(o.fault.name, f"peak {o.peak:.2f} N, moved {1e3 * o.travel:.2f} mm, {o.summary['reason']}", o.held())
@@ -190,6 +208,7 @@ def _suffer_once(fault: Fault) -> Outcome:
         _SCENE,
         [
             *_SMALL,
+            _REENTRY,
             'arm.driver="fri"',
             'sensor.driver="ati"',
             f'drivers.fri.bind="{bind}"',
@@ -197,6 +216,7 @@ def _suffer_once(fault: Fault) -> Outcome:
             f'drivers.ati.telnet="{telnet}"',
             f'drivers.ati.udp="{udp}"',
             f'drivers.ati.local="{local}"',
+            f'drivers.ati.truth="{control}"',
         ],
     )
     devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]
@@ -314,4 +334,15 @@ def _row(o: Outcome) -> list[Any]:
     moved = 1e3 * o.travel if o.fault.words else None
     rest = o.rest_after if o.fault.words else None
     sentence = o.summary["reason"] if o.stopped else "-"
-    return [o.fault.name, ended, code, moved, rest, o.peak, o.touching, o.kept >= o.before, sentence]
+    return [
+        o.fault.name,
+        ended,
+        code,
+        moved,
+        rest,
+        o.peak,
+        o.touching,
+        o.kept >= o.before,
+        o.summary["reentries"],
+        sentence,
+    ]

@@ -1,4 +1,4 @@
-"""The control loop over real sockets: compute per cycle, jitter and misses at 1, 2, 5 and 10 ms.
+"""The control loop over real sockets: compute per cycle, jitter and misses at 1, 2, 4, 5 and 10 ms.
 
 Driver and loop run in this process, the emulated controller and sensor in one of their own each. The load is the
 explorer's own between two set points: read state and wrench, step a straight line, solve for the joints, command.
@@ -21,7 +21,7 @@ from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.kinematics import IKSolver, robot_by_name
 
-CYCLES_MS = (10.0, 5.0, 2.0, 1.0)
+CYCLES_MS = (10.0, 5.0, 4.0, 2.0, 1.0)
 _SECONDS = 20.0
 _QUICK_SECONDS = 4.0
 _SWING = 0.02  # m, of the tip to and fro

@@ -217,6 +217,22 @@ SUMMARIES = {
             f"{f.count('What the run does', 'ended', 'goes on')}."
         ),
     ),
+    "stalls": Summary(
+        "What became of each run",
+        (
+            "disturbance",
+            "scene",
+            "status",
+            "true peak N",
+            "contact error RMS mm",
+            "late set points %",
+            "halts",
+            "re-entries",
+            "gaps",
+        ),
+        "Whole explorations ran over real sockets while the host was kept busy, or processes were halted.",
+        lambda f: f"Runs that came to their end: {f.count('What became of each run', 'status', 'done')}.",
+    ),
     "loop": Summary(
         "Compute, jitter",
         (),

@@ -42,6 +42,8 @@ class ArmStatus(IntFlag):
     """The last answer missed its cycle."""
     STALE = 16
     """No new state since the last read."""
+    UNANSWERED = 32
+    """The controller had no answer in time since the last read, and went on with the last velocity."""
 
 
 @dataclass(slots=True)

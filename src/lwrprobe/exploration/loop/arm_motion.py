@@ -18,7 +18,7 @@ from lwrprobe.kinematics import IKStatus
 from lwrprobe.scene import Scene
 
 _CONVERGED = int(IKStatus.CONVERGED)
-_LATE = int(ArmStatus.LATE)
+_UNANSWERED = int(ArmStatus.UNANSWERED)
 
 
 class ArmMotion:
@@ -67,7 +67,7 @@ class ArmMotion:
         state = self._arm.read()
         self.time = state.time
         self.history.note(state.time, self._trajectory.velocity, state.q)
-        self.excess.note_state(state.time, bool(state.status & _LATE))
+        self.excess.note_state(state.time, bool(state.status & _UNANSWERED))
         self.guard.watch(state)
         return state
 

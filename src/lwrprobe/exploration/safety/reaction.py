@@ -9,13 +9,13 @@ LASTING = 10.0
 LASTING_SILENCE = 120.0
 """The same of a silent sensor: a radio link that has lost several samples in a row will do so again."""
 MOST_LATE = 3
-"""Cycles in a row without a set point in time that count: after those an arm brakes by itself."""
+"""Cycles in a row without an answer that count: after those an arm brakes by itself."""
 
 
 class ReactionExcess:
     """Time by which the measured reaction to a force exceeds the stated one, at its worst of late.
 
-    It is a sum: the cycles in a row in which the arm had no set point in time, during which it goes on; and the age of
+    It is a sum: the cycles in a row in which the arm got no answer in time and went on all the same; and the age of
     the samples when they arrive, or the silence after which the tip gives way where that is longer.
 
     Parameters
@@ -27,6 +27,8 @@ class ReactionExcess:
 
     def __init__(self, cycle: float, latency: float, period: float) -> None:
         self._cycle = cycle
+        # A sample that is older than this comes after the tip has given way.
+        self._most_age = 2.5 * period + cycle
         # Samples are taken in once a cycle, and their order of arrival varies by a fraction of a period.
         self._usual_age = latency + max(0.5 * period, 3.0 * cycle)
         self._late = 0
@@ -41,7 +43,7 @@ class ReactionExcess:
         return self._answer + max(self._age, self._silence)
 
     def note_state(self, time: float, late: bool) -> None:
-        """A state of the arm came; `late` where the set point or answer before it had missed its cycle."""
+        """A state of the arm came; `late` where the arm has gone on without an answer since the one before."""
         if self._time is not None and (self._answer or self._age or self._silence):
             passed = max(0.0, time - self._time)
             keep, keep_silence = exp(-passed / LASTING), exp(-passed / LASTING_SILENCE)
@@ -55,7 +57,7 @@ class ReactionExcess:
     def note_age(self, age: float) -> None:
         """The newest sample was so old [s] when it came."""
         if age > self._usual_age:
-            self._age = max(self._age, age - self._usual_age)
+            self._age = max(self._age, min(age - self._usual_age, self._most_age))
             self.largest = max(self.largest, self.seconds)
 
     def note_silence(self, seconds: float) -> None:

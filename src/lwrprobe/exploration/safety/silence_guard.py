@@ -24,8 +24,8 @@ class SensorSilent(SensorLost):
 class SilenceGuard:
     """Says for how long the sensor has sent nothing usable, and raises when that is too long.
 
-    The time that counts is the arm's, at most two of its cycles a look: where arm, sensor and this host stood still
-    together, nothing has moved meanwhile.
+    The time that counts is the arm's, at most one of its cycles a look: without a look there is no set point, and
+    without one the arm brakes.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class SilenceGuard:
         self.tolerated = min(_MISSING * period + 0.9 * cycle, allowed)
         """s of silence in which one sample may be missing; beyond it two are."""
         self.yields = 0
-        self._max_step = 2.0 * cycle
+        self._max_step = cycle
         self._last: float | None = None
         self._silent = 0.0
         self._missing = False
