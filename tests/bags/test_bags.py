@@ -76,9 +76,10 @@ def test_rosbags_reads_folder_metadata_and_messages(run):
 def test_contacts_and_map_are_those_of_the_run(run):
     found = with_mcap(run)
     clouds = [m for topic, _, m in found if topic == "/contacts"]
-    rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 8) for m in clouds])
+    rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 9) for m in clouds])
     own = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)
     assert rows[:, :6] == pytest.approx(own[:, 1:7], abs=1e-5)
+    assert rows[:, 8] == pytest.approx(own[:, 0], abs=1e-4)
     assert rows[:, 6] == pytest.approx(own[:, 7], abs=1e-4)
     last = [m for topic, _, m in found if topic == "/map"][-1]
     content = (run / "map.bt").read_bytes()

@@ -154,7 +154,7 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
             "/joints", k + 1, messages.deserialise(messages.joint_state(list("abcdefg")).at(k, range(7)), _JOINT)
         )
         writer.send("/lwrprobe/samples", k + 1, messages.table(_COLUMNS, _samples(generator)))
-        writer.send("/contacts", k + 1, messages.cloud(k, generator.normal(size=(4, 8))))
+        writer.send("/contacts", k + 1, messages.cloud(k, generator.normal(size=(4, 9))))
         writer.send("/lwrprobe/run", k + 1, messages.text(_ABOUT))
     writer.close()
     found["bag.mcap"] = [writer.path.read_bytes()]

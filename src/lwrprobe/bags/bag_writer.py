@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import suppress
+from io import BufferedWriter
 from pathlib import Path
 from time import monotonic, time_ns
 from typing import Any
@@ -42,7 +43,8 @@ class BagWriter:
             earlier = sorted(folder.glob("*.mcap"))
             self._earlier = {file.name: state_of(file) for file in earlier}
             self.path = folder / f"{name}_{len(earlier)}.mcap"
-            self._stream = open(self.path, "xb", buffering=4 * CHUNK)  # noqa: SIM115
+            self._raw = open(self.path, "xb", buffering=0)  # noqa: SIM115
+            self._stream = BufferedWriter(self._raw, 4 * CHUNK)
             self._writer = Writer(self._stream, chunk_size=CHUNK, compression=CompressionType.NONE)
             self._writer.start("ros2", "lwrprobe")
             self._stream.flush()
@@ -126,7 +128,7 @@ class BagWriter:
         """No more can be written: what is on disk stays, for `lwrprobe recover`."""
         self._open = False
         with suppress(OSError, ValueError):
-            self._stream.raw.close()  # not the buffer, which would try again
+            self._raw.close()  # not the buffer, which would try again
         return StorageError(self.folder, error)
 
 

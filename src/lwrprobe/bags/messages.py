@@ -147,11 +147,11 @@ def transforms(time: int, frames: Sequence[str], numbers: np.ndarray) -> Any:
     return kind("tf2_msgs/msg/TFMessage")(rows)
 
 
-CLOUD_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "force", "confidence")
+CLOUD_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "force", "confidence", "time")
 
 
 def cloud(time: int, rows: np.ndarray) -> Any:
-    """sensor_msgs/PointCloud2 in the world of rows (n, 8), float32: see `CLOUD_FIELDS`."""
+    """sensor_msgs/PointCloud2 in the world of rows (n, 9), float32: see `CLOUD_FIELDS`."""
     field, data = kind("sensor_msgs/msg/PointField"), np.ascontiguousarray(rows, np.float32)
     fields = [field(name, 4 * k, 7, 1) for k, name in enumerate(CLOUD_FIELDS)]
     width = 4 * len(CLOUD_FIELDS)
@@ -162,7 +162,7 @@ def cloud(time: int, rows: np.ndarray) -> Any:
 
 
 def cloud_rows(message: Any) -> np.ndarray:
-    """(n, 8) of a cloud that has the fields of `CLOUD_FIELDS`; those that it lacks are NaN.
+    """(n, 9) of a cloud that has the fields of `CLOUD_FIELDS`; those that it lacks are NaN.
 
     Raises ValueError for a cloud whose sizes contradict its data.
     """

@@ -177,7 +177,7 @@ class Summary:
         """From a file. Raises FormatError, naming the file, for one that is no summary."""
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, RecursionError) as error:
             raise FormatError(f"{path}: not a summary: {error}") from None
         if not isinstance(content, dict):
             raise FormatError(f"{path}: not a summary: it holds a {type(content).__name__}, allowed: an object")

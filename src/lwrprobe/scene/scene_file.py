@@ -113,7 +113,7 @@ def _lay_over(content: dict[str, Any], upper: Mapping[str, Any]) -> None:
 def _parse(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SceneError(str(path), str(error), "a text file in TOML") from error
 
 
@@ -164,7 +164,7 @@ def _index(items: list, step: str, key: str) -> int:
 def _toml_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+    except (tomllib.TOMLDecodeError, KeyError, RecursionError):
         return text
 
 

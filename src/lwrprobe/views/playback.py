@@ -141,7 +141,6 @@ def _of_bag(path: Path) -> Playback:
     rows = rows[::every]
     times, joints = recording.column("time")[rows] - recording.zero, recording.joints[rows]
     clouds: list[np.ndarray] = []
-    at: list[np.ndarray] = []
     goals: list[list[float]] = []
     lines: list[list[float]] = []
     begin = None
@@ -152,10 +151,7 @@ def _of_bag(path: Path) -> Playback:
             continue
         now = 1e-9 * (message.time - begin)
         if message.topic == CONTACTS:
-            cloud = cloud_rows(message.decode())
-            before = at[-1][-1] if at and len(at[-1]) else max(now - 0.1, 0.0)
-            clouds.append(cloud)
-            at.append(np.linspace(before, now, len(cloud) + 1)[1:])
+            clouds.append(cloud_rows(message.decode()))
         elif message.topic == GOALS:
             place = message.decode().pose.position
             goals.append([now, place.x, place.y, place.z])
@@ -164,12 +160,11 @@ def _of_bag(path: Path) -> Playback:
                 if marker.ns == "clearance" and len(marker.points) == 2:
                     a, b = ([p.x, p.y, p.z] for p in marker.points)
                     lines.append([now, float(np.linalg.norm(np.subtract(a, b))), *a, *b])
-    contacts = np.vstack(clouds) if clouds else np.empty((0, 8))
-    moments = np.concatenate(at) if at else np.empty(0)
+    contacts = np.vstack(clouds) if clouds else np.empty((0, 9))
     states = [(time, str(content.get("doing", ""))) for time, content in recording.frames]
     return Playback(
-        scene, robot, times, joints, _tips(robot, joints), contacts[:, :3], contacts[:, 3:6], moments, contacts[:, 6],
-        contacts[:, 7], _truth(scene, scene.arm.driver == "sim"), goals=np.array(goals).reshape(-1, 4),
+        scene, robot, times, joints, _tips(robot, joints), contacts[:, :3], contacts[:, 3:6], contacts[:, 8],
+        contacts[:, 6], contacts[:, 7], _truth(scene, scene.arm.driver == "sim"), goals=np.array(goals).reshape(-1, 4),
         clearances=np.array(lines).reshape(-1, 8), states=states,
     )  # fmt: skip
 

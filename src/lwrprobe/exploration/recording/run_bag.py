@@ -123,7 +123,7 @@ class RunBag:
 
     def contact(self, contact: Contact) -> None:
         """One accepted contact."""
-        self._contacts.append([*contact.point, *contact.normal, contact.magnitude, contact.trust])
+        self._contacts.append([*contact.point, *contact.normal, contact.magnitude, contact.trust, contact.time])
 
     def decided(
         self, seen: Observation, motion: Motion | None, progress: Progress, voxels: VoxelMap, q: np.ndarray

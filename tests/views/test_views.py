@@ -1,0 +1,224 @@
+"""Pages and films of runs; the page in a real browser, where one is installed."""
+
+import shutil
+import subprocess
+import threading
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import lwrprobe as lp
+from lwrprobe.contracts import InputError
+from lwrprobe.evaluation.comparison import write_comparison
+from lwrprobe.views.film import write_film
+from lwrprobe.views.playback import body, of_scene, playback, posed
+from lwrprobe.views.viewer import Viewer
+
+pytestmark = pytest.mark.slow
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> list[Path]:
+    """A run with a bag, and one without."""
+    base = tmp_path_factory.mktemp("runs")
+    for name, strategy, record in (("with", "grid_version", True), ("without", "surface_contour", None)):
+        settings = {"strategy.step": 0.04}
+        lp.explore(
+            "sphere", strategy=strategy, seed=5, settings=settings, out=base / name, record=record, progress=False
+        )
+    return [base / "with", base / "without"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+def picture(browser, url: str, path: Path, ready=lambda page: None) -> np.ndarray:
+    """What the page shows, with nothing asked of other hosts."""
+    page = browser.new_page(viewport={"width": 1000, "height": 640})
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(url)
+    page.get_by_text("points by").wait_for(timeout=120_000)
+    page.wait_for_function("document.querySelector('canvas') !== null", timeout=60_000)
+    page.wait_for_timeout(8_000)
+    ready(page)
+    page.screenshot(path=path)
+    page.close()
+    away = [url for url in asked if "127.0.0.1" not in url and not url.startswith(("data:", "blob:"))]
+    assert away == []
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def share(image: np.ndarray, colour: tuple[int, int, int], within: int = 60) -> float:
+    """Of the pixels left of the controls, those near a colour."""
+    seen = image[:, :700]
+    return float((np.abs(seen - np.array(colour)).sum(axis=2) < within).mean())
+
+
+def test_the_arm_stands_where_the_bag_has_it(runs):
+    shown = playback(runs[0])
+    assert len(shown.times) > 100
+    assert shown.joints.shape == (len(shown.times), 7)
+    for k in (0, len(shown.times) // 2, -1):
+        assert shown.tips[k] == pytest.approx(shown.robot.fk(shown.joints[k]).A, abs=1e-9)
+    assert len(shown.goals) > 3
+    assert len(shown.states) > 10
+    assert len(shown.clearances) > 10
+    contacts = lp.open_run(runs[0]).contacts
+    assert shown.points == pytest.approx(contacts.points)
+    alone = playback(runs[0] / "bag" / "bag_0.mcap")
+    assert alone.points == pytest.approx(contacts.points, abs=1e-5)
+    assert alone.contact_times == pytest.approx(contacts.times, abs=1e-4)
+
+
+def test_without_a_bag_the_arm_follows_the_path_of_the_sphere(runs):
+    shown = playback(runs[1])
+    places = np.array([shown.robot.fk(q).A[:3, 3] for q in shown.joints[::20]])
+    assert np.abs(places - shown.tips[::20, :3, 3]).max() < 1e-4
+    trace = lp.open_run(runs[1]).trace
+    assert shown.end == pytest.approx(trace[-1, 0], abs=0.5)
+
+
+def test_bodies_are_where_their_link_frames_carry_them():
+    shown = of_scene(lp.load_scene("block"))
+    assert len(shown.shapes) > 5
+    poses = posed(shown.robot, shown.joints[0], shown.tips[0], shown.shapes)
+    stick = next(k for k, shape in enumerate(shown.shapes) if shape.name == "stick")
+    moved = body(shown.shapes[stick]).vertices @ poses[stick][:3, :3].T + poses[stick][:3, 3]
+    assert moved[:, 2].min() > shown.tips[0][2, 3] - 0.006
+    for shape in shown.shapes:
+        middle = body(shape).vertices
+        assert np.abs(middle.max(axis=0) + middle.min(axis=0)).max() < 1e-6
+
+
+@pytest.mark.realtime
+def test_a_recorded_run_in_the_browser(runs, browser, tmp_path):
+    viewer = Viewer(playback(runs[0]), port=0)
+    stop = threading.Event()
+    thread = threading.Thread(target=viewer.play, args=(stop,))
+    thread.start()
+    try:
+        whole = picture(browser, viewer.url, tmp_path / "whole.png")
+        assert share(whole, (255, 255, 255)) < 0.97
+
+        def earlier(page):
+            viewer._handles["time"].value = 1.0
+            page.get_by_text("0 contacts", exact=False).first.wait_for(timeout=60_000)
+            page.wait_for_timeout(4_000)
+
+        begin = picture(browser, viewer.url, tmp_path / "begin.png", earlier)
+        assert np.abs(whole - begin).max() > 80
+    finally:
+        stop.set()
+        thread.join()
+        viewer.close()
+
+
+@pytest.mark.realtime
+def test_fifty_thousand_points_in_the_browser(browser, tmp_path):
+    shown = of_scene(lp.load_scene("block"))
+    generator = np.random.default_rng(1)
+    shown.points = generator.uniform((-0.05, -0.025, 0.0), (0.05, 0.025, 0.05), (50_000, 3))
+    shown.normals = np.tile([0.0, 0.0, 1.0], (50_000, 1))
+    shown.contact_times, shown.forces = np.linspace(0.0, 100.0, 50_000), np.full(50_000, 0.8)
+    shown.confidence = np.ones(50_000)
+    viewer = Viewer(shown, port=0)
+    try:
+        image = picture(browser, viewer.url, tmp_path / "many.png")
+        assert share(image, (33, 145, 140), 120) > 0.005  # the middle of the ramp: 0.8 N of 1.6 N
+    finally:
+        viewer.close()
+
+
+@pytest.mark.realtime
+def test_a_run_that_goes_on_in_the_browser(browser, tmp_path):
+    scene = lp.load_scene("sphere", {"strategy.step": 0.04, "run.seed": 5})
+    viewer = Viewer(of_scene(scene), port=0, live=True)
+    counts = []
+    try:
+        with lp.Session(scene, progress=False) as session:
+            for _ in session:
+                viewer.update(session)
+                if len(session.contacts) > 300 and not counts:
+                    counts.append(len(session.contacts))
+                    text = viewer._handles["text"].content
+                    break
+        assert "contacts" in text
+        image = picture(browser, viewer.url, tmp_path / "live.png")
+        assert share(image, (255, 255, 255)) < 0.97
+    finally:
+        viewer.close()
+
+
+def test_a_film_moves_and_is_small(runs, tmp_path):
+    seen = []
+    path = write_film(runs[0], tmp_path / "film.gif", seconds=1.0, rate=6, width=320, watch=lambda k, n: seen.append(k))
+    film = Image.open(path)
+    assert film.size == (320, 180)
+    assert seen == [1, 2, 3, 4, 5, 6]
+    frames = []
+    for k in range(film.n_frames):
+        film.seek(k)
+        frames.append(np.asarray(film.convert("RGB")).astype(int))
+    assert len(frames) >= 5
+    assert all(np.abs(a - b).max() > 50 for a, b in pairwise(frames))
+    assert path.stat().st_size < 500_000
+
+
+def test_a_film_as_mp4_is_read_by_ffmpeg(runs, tmp_path):
+    from imageio_ffmpeg import count_frames_and_secs, get_ffmpeg_exe
+
+    path = write_film(runs[1], tmp_path / "film.mp4", seconds=1.0, rate=5, width=320)
+    count, seconds = count_frames_and_secs(str(path))
+    assert count == 5 + round(1.5 * 5)
+    assert seconds == pytest.approx(count / 5, abs=0.2)
+    assert subprocess.run([get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "null", "-"]).returncode == 0
+
+
+def test_films_that_cannot_be_are_refused(runs, tmp_path):
+    with pytest.raises(InputError, match="gif"):
+        write_film(runs[0], tmp_path / "film.avi")
+    with pytest.raises(InputError, match="pixels"):
+        write_film(runs[0], tmp_path / "film.gif", width=10)
+
+
+def test_two_runs_on_one_page(runs, tmp_path):
+    page = write_comparison(runs[0], runs[1], tmp_path / "compared.html").read_text()
+    for run in map(lp.open_run, runs):
+        assert f"<td>{run.summary.mesh_error_mm['mean']:.3f} mm</td>" in page
+        assert f"<td>{run.summary.sim_time_s:.1f} s</td>" in page
+    assert page.count("<img") == 4
+    assert page.count("<svg") == 3
+    assert "Deviation from the true shape" in page
+
+
+def test_runs_without_a_truth_deviate_from_each_other(runs, tmp_path):
+    import json
+
+    copies = []
+    for run in runs:
+        copy = tmp_path / run.name
+        shutil.copytree(run, copy)
+        known = json.loads((copy / "summary.json").read_text())
+        (copy / "summary.json").write_text(json.dumps(known | {"link_collisions": None}))
+        copies.append(copy)
+    page = write_comparison(copies[0], copies[0], tmp_path / "same.html").read_text()
+    assert "the other run&#x27;s mesh" in page or "the other run's mesh" in page
+    assert page.count("mean of the vertices 0.000 mm") == 2
+    page = write_comparison(*copies, tmp_path / "compared.html").read_text()
+    assert page.count("mean of the vertices") == 2
