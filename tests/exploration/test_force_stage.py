@@ -52,7 +52,7 @@ def test_a_stream_that_fails_stops_the_run():
 
 
 def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
-    force, _ = stage()
+    force, _ = stage("uncertainty.profile=ideal")
     force.begin(0.0135)
     feed, pose = VelocityCommand(np.array([0.01, 0.0, 0.0])), np.eye(4)
     time = 0.0

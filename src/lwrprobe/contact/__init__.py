@@ -14,10 +14,12 @@ from lwrprobe.contact.estimator import (
     make_estimator,
 )
 from lwrprobe.contact.limit_cycle import LimitCycle
+from lwrprobe.contact.press_compliance import PressCompliance
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
 from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.time_skew import TimeSkew, time_skew
+from lwrprobe.contact.torque_agreement import TorqueAgreement
 from lwrprobe.contact.touch import TouchFit, zero_force_point
 from lwrprobe.contact.touch_identification import TouchIdentification
 from lwrprobe.contact.wrench import UNCONFIRMED, Wrench, WrenchNoise
@@ -37,9 +39,11 @@ __all__ = [
     "Estimator",
     "LimitCycle",
     "Payload",
+    "PressCompliance",
     "ProbeCheck",
     "Settings",
     "TimeSkew",
+    "TorqueAgreement",
     "TouchFit",
     "TouchIdentification",
     "Wrench",

@@ -89,6 +89,9 @@ class Estimator(Protocol):
     def set_indentation(self, compliance: float) -> None:
         """m/N of the object under the sphere from now on (`Settings.indentation`); raises InputError."""
 
+    def set_lever_error(self, error: float) -> None:
+        """m, error of torque over force from now on (`Settings.lever_error`)."""
+
 
 class SampleEstimator:
     """An estimator that looks at one sample alone.
@@ -116,6 +119,10 @@ class SampleEstimator:
     def set_indentation(self, compliance: float) -> None:
         """See `Estimator.set_indentation`."""
         self._params[kernels.P_INDENTATION] = as_indentation(compliance)
+
+    def set_lever_error(self, error: float) -> None:
+        """See `Estimator.set_lever_error`."""
+        self._params[kernels.P_LEVER_ERROR] = error
 
 
 def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
@@ -226,6 +233,10 @@ class FusedEstimator:
     def set_indentation(self, compliance: float) -> None:
         """See `Estimator.set_indentation`."""
         self._params[kernels.P_INDENTATION] = as_indentation(compliance)
+
+    def set_lever_error(self, error: float) -> None:
+        """See `Estimator.set_lever_error`."""
+        self._params[kernels.P_LEVER_ERROR] = error
 
     @property
     def friction(self) -> tuple[float, float]:

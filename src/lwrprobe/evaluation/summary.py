@@ -84,6 +84,9 @@ class Summary:
     stillness: Table | None = None
     """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm];
     `torque_disagreement`: slope at which the way led into the surface by the torque and not by the force."""
+    torque: Table | None = None
+    """Torque and force of the sensor: `disagreement` found over the lever, `over_expected`: its ratio to two standard
+    deviations of what `[uncertainty]` lets expect, 1 where it is no larger."""
     coverage: float | None = None
     """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
     within 60 degrees, 0 to 1."""

@@ -136,7 +136,9 @@ class SampleStep:
         pipeline.force.update(wrench, pose, contact)
         time = sample.time - self.zero_time
         if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
-            pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance)
+            torque = pipeline.torque
+            doubt = torque.disagreement if torque is not None and torque.surprise > 1.0 else 0.0
+            pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
         clock.lap("watch")
         near = pipeline.clearance.nearest(pose, arm.history.q) if pipeline.clearance is not None else None
         clock.lap("clearance")
@@ -192,7 +194,13 @@ class SampleStep:
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
         velocity = self._arm.history.measured_velocity(sample.time)
+        measured = wrench
+        if pipeline.torque is not None:
+            wrench = pipeline.torque.corrected(measured)
+            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
+        if pipeline.torque is not None:
+            pipeline.torque.learn(measured, rotation, velocity)
         contact.time = sample.time - self.zero_time
         if contact.reason is Doubt.AXIS_MISSES:
             point = stick_contact(wrench, centre, rotation, pipeline.probe)

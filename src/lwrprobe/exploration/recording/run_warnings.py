@@ -18,6 +18,12 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     share = summary.rejected_share
     if share is not None and share > REJECTED:
         found.append(f"{share:.0%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")
+    torque = summary.torque or {}
+    if torque.get("over_expected", 1.0) > 1.0:
+        found.append(
+            f"torque and force disagree by {torque['disagreement']:.1%}, {2.0 * torque['over_expected']:.1f} standard "
+            "deviations of what is stated: run lwrprobe calibrate, or say uncertainty.profile = 'datasheet'"
+        )
     slope = (summary.stillness or {}).get("torque_disagreement", 0.0)
     if slope > 0.0:
         found.append(f"torque and force disagree by {slope:.0%} on the way of the sphere: calibrate the sensor")

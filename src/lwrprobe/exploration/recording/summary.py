@@ -85,6 +85,7 @@ def summarise(
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
+        torque=pipeline.torque.report() if pipeline.torque is not None else None,
         **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface),
         truth=truth.differences if truth is not None else None,
         cycle_us=outcome.cycle_us,

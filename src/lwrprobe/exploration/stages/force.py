@@ -13,6 +13,7 @@ from lwrprobe.contact import (
     DriftWatch,
     Estimator,
     LimitCycle,
+    PressCompliance,
     TouchIdentification,
     Wrench,
     WrenchConditioner,
@@ -30,6 +31,19 @@ GUARD = 0.25
 
 SPEED_STEPS = 20
 """Steps in which a speed is reduced."""
+COVERED = 1.25
+"""Ratio of found to stated stiffness that the reserves of the speeds cover."""
+AGREED = 2
+"""Batches of presses after which the speeds follow the stiffness."""
+TOUCHES_AGREED = 3
+"""Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
+APART = 3.0
+"""Standard deviations between found and stated compliance from which on contacts are corrected with the found one."""
+
+DOUBT = 3.0
+"""Standard deviations by which arm and object may be stiffer than stated before that is measured."""
+ACROSS = 0.1
+"""Cosine to the stick below which a motion or a normal counts as across it."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -68,6 +82,13 @@ class ForceStage:
         )
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
+        self._press = PressCompliance(self._bend)
+        # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
+        stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
+        self._of_stiffness = min(COVERED / stiffest, 1.0)
+        self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+        self._delay = 0.0
+        self._compliance = 0.0
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
@@ -83,8 +104,8 @@ class ForceStage:
         law = choose_force_law(
             series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
         )
-        self._delay = delay
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
+        self._delay = delay
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
@@ -110,8 +131,8 @@ class ForceStage:
 
     @property
     def compliance(self) -> float:
-        """m/N of the object as far as the first touches have shown; 0 where it is too stiff to be measured."""
-        return self._touch.compliance
+        """m/N of object and arm where it differs from what the scene states; 0 where it does not."""
+        return self._compliance
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
         """One sample.
@@ -122,17 +143,19 @@ class ForceStage:
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
-        self._normal = contact.normal if contact is not None else None
         if contact is not None and self._cycle is not None:
             self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
         elif self._cycle is not None:
             self._cycle.reset()
-        if self._touch.update(wrench, pose, contact):
-            self._adopt()
+        self._axis, self._place = pose[:3, 2], pose[:3, 3]
+        self._normal = contact.normal if contact is not None else None
+        if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
+            self._adopt(self._touch.compliance)
+        if self._press.update(wrench, pose, contact):
+            self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force swings or the loop is late; on the way to a goal the sensor's zero is
-        followed.
+        """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
@@ -141,8 +164,7 @@ class ForceStage:
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
             self._drift.rezero()
-        if self.excess > 0.0:
-            motion = self._slowed(motion)
+        motion = self._slowed(motion)
         if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
         return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
@@ -150,7 +172,7 @@ class ForceStage:
     @property
     def touch_speed(self) -> float:
         """m/s at which something may be met in any direction, as late as the loop is now."""
-        return self._touch_speed * self._share
+        return self._touch_speed * self._share * self._of_stiffness
 
     @property
     def _share(self) -> float:
@@ -160,20 +182,59 @@ class ForceStage:
         return max(1.0, math.floor(SPEED_STEPS * self._delay / (self._delay + self.excess))) / SPEED_STEPS
 
     def _slowed(self, motion: Motion) -> Motion:
-        """The motion at the speed that the measured delay allows; what leaves a surface is not slowed."""
-        share = self._share
+        """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            return replace(motion, speed=share * motion.speed)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place)
+            return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
+            share = late * self._share_along(motion.velocity)
+            if share == 1.0:
+                return motion
             leaving = np.zeros(3)
             if self._normal is not None:
                 leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _adopt(self) -> None:
+    def _share_along(self, path: np.ndarray) -> float:
+        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+
+        Across it the probe gives way so much that the stiffness of arm and object does not count.
+        """
+        if self._of_stiffness == 1.0:
+            return 1.0
+        if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
+            return self._of_stiffness
+        along = abs(float(path @ self._axis))
+        return self._of_stiffness if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+
+    def _judge_presses(self) -> None:
+        """Presses have shown the stiffness of object and arm: adapt the speeds, and the contacts where it is another.
+
+        Raises TouchRefused where no speed is safe.
+        """
+        stated, found = 1.0 / self._contact.stiffness, self._press.value
+        if self._press.batches < AGREED:
+            return
+        # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
+        share = (found + self._axial) / (stated + self._axial)
+        self._of_stiffness = share if COVERED * share < 1.0 else 1.0
+        if self._of_stiffness < 1.0:
+            c = self._contact
+            law = choose_force_law(
+                1.0 / (found + self._axial), self._delay, c.target, c.limit, force_threshold=c.threshold,
+                braking=self._braking,
+            )  # fmt: skip
+            if isinstance(law, Refusal):
+                raise TouchRefused(f"touch refused: {law.reason}")
+        if abs(found - stated) > APART * self._press.sigma:
+            self._compliance = found
+            self._estimator.set_indentation(found)
+
+    def _adopt(self, found: float) -> None:
         """A touch has been fitted: subtract its indentation from now on, check the damping against its stiffness."""
-        found = self._touch.compliance
+        self._compliance = found
         self._estimator.set_indentation(found)
         if found <= 0.0:
             return
@@ -189,8 +250,21 @@ class ForceStage:
     def report(self) -> dict[str, Any]:
         """For the summary."""
         changes = self._drift.changes
-        found = self._touch.compliance
-        return self._report | {
+        found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
+        report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if self._press.batches >= AGREED else None}
+        if self._press.batches >= AGREED and self._of_stiffness < 1.0:
+            report["warnings"] = [
+                *report.get("warnings", []),
+                f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
+                f"{1.0 / stated:.3g}: the probe moves slower",
+            ]
+        elif abs(pressed - stated) > APART * self._press.sigma:
+            report["warnings"] = [
+                *report.get("warnings", []),
+                f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
+                f"{1.0 / stated:.3g}: contacts are corrected with what was found",
+            ]
+        return report | {
             "object_stiffness": round(1.0 / found, 1) if found > 0.0 else None,
             "touches_fitted": self._touch.fitted,
             "limit_cycles": self._cycle.detections if self._cycle is not None else 0,

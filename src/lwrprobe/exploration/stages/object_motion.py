@@ -44,6 +44,8 @@ friction of 0.65 explains. The normal rests on the torque: an error of lever, ga
 a sphere that slides seems to sink in. The force by itself turns by no more than the crosstalk."""
 GAP = 0.05
 """s between two samples, from which on the path between them is not known."""
+FORGIVEN = 10
+"""Contradictions after which a run whose torque and force disagree ends."""
 LET_GO = 12
 """Samples without a force after which a push has come to its end."""
 
@@ -78,13 +80,26 @@ class ObjectMotionMonitor:
         self._push_began = self._doubt_began = 0.0
         self.moved_since: float | None = None
         """s, from which on the object was no longer where it had been; None while it stands."""
-        self._worst = self._max_pushed = 0.0
+        self._worst = self._max_pushed = self._doubtful = 0.0
+        self._forgiven = 0
 
-    def see(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float = 0.0) -> None:
+    def see(
+        self,
+        time: float,
+        place: Vector,
+        force: Vector,
+        contact: Contact | None,
+        compliance: float = 0.0,
+        disagreement: float = 0.0,
+    ) -> None:
         """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
 
-        `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform. Raises ObjectMoved.
+        `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform, `disagreement` that of torque
+        and force where it is larger than expected, else 0: then normals are wrong, and contradictions rest on them.
+
+        Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """
+        self._doubtful = disagreement
         trusted = contact is not None and contact.trust >= TRUSTED
         centre = contact.centre if contact is not None else place
         self._push(time, centre, force, contact if trusted else None, compliance)
@@ -177,6 +192,16 @@ class ObjectMotionMonitor:
         return True
 
     def _moved(self, what: str, since: float) -> None:
+        if self._doubtful > 0.0:
+            self._forgiven += 1
+            self._count = self._agreed = 0
+            self._pushed = self._against_force = 0.0
+            if self._forgiven > FORGIVEN:
+                raise SafetyStop(
+                    f"torque and force disagree by {self._doubtful:.1%}, and the touches contradict each other: "
+                    "calibrate the sensor (lwrprobe calibrate)"
+                )
+            return
         self.moved_since = since
         raise ObjectMoved(f"the object has moved: {what}; contacts from {since:.2f} s on are left out")
 

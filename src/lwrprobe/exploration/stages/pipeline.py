@@ -8,7 +8,14 @@ from math import cos
 
 import numpy as np
 
-from lwrprobe.contact import Deflection, Estimator, WrenchConditioner, check_estimator, make_estimator
+from lwrprobe.contact import (
+    Deflection,
+    Estimator,
+    TorqueAgreement,
+    WrenchConditioner,
+    check_estimator,
+    make_estimator,
+)
 from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
@@ -25,6 +32,7 @@ from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.clearance import ClearanceStage
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
+from lwrprobe.exploration.stages.sensor_errors import estimator_settings, torque_agreement
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.options import configure
@@ -49,6 +57,7 @@ class Pipeline:
     governor: SpeedGovernor | None
     conditioner: WrenchConditioner
     estimator: Estimator
+    torque: TorqueAgreement | None
     deflection: Deflection | None
     force: ForceStage
     object_motion: ObjectMotionMonitor | None
@@ -158,7 +167,8 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
     clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
-    conditioner, estimator = WrenchConditioner(probe, rate), make_estimator(scene.contact.estimator, probe)
+    conditioner = WrenchConditioner(probe, rate)
+    estimator = make_estimator(scene.contact.estimator, probe, estimator_settings(scene))
     return Pipeline(
         robot=robot,
         solver=solver,
@@ -166,6 +176,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         governor=governor,
         conditioner=conditioner,
         estimator=estimator,
+        torque=torque_agreement(scene, probe),
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
         object_motion=_object_motion(scene, probe),

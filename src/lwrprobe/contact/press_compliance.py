@@ -1,0 +1,95 @@
+"""Compliance of arm and object along the stick, from how force and depth change together while the probe presses."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from lwrprobe.contact.deflection import Deflection
+from lwrprobe.contact.wrench import Wrench
+from lwrprobe.contracts import Contact
+from lwrprobe.contracts.samples import Vector
+
+LEAST_CHANGE = 0.03
+"""N between two samples: ten times the noise of a reading."""
+GAP = 0.02
+"""s between two samples, from which on they are not compared."""
+ALONG = 0.9
+"""Least cosine between normal and stick: across it the stick itself gives way hundreds of times more."""
+BATCH = 10
+"""Changes of the force that make one estimate."""
+CORRELATION = 0.9
+"""Least correlation of force and depth in a batch: where the sphere slides over an edge, the depth alone changes."""
+FEWEST = 4
+"""Batches that have to agree before contacts are corrected."""
+FLOOR = 0.1
+"""Smallest standard deviation of the estimate over its value: what sliding with a wrong normal adds to all batches alike."""
+
+
+class PressCompliance:
+    """Median over batches of changes, each the slope of depth over force between neighbouring samples.
+
+    Only changes count, so that a slope of the surface and an error of the normal enter as noise. Batches whose
+    correlation is low are dropped; the median over the others does not follow a single one.
+
+    Parameters
+    ----------
+    bend : the probe's own deflection, which is subtracted
+    """
+
+    def __init__(self, bend: Deflection) -> None:
+        self._bend = bend
+        self._last: tuple[float, Vector, Vector, Vector] | None = None
+        self._squares = [0.0, 0.0, 0.0]
+        self._count = 0
+        self._slopes: list[float] = []
+
+    @property
+    def batches(self) -> int:
+        """How many estimates there are."""
+        return len(self._slopes)
+
+    @property
+    def value(self) -> float:
+        """m/N of arm and object in series; 0 before the first batch."""
+        return max(float(np.median(self._slopes)), 1e-9) if self._slopes else 0.0
+
+    @property
+    def sigma(self) -> float:
+        """m/N, standard deviation of `value`; infinite with fewer than `FEWEST` batches."""
+        if len(self._slopes) < FEWEST:
+            return float("inf")
+        spread = 1.4826 * float(np.median(np.abs(np.array(self._slopes) - self.value)))
+        return max(1.2533 * spread / sqrt(len(self._slopes)), FLOOR * self.value)
+
+    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
+        """One sample and the tip's nominal pose (4, 4) at its instant; True when a batch has been added."""
+        before, self._last = self._last, None
+        if contact is None or contact.trust <= 0.0 or not wrench.usable:
+            return False
+        normal, place = contact.normal, pose[:3, 3]
+        if abs(float(normal @ pose[:3, 2])) < ALONG:
+            return False
+        force = wrench.world_force
+        self._last = (wrench.time, place.copy(), force.copy(), normal)
+        if before is None or not 0.0 < wrench.time - before[0] < GAP:
+            return False
+        mean = normal + before[3]
+        mean = mean / sqrt(float(mean @ mean))
+        change = float((force - before[2]) @ mean)
+        if abs(change) < LEAST_CHANGE:
+            return False
+        deeper = -float((place - before[1]) @ mean)
+        sums = self._squares
+        sums[0], sums[1], sums[2] = sums[0] + change**2, sums[1] + change * deeper, sums[2] + deeper**2
+        self._count += 1
+        return self._count == BATCH and self._close(pose[:3, :3], normal)
+
+    def _close(self, rotation: np.ndarray, normal: Vector) -> bool:
+        """Add the batch where force and depth belong together."""
+        (ff, fd, dd), self._squares, self._count = self._squares, [0.0, 0.0, 0.0], 0
+        if fd <= CORRELATION * sqrt(ff * dd):
+            return False
+        self._slopes.append(fd / ff - self._bend.along(rotation, normal))
+        return True

@@ -1,0 +1,52 @@
+"""Compliance of arm and object along the stick, from changes of force and depth."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contact import Deflection, PressCompliance, Wrench
+from lwrprobe.contracts import Contact, Probe
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+UP = np.array([0.0, 0.0, 1.0])
+AXIAL = 8e-7
+
+
+def pressed(compliance, noise=0.003, slide=0.0, wrong=0.0, samples=600, seed=1, normal=UP):
+    """A sphere that is pressed up and down while it slides along y, the normal wrong by an angle."""
+    random = np.random.default_rng(seed)
+    watch = PressCompliance(Deflection(Probe(compliance=np.array([4e-4, 4e-4, AXIAL]))))
+    shown = np.array([0.0, np.sin(wrong), np.cos(wrong)]) if wrong else normal
+    for k in range(samples):
+        time = 0.008 * k
+        size = 1.0 + 0.5 * np.sin(40.0 * time)
+        force = size * normal + noise * random.standard_normal(3)
+        pose = np.eye(4)
+        pose[:3, :3] = DOWN
+        pose[:3, 3] = [0.0, slide * time, 0.0] - (compliance + AXIAL) * size * normal
+        contact = Contact(time, pose[:3, 3], shown, force, pose[:3, 3], 0.9)
+        watch.update(Wrench(time, DOWN.T @ force, np.zeros(3), force, k, 0), pose, contact)
+    return watch
+
+
+@pytest.mark.parametrize("compliance", [3e-5, 5e-5, 2e-4])
+@pytest.mark.parametrize("wrong", [0.0, 0.03])
+def test_the_slope_is_the_compliance_whatever_slides(compliance, wrong):
+    watch = pressed(compliance, slide=0.01, wrong=wrong)
+    assert watch.batches >= 10
+    assert watch.value == pytest.approx(compliance, rel=0.15)
+    assert abs(watch.value - compliance) < 3.0 * watch.sigma
+
+
+def test_one_batch_says_nothing_certain():
+    watch = pressed(5e-5, samples=14)
+    assert watch.batches == 1
+    assert watch.value > 0.0
+    assert watch.sigma == float("inf")
+
+
+def test_depth_without_force_is_no_compliance():
+    assert pressed(5e-5, slide=0.2, wrong=0.1, seed=2).batches < 3 * pressed(5e-5).batches / 4
+
+
+def test_across_the_stick_nothing_is_learnt():
+    assert pressed(5e-5, normal=np.array([0.0, 1.0, 0.0])).batches == 0
