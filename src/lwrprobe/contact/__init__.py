@@ -14,8 +14,8 @@ from lwrprobe.contact.estimator import (
     make_estimator,
 )
 from lwrprobe.contact.limit_cycle import LimitCycle
-from lwrprobe.contact.press_compliance import PressCompliance
 from lwrprobe.contact.payload import Payload, identify_payload
+from lwrprobe.contact.press_compliance import PressCompliance
 from lwrprobe.contact.probe_check import ProbeCheck, check_probe
 from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.time_skew import TimeSkew, time_skew

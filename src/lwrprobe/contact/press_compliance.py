@@ -24,7 +24,7 @@ CORRELATION = 0.9
 FEWEST = 4
 """Batches that have to agree before contacts are corrected."""
 FLOOR = 0.1
-"""Smallest standard deviation of the estimate over its value: what sliding with a wrong normal adds to all batches alike."""
+"""Smallest standard deviation over the value: sliding with a wrong normal is common to all batches."""
 
 
 class PressCompliance:

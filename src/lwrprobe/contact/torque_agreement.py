@@ -2,7 +2,7 @@
 
 A contact on the sphere has the torque `t = c x f + r u x f`. While the sphere slides, its normal n = -u follows from
 force and path alone: friction opposes the path, so n lies along the rest of the force. What the torque shows beyond
-that, `E f + t0`, is an error of gain, crosstalk or lever (E, the same all the time) and of the zero (t0, which wanders).
+that, `E f + t0`, is an error of gain, crosstalk or lever (E, always the same) and of the zero (t0, which wanders).
 """
 
 from __future__ import annotations

@@ -87,6 +87,11 @@ class Summary:
     torque: Table | None = None
     """Torque and force of the sensor: `disagreement` found over the lever, `over_expected`: its ratio to two standard
     deviations of what `[uncertainty]` lets expect, 1 where it is no larger."""
+    error_budget: Table | None = None
+    """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`, and
+    `shape_mm` without the place of the robot's base [mm]."""
+    claims_within_95: float | None = None
+    """Share of the contacts whose true error lies in the stated 95 % region, 0 to 1."""
     coverage: float | None = None
     """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
     within 60 degrees, 0 to 1."""

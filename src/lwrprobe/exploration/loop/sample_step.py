@@ -212,7 +212,7 @@ class SampleStep:
         if contact.trust >= TRUSTED and settled and pipeline.force.settled:
             pipeline.voxels.insert_point(contact.point)
             clock.lap("map")
-            self._recorder.contact(contact, sample.sequence)
+            self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))
             clock.lap("record")
         if pipeline.sweep is not None:
             pipeline.sweep.leave()

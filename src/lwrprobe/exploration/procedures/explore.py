@@ -29,6 +29,7 @@ from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
+from lwrprobe.exploration.recording.error_budget import recorded_budget
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -245,9 +246,11 @@ class Exploration:
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
+        budget = recorded_budget(scene, pipeline, recorder)
         summary = summarise(
-            scene, pipeline, self._devices.ground_truth, recorder, outcome, self.surface, self._seconds["explore"]
-        )
+            scene, pipeline, self._devices.ground_truth, recorder, outcome, self.surface, self._seconds["explore"],
+            budget,
+        )  # fmt: skip
         summary.table_found = table
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
@@ -258,6 +261,8 @@ class Exploration:
                 self.recorder.write_again()
                 write_scene(scene, self.out / "scene.toml")
             write_results(self.out, scene, pipeline, recorder, self.surface, summary)
+            if budget is not None:
+                budget.write(self.out / "contact_errors.csv", [c.time for c in recorder.contacts])
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
         summary.warnings = run_warnings(summary, scene.contact.limit)

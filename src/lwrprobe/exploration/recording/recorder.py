@@ -49,6 +49,8 @@ class Recorder:
         self._look_due = 0.0
         self.contacts: list[Contact] = []
         self.sequences: list[int] = []
+        self.states: list[tuple[np.ndarray, np.ndarray] | None] = []
+        """Joint values (n,) and velocity (3,) m/s of the centre at each contact, None for one of an earlier part."""
         self.accepted = 0
         """Contacts of this part of the run, those that are withheld or left out afterwards among them."""
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
@@ -58,10 +60,11 @@ class Recorder:
         self._trace_file = self._open("trace.csv", TRACE_COLUMNS, earlier is not None)
         self._state_file = self._open("states.csv", STATE_COLUMNS, earlier is not None)
 
-    def contact(self, contact: Contact, sequence: int) -> None:
-        """One trusted contact and the wrench sample it comes from."""
+    def contact(self, contact: Contact, sequence: int, state: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+        """One trusted contact, the wrench sample it comes from, and the arm's state (see `states`)."""
         self.contacts.append(contact)
         self.sequences.append(sequence)
+        self.states.append(state)
         self.accepted += 1
         if self._contact_file is not None:
             self._write(self._contact_file, _line(contact))
@@ -89,12 +92,13 @@ class Recorder:
     def withhold(self, since: float) -> None:
         """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
         left = sum(contact.time < since for contact in self.contacts)
-        del self.contacts[left:], self.sequences[left:]
+        del self.contacts[left:], self.sequences[left:], self.states[left:]
 
     def leave_out(self, which: np.ndarray) -> None:
         """Keep contacts marked in (n,) bool out of what follows the run; on disk they stay."""
         kept = np.flatnonzero(~which)
         self.contacts, self.sequences = [self.contacts[k] for k in kept], [self.sequences[k] for k in kept]
+        self.states = [self.states[k] for k in kept]
 
     def points(self) -> np.ndarray:
         """(n, 3) m."""
@@ -144,6 +148,7 @@ class Recorder:
             contact = Contact(float(time), point, normal, force * normal, point + radius * normal, float(trust))
             self.contacts.append(contact)
             self.sequences.append(NO_SAMPLE)
+            self.states.append(None)
         self._trace += [(*row[:5], bool(row[5]), row[6]) for row in earlier.trace.tolist()]
 
     def _open(self, name: str, header: str, go_on: bool) -> FileIO | None:

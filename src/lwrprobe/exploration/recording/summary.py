@@ -30,6 +30,7 @@ from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.loop.explorer import Outcome
 from lwrprobe.exploration.recording.bridged import Bridged, bridged
+from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.clearance import STICK
@@ -51,6 +52,7 @@ def summarise(
     outcome: Outcome,
     surface: Reconstruction | None,
     explore_seconds: float,
+    budget: ErrorBudget | None = None,
 ) -> Summary:
     """The summary but for wall time, devices and limits; what needs the truth is None on real devices."""
     points, normals = recorder.points(), recorder.normals()
@@ -86,7 +88,8 @@ def summarise(
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
-        **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface),
+        error_budget=budget.report() if budget is not None else None,
+        **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface, budget),
         truth=truth.differences if truth is not None else None,
         cycle_us=outcome.cycle_us,
         force_control=pipeline.force.report(),
@@ -108,11 +111,12 @@ def _against_truth(
     normals: np.ndarray,
     pitch: float,
     surface: Reconstruction | None,
+    budget: ErrorBudget | None,
 ) -> dict[str, Any]:
     keys = (
         "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
         "contact_error_aligned_mm", "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
-        "mesh_error_aligned_mm", "lower_bound_time_s", "lower_bound_descending_s",
+        "mesh_error_aligned_mm", "claims_within_95", "lower_bound_time_s", "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
@@ -155,6 +159,8 @@ def _against_truth(
         true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
         found["contact_error_aligned_mm"] = aligned_point_error(points[known], true_points).as_dict()
+        if budget is not None:
+            found["claims_within_95"] = budget.claims_within_95(points[known] - true_points, known)
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()

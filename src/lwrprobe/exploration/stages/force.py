@@ -134,6 +134,17 @@ class ForceStage:
         """m/N of object and arm where it differs from what the scene states; 0 where it does not."""
         return self._compliance
 
+    def compliance_sigma(self, of_object: float, of_arm: float) -> float:
+        """m/N, standard deviation of the compliance that contacts are corrected with.
+
+        `of_object` [m/N] is that of an object that no press has shown, `of_arm` a share of the stated compliance.
+        """
+        stated = math.hypot(of_object, of_arm / self._contact.stiffness)
+        if not math.isfinite(self._press.sigma):
+            return stated
+        used = self._compliance or 1.0 / self._contact.stiffness
+        return min(stated, math.hypot(self._press.sigma, used - self._press.value))
+
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
         """One sample.
 

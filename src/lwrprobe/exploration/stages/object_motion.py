@@ -94,8 +94,8 @@ class ObjectMotionMonitor:
     ) -> None:
         """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
 
-        `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform, `disagreement` that of torque
-        and force where it is larger than expected, else 0: then normals are wrong, and contradictions rest on them.
+        `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform. `disagreement` is that of
+        torque and force where it is larger than expected, else 0: normals are wrong then, and contradictions follow.
 
         Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """

@@ -1,0 +1,74 @@
+"""Disagreement of torque and force, learnt while the sphere slides."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contact import TorqueAgreement, Wrench
+from lwrprobe.contracts import Probe
+
+PROBE = Probe(radius=0.005, sensor_distance=0.05)
+EXPECTED = np.array([4.5e-4, 4.5e-4, 8e-5])
+ZERO = 3e-4
+
+
+def wrong(scale, seed=5):
+    """(3, 3) m, errors of torque over force."""
+    return scale * EXPECTED * np.random.default_rng(seed).standard_normal((3, 3))
+
+
+def slid(matrix, seconds=60.0, friction=0.3, seed=2, agreement=None):
+    """A sphere that slides over faces of a box with friction, under a zero that wanders."""
+    random = np.random.default_rng(seed)
+    watch = agreement or TorqueAgreement(PROBE, EXPECTED, ZERO, 0.02)
+    zero, normal, path = np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(int(125 * seconds)):
+        if k % 250 == 0:
+            zero = ZERO * random.standard_normal(3) / 2.0
+            normal = np.eye(3)[random.integers(3)] * random.choice([-1.0, 1.0])
+            path = np.cross(normal, random.standard_normal(3))
+            path /= np.linalg.norm(path)
+        force = 0.8 * (normal - friction * path) + 0.003 * random.standard_normal(3)
+        point = np.array([0.0, 0.0, 0.05]) - 0.005 * normal
+        torque = np.cross(point, force) + matrix @ force + zero
+        watch.learn(Wrench(k / 125.0, force, torque, force, k, 0), np.eye(3), 0.02 * path)
+    return watch
+
+
+def test_what_agrees_is_left_alone():
+    watch = slid(np.zeros((3, 3)))
+    assert watch.surprise == 1.0
+    assert watch.disagreement < 0.005
+    force = np.array([0.3, -0.2, 1.0])
+    wrench = Wrench(0.0, force, np.array([0.01, 0.02, 0.0]), force, 0, 0)
+    assert np.abs(watch.corrected(wrench).torque - wrench.torque).max() < 3e-4
+
+
+@pytest.mark.parametrize("seed", range(5, 10))
+def test_an_expected_error_is_found_within_its_standard_deviation(seed):
+    matrix = wrong(1.0, seed)
+    watch = slid(matrix, seed=seed)
+    for force in np.eye(3):
+        wrench = Wrench(0.0, force, matrix @ force, force, 0, 0)
+        left = watch.corrected(wrench).torque
+        assert np.abs(left).max() < 3.5 * watch.lever_error(force)
+        assert watch.lever_error(force) < EXPECTED[np.argmax(force)]
+
+
+def test_an_error_far_beyond_the_expected_is_found_said_and_weighted_down_at_once():
+    matrix = wrong(8.0)
+    force = np.array([0.8, 0.0, 0.0])
+    early = slid(matrix, seconds=0.6)
+    assert early.lever_error(force) > 1.5 * EXPECTED[0] or early.disagreement > 0.02
+    late = slid(matrix)
+    assert late.surprise > 2.0
+    assert late.disagreement == pytest.approx(np.sqrt((matrix**2).sum(axis=0)).max() / 0.05, rel=0.25)
+
+
+def test_a_probe_that_sticks_or_lands_teaches_nothing():
+    watch = TorqueAgreement(PROBE, EXPECTED, ZERO, 0.02)
+    matrix = wrong(5.0)
+    for k in range(500):
+        force = np.array([0.0, 0.1, 0.8]) * (1.0 + 0.3 * (k % 2))
+        watch.learn(Wrench(k / 125.0, force, matrix @ force, force, k, 0), np.eye(3), np.array([0.0, -0.02, 0.0]))
+        watch.learn(Wrench(k / 125.0 + 1e-3, force, matrix @ force, force, k, 0), np.eye(3), np.zeros(3))
+    assert watch.disagreement == 0.0
