@@ -53,7 +53,8 @@ class TorqueAgreement:
         self._expected, self._scale = np.array(expected, dtype=np.float64), 1.0
         self._zero, self._normal_error = zero, normal_error
         self._information, self._sums = np.zeros((4, 4)), np.zeros((4, 3))
-        self._matrix, self._covariance = np.zeros((3, 3)), np.diag(self._expected**2)
+        self._matrix: Vector = np.zeros((3, 3))
+        self._covariance: Vector = np.diag(self._expected**2)
         self._last: tuple[float, float] | None = None
         self._since = 0.0
         self._misfit = 1.0
