@@ -87,7 +87,6 @@ class ForceStage:
         stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
         self._of_stiffness = min(COVERED / stiffest, 1.0)
         self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-        self._delay = 0.0
         self._compliance = 0.0
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
