@@ -104,8 +104,8 @@ class _Page:
         script = Path(__file__).with_name("report.js").read_text(encoding="utf-8")
         body = "\n".join(
             section() for section in (
-                self._head, self._viewer, self._pictures, self._errors, self._over_time, self._shapes, self._stages,
-                self._again,
+                self._head, self._viewer, self._pictures, self._errors, self._budget, self._over_time, self._shapes,
+                self._stages, self._again,
             )
         )  # fmt: skip
         return (
@@ -248,6 +248,27 @@ class _Page:
             "outside the true shape.</figcaption></figure>"
             '<figure class="scroll"><table><tr><th>facing</th><th>of the area</th><th>bias mm</th><th>RMS mm</th>'
             f"<th>largest mm</th></tr>{rows}</table></figure></div>"
+        )
+
+    def _budget(self) -> str:
+        budget = self.summary.error_budget if self.summary is not None else None
+        if not budget:
+            return ""
+        causes = sorted(budget["causes_mm"].items(), key=lambda cause: -cause[1])
+        share = [(name, value, f"{value:.3f} mm") for name, value in causes if value > 0.0]
+        sums = (
+            ("differs from contact to contact", budget["random_mm"]),
+            ("without the place of the robot's base", budget["shape_mm"]),
+            ("everything", budget["whole_mm"]),
+        )
+        rows = "".join(f"<tr><td>{escape(name)}</td><td>{value:.3f}</td></tr>" for name, value in sums)
+        within = self.summary.claims_within_95 if self.summary is not None else None
+        if within is not None:
+            rows += f"<tr><td>true errors inside the stated 95 % region</td><td>{within:.0%}</td></tr>"
+        return (
+            f'<h2>Error budget of the contacts</h2><div class="grid"><figure>{bars(share)}<figcaption>'
+            "One standard deviation along the normal, by cause.</figcaption></figure>"
+            f'<figure class="scroll"><table><tr><th>root sum square</th><th>mm</th></tr>{rows}</table></figure></div>'
         )
 
     def _over_time(self) -> str:

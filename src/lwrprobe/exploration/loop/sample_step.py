@@ -198,6 +198,10 @@ class SampleStep:
             wrench = pipeline.torque.corrected(measured)
             pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
         velocity = self._arm.history.measured_velocity(sample.time)
+        measured = wrench
+        if pipeline.torque is not None:
+            wrench = pipeline.torque.corrected(measured)
+            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
         if pipeline.torque is not None:
             pipeline.torque.learn(measured, rotation, velocity)

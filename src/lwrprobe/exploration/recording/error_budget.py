@@ -53,9 +53,8 @@ class ErrorBudget:
     @property
     def along_normal(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) m, standard deviation along the normal: the random part, and all."""
-        n = self.normals
-        one = np.einsum("ni,nij,nj->n", n, self.random, n)
-        return np.sqrt(one), np.sqrt(one + np.einsum("ni,nij,nj->n", n, self.systematic, n))
+        one = _along(self.normals, self.random)
+        return np.sqrt(one), np.sqrt(one + _along(self.normals, self.systematic))
 
     def claims_within_95(self, errors: np.ndarray, which: np.ndarray) -> float | None:
         """Share of errors (k, 3) m of the contacts marked in (n,) bool inside the 95 % region; None without any."""
@@ -107,14 +106,16 @@ def error_budget(
     covariance = {name: np.einsum("nki,nkj->nij", rows, rows) for name, rows in parts.items()}
     misfit = _misfit(pipeline.torque)
     covariance["normal"] = covariance["normal"] * misfit**2
-    causes = {
-        name: 1e3 * sqrt(float(np.einsum("ni,nij,nj->n", normals, each, normals).mean()))
-        for name, each in covariance.items()
-    }
+    causes = {name: 1e3 * sqrt(float(_along(normals, each).mean())) for name, each in covariance.items()}
     nothing = np.zeros((len(contacts), 3, 3))
     random = sum((each for name, each in covariance.items() if name in RANDOM), nothing)
     systematic = sum((each for name, each in covariance.items() if name not in RANDOM), nothing)
     return ErrorBudget(random, systematic, normals, causes)
+
+
+def _along(normals: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(n,) m^2, variance along the normal; rounding must not make it negative."""
+    return np.maximum(np.einsum("ni,nij,nj->n", normals, covariance, normals), 0.0)
 
 
 def _misfit(torque: TorqueAgreement | None) -> float:

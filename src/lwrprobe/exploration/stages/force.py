@@ -44,8 +44,6 @@ DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
-_NO_NORMAL = np.zeros(3)
-
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -75,6 +73,7 @@ class ForceStage:
         """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
         self._delay = 0.0
         self._touch_speed = self._approach
+        self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
         self._bend = Deflection(probe)
         self._axial = float(probe.compliance[2])
@@ -86,8 +85,8 @@ class ForceStage:
         self._press = PressCompliance(self._bend)
         # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
         stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
-        self._share = min(COVERED / stiffest, 1.0)
-        self._axis, self._normal, self._place = np.array([0.0, 0.0, 1.0]), _NO_NORMAL, _NO_NORMAL
+        self._of_stiffness = min(COVERED / stiffest, 1.0)
+        self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
         self._compliance = 0.0
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
@@ -104,8 +103,8 @@ class ForceStage:
         law = choose_force_law(
             series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
         )
-        self._delay = delay
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
+        self._delay = delay
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
@@ -159,15 +158,14 @@ class ForceStage:
         elif self._cycle is not None:
             self._cycle.reset()
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
-        self._normal = contact.normal if contact is not None else _NO_NORMAL
+        self._normal = contact.normal if contact is not None else None
         if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
             self._adopt(self._touch.compliance)
         if self._press.update(wrench, pose, contact):
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force swings or the loop is late; on the way to a goal the sensor's zero is
-        followed.
+        """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
@@ -176,37 +174,36 @@ class ForceStage:
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
             self._drift.rezero()
-        if self.excess > 0.0:
-            motion = self._slowed(motion)
-        if isinstance(motion, Goal) and motion.speed <= self._approach:
-            share = self._share_along(motion.pose[:3, 3] - self._place)
-            return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
-        if self._cycle is None or not isinstance(motion, VelocityCommand):
+        motion = self._slowed(motion)
+        if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
-        share = self._cycle.scale * self._share_along(motion.velocity)
-        if share == 1.0:
-            return motion
-        return VelocityCommand(motion.velocity * share, motion.hold, motion.reason, motion.pose)
+        return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
 
     @property
     def touch_speed(self) -> float:
         """m/s at which something may be met in any direction, as late as the loop is now."""
-        return self._touch_speed * self._delay_share
+        return self._touch_speed * self._share * self._of_stiffness
 
     @property
-    def _delay_share(self) -> float:
+    def _share(self) -> float:
         """Of the speed that the stated delay allows; in steps, so that a plan is not made anew with every sample."""
         if self._delay <= 0.0:
             return 1.0
         return max(1.0, math.floor(SPEED_STEPS * self._delay / (self._delay + self.excess))) / SPEED_STEPS
 
     def _slowed(self, motion: Motion) -> Motion:
-        """The motion at the speed that the measured delay allows; what leaves a surface is not slowed."""
-        share = self._delay_share
+        """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            return replace(motion, speed=share * motion.speed)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place)
+            return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
+            share = late * self._share_along(motion.velocity)
+            if share == 1.0:
+                return motion
+            leaving = np.zeros(3)
+            if self._normal is not None:
+                leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
@@ -215,10 +212,12 @@ class ForceStage:
 
         Across it the probe gives way so much that the stiffness of arm and object does not count.
         """
-        if self._share == 1.0 or abs(float(self._normal @ self._axis)) > ACROSS:
-            return self._share
+        if self._of_stiffness == 1.0:
+            return 1.0
+        if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
+            return self._of_stiffness
         along = abs(float(path @ self._axis))
-        return self._share if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+        return self._of_stiffness if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
 
     def _judge_presses(self) -> None:
         """Presses have shown the stiffness of object and arm: adapt the speeds, and the contacts where it is another.
@@ -230,8 +229,8 @@ class ForceStage:
             return
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
-        self._share = share if COVERED * share < 1.0 else 1.0
-        if self._share < 1.0:
+        self._of_stiffness = share if COVERED * share < 1.0 else 1.0
+        if self._of_stiffness < 1.0:
             c = self._contact
             law = choose_force_law(
                 1.0 / (found + self._axial), self._delay, c.target, c.limit, force_threshold=c.threshold,
@@ -263,7 +262,7 @@ class ForceStage:
         changes = self._drift.changes
         found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
         report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if self._press.batches >= AGREED else None}
-        if self._press.batches >= AGREED and self._share < 1.0:
+        if self._press.batches >= AGREED and self._of_stiffness < 1.0:
             report["warnings"] = [
                 *report.get("warnings", []),
                 f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
