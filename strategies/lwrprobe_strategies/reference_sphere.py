@@ -22,7 +22,7 @@ STANDOFF = 0.010
 """m off the surface, between two touches."""
 LISTEN = 0.25
 """s at rest before a touch, for the sensor's zero."""
-FAR, NEAR = 0.005, 0.0012
+FAR, NEAR = 0.005, 0.001
 """m before the surface where a slow approach begins, while the place of sphere or table is rough, and when it is known.
 """
 BEYOND = 0.003
@@ -249,16 +249,17 @@ class ReferenceSphere(SkillStrategy):
         yield from self._leave_upwards()
         high = float(tip.here[2])
         low = options.table + self.task.probe.radius
-        radius = self._reach + BESIDE
+        radius, gap = self._reach + BESIDE, FAR
         for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
             above = np.array([centre[0] + radius * x, centre[1] + radius * y, high])
-            down = _at(above, low + FAR)
+            down = _at(above, low + gap)
             if not self.task.reachable([tip.pose_at(above), tip.pose_at(_at(above, low))]):
                 continue
             yield from transit(tip, [Waypoint(above), Waypoint(down)])
             yield from rest(tip, LISTEN)
-            outcome = yield from approach(tip, UP, FAR + BEYOND)
+            outcome = yield from approach(tip, UP, gap + BEYOND)
             if outcome is Ended.CONTACT:
+                low, gap = float(tip.here[2]), 2.0 * NEAR
                 yield from self._load(UP)
             yield from self._let_go(UP)
             yield from transit(tip, [Waypoint(above)])

@@ -205,7 +205,7 @@ class Model:
         the noise of the force smaller would seem the better one.
         """
         matrix = np.eye(6) + x[self.parameters.slices["sensor"]].reshape(6, 6)
-        turn = _cross_matrices(state.lever)
+        turn = cross_matrices(state.lever)
         return matrix[3:, :3] + matrix[3:, 3:] @ turn, np.linalg.inv(matrix[:3, :3] + matrix[:3, 3:] @ turn)
 
     def residuals(self, x: Vector) -> Vector:
@@ -287,7 +287,7 @@ class Model:
         return np.array([gap[mine].mean() for mine in self._of_touch])
 
 
-def _cross_matrices(vectors: np.ndarray) -> np.ndarray:
+def cross_matrices(vectors: np.ndarray) -> np.ndarray:
     """(N, 3, 3) of vectors (N, 3): matrix times b is their cross product with b."""
     out = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
@@ -316,7 +316,7 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
                 path_step=np.full(count, step),
                 path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * half + 1, 3),
                 jacobian=jacobian,
-                by_dh=_by_table(robot, joints, poses),
+                by_dh=derivatives_by_table(robot, joints, poses),
                 rotation=poses[:, :3, :3],
                 reading=touch.wrenches,
                 rate=rate,
@@ -331,7 +331,7 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
     return _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def _by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) -> np.ndarray:
+def derivatives_by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """(N, 3, 4 n): the tip's derivative by a, alpha, d and theta of each joint, in either convention."""
     columns = []
     for name in _DH:

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lwrprobe.calibration import FreeReading, Touch, Touches
+from lwrprobe.calibration import (
+    Calibration,
+    FreeReading,
+    Priors,
+    Touch,
+    Touches,
+    identify_load,
+    quantities,
+    solve,
+)
 from lwrprobe.contracts import InputError, LwrprobeError, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop.devices import Devices
@@ -19,11 +29,12 @@ from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.recording.device_log import DeviceLog
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.stages.pipeline import choose, compose, reaction_delay, robot_of
+from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.kinematics import Robot, follow
 from lwrprobe.kinematics.path import rotations
 from lwrprobe.scene import Scene
 from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene.calibrated_scene import stated_hash
 from lwrprobe.scene.scene import AreaTable, ClearanceTable, StrategyTable
 from lwrprobe.scene.shape import Sphere
 from lwrprobe.scene.table import Pose
@@ -47,9 +58,7 @@ what a change of orientation has to keep."""
 UPRIGHT = (0.0, 0.0, 0.0)
 FEWEST_LEANS = 4
 TURN = 2.0 * np.pi
-UNKNOWN_DELAY = 0.025
-"""s, by which the loop may react later than arm and sensor state; within makers' tolerances."""
-MAX_STIFFNESS = 6e4
+MAX_STIFFNESS = 4.5e4
 """N/m of arm and sphere in series: an upper bound for an arm of unknown stiffness and a sphere of metal."""
 ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""
@@ -198,10 +207,7 @@ def measure(
     options = {**scene.strategy.options, "leans": feasible_leans(scene)}
     scene = scene.model_copy(update={"strategy": StrategyTable(name=STRATEGY, options=options)})
     devices = Devices.assemble(scene, scene.run.seed, False, q)
-    # Before the calibration arm and sensor may be later than they state.
-    late = reaction_delay(scene, devices.arm.cycle, devices.sensor.latency, devices.sensor.rate) + UNKNOWN_DELAY
-    stiff = max(MAX_STIFFNESS, scene.contact.stiffness)
-    contact = scene.contact.model_copy(update={"delay": late, "stiffness": stiff})
+    contact = scene.contact.model_copy(update={"stiffness": max(MAX_STIFFNESS, scene.contact.stiffness)})
     scene = scene.model_copy(update={"contact": contact})
     pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
     log = DeviceLog.on(devices)
@@ -314,3 +320,39 @@ def _following(times: Vector, joints: np.ndarray, sent: np.ndarray) -> float:
     if not even.any():
         return float("nan")
     return float(np.sum((sent - joints)[even] * speed[even]) / np.sum(speed[even] ** 2))
+
+
+def calibrate(
+    scene: Scene,
+    diameter: float,
+    message: Callable[[str], None] = lambda text: None,
+    watch: WatchFunction | None = None,
+    confirm: Confirm | None = None,
+) -> tuple[Calibration, Measurement]:
+    """Measure what a scene states of probe, sensor, arm, clocks and table, on a reference sphere of a diameter [m].
+
+    The sphere stands in the middle of the scene's area, to within some millimetres. In a simulator it is put there.
+    Raises InputError for a bad diameter, SafetyStop where the drive ended early, CalibrationRefused with the likely
+    cause where the touches do not fit together.
+    """
+    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter)
+    found = measure(touched, message, watch, confirm)
+    message("solving")
+    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
+    centre = found.centres.copy()
+    solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
+    rotations_of = robot.fk_batch(np.array([reading.joints for reading in found.touches.free]))[:, :3, :3]
+    load = identify_load(found.touches.free, rotations_of)
+    _, q = start_posture(touched, robot)
+    calibration = Calibration(
+        date=datetime.now(UTC).replace(microsecond=0),
+        scene=scene.name,
+        scene_hash=stated_hash(scene),
+        robot=scene.arm.robot,
+        reference_sphere=diameter,
+        touches=len(found.touches.touches),
+        residual=solution.residual,
+        time=found.outcome.time,
+        quantities=quantities(solution, found.touches, load, robot, probe, priors, q),
+    )
+    return calibration, found
