@@ -4,7 +4,7 @@ from lwrprobe.calibration.calibration_file import Calibration, Quantity, read_ca
 from lwrprobe.calibration.free_readings import Load, identify_load
 from lwrprobe.calibration.parameters import Parameters
 from lwrprobe.calibration.priors import Priors
-from lwrprobe.calibration.quantities import force_to_torque, quantities
+from lwrprobe.calibration.quantities import force_to_torque, quantities, tool_shift_rows
 from lwrprobe.calibration.solution import CalibrationRefused, Solution, solve
 from lwrprobe.calibration.touches import FreeReading, Touch, Touches
 
@@ -24,5 +24,6 @@ __all__ = [
     "quantities",
     "read_calibration",
     "solve",
+    "tool_shift_rows",
     "write_calibration",
 ]

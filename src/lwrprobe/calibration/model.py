@@ -15,8 +15,10 @@ from lwrprobe.kinematics import Robot
 
 _PLACE_NOISE = 4e-6
 """m, of one sample against the others of its touch."""
-_TURN_SHARE = 0.3
+_TURN_SHARE = 0.8
 """Share of the sensor's hysteresis that its model leaves."""
+_BENT = 0.1
+"""Share of the slope of a gear's wave that its model leaves."""
 _STEP = 1e-6
 """rad and m, by which a parameter of the kinematic table is moved for its derivative."""
 _NOTICED = 4.0
@@ -29,7 +31,7 @@ class _Rows:
     """What each of N samples contributes, computed once.
 
     path_times (N, K) s and path (N, K, 3) m hold where the tip was around the sample; jacobian (N, 3, n); by_dh (N, 3,
-    4 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the force, sensor frame; play (N, 3) m, shift of the
+    4 n); by_ripple (N, 3, 2 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the force, sensor frame; play (N, 3) m, shift of the
     tip by a play of the prior's width; lag (N, 6) N and N m, by which a hysteresis of the prior's width lets the reading
     stay behind; touch (N,) index; place (N,); on_table (N,) bool.
     """
@@ -40,6 +42,7 @@ class _Rows:
     path: np.ndarray
     jacobian: np.ndarray
     by_dh: np.ndarray
+    by_ripple: np.ndarray
     rotation: np.ndarray
     reading: np.ndarray
     rate: np.ndarray
@@ -109,7 +112,7 @@ class Model:
         self._up = np.concatenate([touch.rising for touch in touches])
         self._turn_error = _TURN_SHARE * priors.hysteresis * probe.force_range[0] * probe.compliance.max()
         self.place_error = 0.0
-        self.set_place_error(5e-5)
+        self.set_place_error(1e-5)
 
     def set_place_error(self, sigma: float) -> None:
         """State by how much [m] a touch as a whole may be off: what the gears do beside the kinematic table."""
@@ -119,8 +122,8 @@ class Model:
         for mine in self._of_touch:
             way = self.rows.path[mine, self.rows.path.shape[1] // 2]
             way = np.linalg.norm(way - way.mean(axis=0), axis=1) * np.sign((way - way.mean(axis=0)) @ (way[-1] - way[0]))
-            # The wave of a gear bends the path: a share of the way, as large as the wave's slope on the average joint.
-            bend = 0.5 * scale * way
+            # What is left of a gear's wave bends the path: a share of the way.
+            bend = _BENT * scale * way
             # What the play of joints and sensor leaves, in and out.
             side = np.where(self._up[mine], 1.0, -1.0)
             cover = _PLACE_NOISE**2 * np.eye(len(mine)) + sigma**2 + np.outer(bend, bend)
@@ -161,7 +164,7 @@ class Model:
         centre = (1.0 - share) * early + share * late
         centre += np.einsum("nij,nj->ni", rows.rotation, x[at["tool"]] + bend)
         centre += np.einsum("nij,nj->ni", rows.jacobian, turned)
-        centre += rows.by_dh @ x[at["dh"]] + x[at["play"]][0] * rows.play
+        centre += rows.by_dh @ x[at["dh"]] + rows.by_ripple @ x[at["ripple"]] + x[at["play"]][0] * rows.play
         away = centre - x[at["centre"]].reshape(-1, 3)[rows.place]
         distance = np.linalg.norm(away, axis=1)
         height, *slope = x[at["table"]]
@@ -241,6 +244,7 @@ class Model:
         gap[:, at["clock"].start] = -np.einsum("ni,ni->n", normal, state.velocity)
         gap[:, at["play"].start] = np.einsum("ni,ni->n", normal, rows.play)
         gap[:, at["dh"]] = np.einsum("ni,nij->nj", normal, rows.by_dh)
+        gap[:, at["ripple"]] = np.einsum("ni,nij->nj", normal, rows.by_ripple)
         table = ~ball
         place = state.centre[table]
         gap[table, at["table"].start] = -normal[table, 2]
@@ -317,6 +321,10 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
                 path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * half + 1, 3),
                 jacobian=jacobian,
                 by_dh=derivatives_by_table(robot, joints, poses),
+                by_ripple=np.concatenate(
+                    [jacobian * np.sin(priors.gear_waves * joints)[:, None], jacobian * np.cos(priors.gear_waves * joints)[:, None]],
+                    axis=2,
+                ),
                 rotation=poses[:, :3, :3],
                 reading=touch.wrenches,
                 rate=rate,

@@ -7,6 +7,7 @@ import numpy as np
 from lwrprobe.calibration.calibration_file import Quantity
 from lwrprobe.calibration.free_readings import Load
 from lwrprobe.calibration.model import cross_matrices, derivatives_by_table
+from lwrprobe.calibration.parameters import Parameters
 from lwrprobe.calibration.priors import Priors
 from lwrprobe.calibration.solution import Solution
 from lwrprobe.calibration.touches import Touches
@@ -57,25 +58,31 @@ def quantities(
 
 
 def tool_shift(solution: Solution, robot: Robot, q: Vector) -> tuple[Vector, Vector]:
-    """(3,) m and standard deviations: the sphere's centre against where the scene has it, tip frame axes.
+    """(3,) m and standard deviations: the sphere's centre against where the scene has it, tip frame axes."""
+    rows = tool_shift_rows(solution.parameters, robot, q)
+    return rows @ solution.x, np.sqrt(np.einsum("ij,jk,ik->i", rows, solution.covariance, rows))
+
+
+def tool_shift_rows(parameters: Parameters, robot: Robot, q: Vector) -> np.ndarray:
+    """(3, m): the tool's shift by the vector of unknowns, at joints q (n,), on which it does not depend.
 
     The errors of the last joint's own table shift the tip like an error of the tool, and no touch can tell the two
     apart: both are contained. A sphere at one place shows ratios of lengths alone. The length is therefore
     given in the arm's own scale: as if the sum of the arm's lengths, each counted by its size, were as stated.
     """
-    n, at = robot.n, solution.parameters.slices
+    n, at = robot.n, parameters.slices
     pose = robot.fk_batch(np.asarray(q)[None])
     by_table = derivatives_by_table(robot, np.asarray(q)[None], pose)[0]
     begin = at["dh"].start
-    rows = np.zeros((3, len(solution.x)))
+    rows = np.zeros((3, len(parameters)))
     rows[:, at["tool"]] = np.eye(3)
     for block in range(4):
         column = block * n + n - 1
         rows[:, begin + column] = pose[0, :3, :3].T @ by_table[:, column]
+    size = max(float(robot.a[:-1] @ robot.a[:-1] + robot.d[:-1] @ robot.d[:-1]), 1e-12)
     for block, lengths in ((0, robot.a), (2, robot.d)):
-        scale = lengths[:-1] / max(float(robot.a[:-1] @ robot.a[:-1] + robot.d[:-1] @ robot.d[:-1]), 1e-12)
-        rows[2, begin + block * n : begin + block * n + n - 1] -= robot.tool[2, 3] * scale
-    return rows @ solution.x, np.sqrt(np.einsum("ij,jk,ik->i", rows, solution.covariance, rows))
+        rows[2, begin + block * n : begin + block * n + n - 1] -= robot.tool[2, 3] * lengths[:-1] / size
+    return rows
 
 
 def _arm_stiffness(s: Solution, robot: Robot, priors: Priors, q: Vector) -> Quantity:

@@ -23,7 +23,7 @@ MIN_PLACE_ERROR = 2e-6
 """m, by which a touch may be off in a world without gears."""
 ROUNDS = 4
 """Solutions after which the error of a touch is no longer estimated anew."""
-SETTLED = 0.1
+SETTLED = 0.3
 """Relative change of that error below which it is known."""
 SUSPICIOUS = 4.0
 """Prior standard deviations by which a result may differ from what the scene states."""
@@ -103,7 +103,7 @@ def solve(
     model = Model(robot, probe, touches, reference_radius, parameters, priors)
     x = parameters.mean.copy()
     for _ in range(ROUNDS):
-        fit = least_squares(model.residuals, x, model.jacobian, x_scale=parameters.sigma, xtol=1e-9, ftol=1e-9)
+        fit = least_squares(model.residuals, x, model.jacobian, x_scale=parameters.sigma, xtol=1e-6, ftol=1e-5)
         x = fit.x
         covariance = np.linalg.inv(fit.jac.T @ fit.jac)
         known = 1.0 - np.diag(covariance) / parameters.sigma**2
@@ -175,5 +175,5 @@ def _check(touches: list[Touch], reference_radius: float) -> None:
 
 def _taken(known: Vector, parameters: Parameters) -> float:
     """How many numbers the places have determined: each counts by how much the touches told of it."""
-    places = ("tool", "centre", "radius", "arm", "surface", "dh", "table")
+    places = ("tool", "centre", "radius", "arm", "surface", "dh", "ripple", "table")
     return float(sum(known[parameters.slices[name]].sum() for name in places))
