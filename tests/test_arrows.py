@@ -14,7 +14,7 @@ LEVELS = [
     {"bags", "compiled", "control", "help_page", "options"},
     {"kinematics", "trajectory"},
     {"contact", "mapping"},
-    {"collision", "reconstruction"},
+    {"calibration", "collision", "reconstruction"},
     {"scene"},
     {"evaluation"},
     {"exploration"},

@@ -13,6 +13,7 @@ BENCHES: dict[str, str] = {
     "exploration": "lwrprobe.bench.exploration",
     "physics": "lwrprobe.bench.physics",
     "reality": "lwrprobe.bench.reality",
+    "calibration": "lwrprobe.bench.calibration",
     "shapes": "lwrprobe.bench.shapes",
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",

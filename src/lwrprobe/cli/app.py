@@ -13,6 +13,7 @@ import typer
 import lwrprobe
 from lwrprobe.cli import (
     bench,
+    calibrate,
     compare,
     doctor,
     emulate,
@@ -62,6 +63,7 @@ app.command("sweep", cls=Command)(sweep.sweep)
 app.command("list", cls=Command)(listing.list_names)
 app.command("doctor", cls=Command)(doctor.doctor)
 app.command("weigh", cls=Command)(weigh.weigh)
+app.command("calibrate", cls=Command)(calibrate.calibrate)
 app.command("repeat", cls=Command)(repeat.repeat)
 app.command("bench", cls=Command)(bench.bench)
 app.add_typer(emulate.app, name="emulate")

@@ -156,6 +156,10 @@ class ContourControl:
         """
         return self._approach(float(rotation[:, 2] @ direction))
 
+    def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
+        """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""
+        return damping_without_overshoot(self._stiffness(float(rotation[:, 2] @ normal)), self.task.delay)
+
     def release_velocity(self, force: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """(3,) m/s along an overlarge force (3,) N, so that the excess is gone after about one delay."""
         size = float(np.sqrt(force @ force))

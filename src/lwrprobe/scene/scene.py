@@ -307,6 +307,8 @@ class Scene(Table):
     name: str = ""
     """The file's stem when left out."""
     title: str = ""
+    calibration: str = ""
+    """File that `lwrprobe calibrate` has written; a relative path starts at the scene file's folder."""
     arm: ArmTable = ArmTable()
     probe: ProbeTable = ProbeTable()
     sensor: SensorTable = SensorTable()

@@ -15,6 +15,7 @@ from lwrprobe.errors import nearest
 from lwrprobe.scene import library
 from lwrprobe.scene.actual_scene import with_room
 from lwrprobe.scene.random_scene import random_scene
+from lwrprobe.scene.calibrated_scene import calibration_of
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
 from lwrprobe.scene.table import Refusal
@@ -35,6 +36,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
         plain values. A key is dotted: `probe.radius`, `object.0.friction`
     profile : a built-in profile (`thesis`) or a file
 
+    A calibration that is named in `overrides` and not in the file is looked for in the working folder.
     A `[truth]` that moves the objects widens the area (`actual_scene.with_room`).
 
     Raises SceneError for wrong content and UnknownNameError for a name that is neither built in
@@ -53,7 +55,10 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
         _override(content, key, value)
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
-    return with_room(_validate(content, path.name))
+    _resolve_calibration(content, path)
+    loaded = with_room(_validate(content, path.name))
+    calibration_of(loaded)
+    return loaded
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:
@@ -179,6 +184,15 @@ def _resolve_meshes(shapes: Any, path: Path, key: str) -> None:
             if not Path(shape["file"]).is_file():
                 raise SceneError(f"{path.name}: {key}[{n}].file", file, "an existing mesh file")
         _resolve_meshes(shape.get("children"), path, f"{key}[{n}].children")
+
+
+def _resolve_calibration(content: dict[str, Any], path: Path) -> None:
+    """Make the calibration's path absolute."""
+    file = content.get("calibration")
+    if isinstance(file, str) and file:
+        content["calibration"] = str((path.parent / file).resolve())
+        if not Path(content["calibration"]).is_file():
+            raise SceneError(f"{path.name}: calibration", file, "an existing file written by `lwrprobe calibrate`")
 
 
 def _drop_inner_material(shape: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from lwrprobe_strategies.skills.find_edge import find_edge
 from lwrprobe_strategies.skills.follow_contour import follow_contour
 from lwrprobe_strategies.skills.guarded_move import guarded_move
+from lwrprobe_strategies.skills.load import approach, load, rest, unload
 from lwrprobe_strategies.skills.reapproach import reapproach
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.reorient import reorient
@@ -14,14 +15,18 @@ from lwrprobe_strategies.skills.transit import transit
 __all__ = [
     "Procedure",
     "Skill",
+    "approach",
     "find_edge",
     "follow_contour",
     "guarded_move",
+    "load",
     "reapproach",
     "release",
     "reorient",
+    "rest",
     "retract",
     "search",
     "skill",
     "transit",
+    "unload",
 ]

@@ -10,8 +10,10 @@ import numpy as np
 
 from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, GroundTruth, InputError, LeftOut, Sensor
 from lwrprobe.contracts.plugins import load
+from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.options import configure
 from lwrprobe.scene import Scene
+from lwrprobe.scene.calibrated_scene import calibration_of
 
 
 @dataclass(slots=True)
@@ -44,7 +46,10 @@ class Devices:
                 config = configure(plugin.Config, scene.drivers.get(name, {}), f"drivers.{name}")
                 drivers[name] = plugin(DriverContext(config, scene, seed, realtime, start_q))
         arm, sensor = drivers[scene.arm.driver], drivers[scene.sensor.driver]
-        return cls(arm.arm(), sensor.sensor(), drivers)
+        calibration, face = calibration_of(scene), sensor.sensor()
+        if calibration is not None:
+            face = CalibratedSensor(face, calibration)
+        return cls(arm.arm(), face, drivers)
 
     def __enter__(self) -> Devices:
         try:

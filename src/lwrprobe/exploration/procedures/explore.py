@@ -39,6 +39,7 @@ from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
 from lwrprobe.scene import Scene, write_scene
+from lwrprobe.scene.calibrated_scene import calibrated
 
 Message = Callable[[str], None]
 
@@ -88,7 +89,8 @@ class Exploration:
         earlier: RunFolder | None = None,
         record: bool | None = None,
     ) -> None:
-        self.scene, self.out, self._message, self._earlier = scene, out, message, earlier
+        self._stated, self.scene = scene, calibrated(scene)
+        self.out, self._message, self._earlier = out, message, earlier
         self._ahead = CompileAhead.where_it_pays(scene)
         try:
             with collector_paused():
@@ -121,14 +123,14 @@ class Exploration:
             message(self._beyond)
         self.recorder = Recorder(out, earlier)
         if out is not None:
-            write_scene(scene, out / "scene.toml")
+            write_scene(self._stated, out / "scene.toml")
         self._seconds = {"prepare": perf_counter() - begin}
 
         message("loading kernels; the first time they are compiled, which takes up to a minute")
         begin = perf_counter()
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
-        self._devices = Devices.assemble(scene, scene.run.seed, realtime, q)
+        self._devices = Devices.assemble(self._stated, scene.run.seed, realtime, q)
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out

@@ -1,0 +1,171 @@
+"""The result of a calibration and its file, `calibration.toml`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import FormatError
+
+FORMAT = 1
+LENGTHS: dict[str, int | None] = {
+    "tool_shift": 3, "sphere_radius": 1, "stick_stiffness": 2, "joint_stiffness": None, "arm_stiffness": 3,
+    "sensor_matrix": 36, "force_to_torque": 9, "clock_offset": 1, "arm_delay": 1, "sensor_latency": 1, "table": 3,
+    "payload": 4, "joint_offset": None, "surface_compliance": 1,
+}  # fmt: skip
+"""How many numbers each quantity has; None = one for each joint."""
+
+
+@dataclass(slots=True, frozen=True)
+class Quantity:
+    """Numbers of one kind.
+
+    Attributes
+    ----------
+    unit : SI
+    values, sigma : (k,) and their standard deviations
+    visible : (k,) whether the touches have at least halved what was uncertain before
+    """
+
+    unit: str
+    values: tuple[float, ...]
+    sigma: tuple[float, ...]
+    visible: tuple[bool, ...]
+
+
+@dataclass(slots=True, frozen=True)
+class Calibration:
+    """What a calibration has found.
+
+    Attributes
+    ----------
+    date : when, in UTC
+    scene, scene_hash : name of the scene and digest of what it states of arm, probe and sensor (`scene.stated_hash`)
+    robot : model
+    reference_sphere : m, diameter
+    touches : of sphere and table
+    residual : m, root mean square of the touches
+    time : s of the robot's time
+    quantities : by name:
+        tool_shift (3) m, sphere's centre against where the scene has it, tip frame;
+        sphere_radius m;
+        stick_stiffness (2) N/m, across and along;
+        joint_stiffness (n) N m/rad;
+        arm_stiffness (3) N/m, of the arm alone at the sphere along the world's axes;
+        sensor_matrix (36), reading for a unit wrench, row by row;
+        force_to_torque (9) m, torque read for a unit force read at the sphere's centre, row by row;
+        clock_offset s, by which the sensor's stamps are ahead of the arm's clock;
+        arm_delay s, from a set point to the motion;
+        sensor_latency s, from an instant to the arrival of its sample;
+        table (3) m and slopes, height at the world's origin, rise along x and y;
+        payload (4) kg and m, mass and centre of mass;
+        joint_offset (n) rad;
+        surface_compliance m/N, of the reference sphere at the contact
+    """
+
+    date: datetime
+    scene: str
+    scene_hash: str
+    robot: str
+    reference_sphere: float
+    touches: int
+    residual: float
+    time: float
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
+
+    def values(self, name: str) -> np.ndarray:
+        """(k,) of a quantity."""
+        return np.array(self.quantities[name].values)
+
+    def sigma(self, name: str) -> np.ndarray:
+        """(k,) standard deviations."""
+        return np.array(self.quantities[name].sigma)
+
+
+def write_calibration(calibration: Calibration, path: str | Path) -> None:
+    """Write `calibration.toml`."""
+    import tomli_w
+
+    content = {
+        "format": FORMAT,
+        "date": calibration.date,
+        "scene": calibration.scene,
+        "scene_hash": calibration.scene_hash,
+        "robot": calibration.robot,
+        "reference_sphere_m": calibration.reference_sphere,
+        "touches": calibration.touches,
+        "residual_m": calibration.residual,
+        "time_s": calibration.time,
+        "quantity": {
+            name: {
+                "unit": quantity.unit,
+                "values": list(quantity.values),
+                "sigma": list(quantity.sigma),
+                "visible": list(quantity.visible),
+            }
+            for name, quantity in calibration.quantities.items()
+        },
+    }
+    Path(path).write_bytes(tomli_w.dumps(content).encode())
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """Read `calibration.toml`; raises FormatError naming the file and what is wrong in it."""
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FormatError(f"{path}: no calibration file ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: not a calibration file in TOML: {error}") from error
+    if content.get("format") != FORMAT:
+        raise FormatError(f"{path}: format {content.get('format')!r}, not {FORMAT}: no calibration of this version")
+    try:
+        calibration = Calibration(
+            date=_of(content, "date", datetime),
+            scene=_of(content, "scene", str),
+            scene_hash=_of(content, "scene_hash", str),
+            robot=_of(content, "robot", str),
+            reference_sphere=float(_of(content, "reference_sphere_m", float)),
+            touches=_of(content, "touches", int),
+            residual=float(_of(content, "residual_m", float)),
+            time=float(_of(content, "time_s", float)),
+            quantities={
+                name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()
+            },
+        )
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from error
+    missing = [name for name in LENGTHS if name not in calibration.quantities]
+    if missing:
+        raise FormatError(f"{path}: the table quantity.{missing[0]} is missing")
+    return calibration
+
+
+def _of(content: Mapping[str, Any], key: str, kind: type) -> Any:
+    value = content.get(key)
+    if not isinstance(value, kind):
+        raise ValueError(f"{key} is {value!r}, not a {kind.__name__}")
+    return value
+
+
+def _quantity(name: str, table: Any) -> Quantity:
+    if not isinstance(table, dict):
+        raise ValueError(f"quantity.{name} is no table")
+    numbers = {}
+    for key in ("values", "sigma"):
+        row = table.get(key)
+        good = isinstance(row, list) and all(isinstance(v, int | float) and np.isfinite(v) for v in row)
+        if not good or LENGTHS.get(name) not in (None, len(row)):
+            raise ValueError(f"quantity.{name}.{key} is {row!r}, not {LENGTHS.get(name) or 'a list of'} finite numbers")
+        numbers[key] = tuple(float(v) for v in row)
+    visible = table.get("visible")
+    if not isinstance(visible, list) or not len(visible) == len(numbers["values"]) == len(numbers["sigma"]):
+        raise ValueError(f"quantity.{name}: values, sigma and visible differ in length")
+    return Quantity(str(table.get("unit", "")), numbers["values"], numbers["sigma"], tuple(bool(v) for v in visible))

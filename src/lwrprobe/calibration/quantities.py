@@ -1,0 +1,127 @@
+"""From the solved unknowns to the quantities that a scene is corrected by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.calibration.calibration_file import Quantity
+from lwrprobe.calibration.free_readings import Load
+from lwrprobe.calibration.model import cross_matrices, derivatives_by_table
+from lwrprobe.calibration.parameters import Parameters
+from lwrprobe.calibration.priors import Priors
+from lwrprobe.calibration.solution import Solution
+from lwrprobe.calibration.touches import Touches
+from lwrprobe.contracts import Probe
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.kinematics import Robot
+
+DELAY_SIGMA = 3e-4
+"""s, of the arm's delay: a third of a cycle of 1 ms."""
+_STEP = 1e-6
+
+
+def quantities(
+    solution: Solution, touches: Touches, load: Load, robot: Robot, probe: Probe, priors: Priors, q: Vector
+) -> dict[str, Quantity]:
+    """All quantities of `Calibration`; `q` (n,) are joints at the sphere, for the arm's stiffness there."""
+    s = solution
+    shift = tool_shift(s, robot, q)
+    prior_shift = np.array([priors.sphere_off_axis, priors.sphere_off_axis, priors.probe_length])
+    stick = 1.0 / (probe.compliance[1:] * np.exp(s.value("stick")))
+    joint = 1.0 / (priors.joint_compliance * np.exp(s.value("arm")))
+    offsets = slice(3 * robot.n, 4 * robot.n)
+    clock = float(s.value("clock")[0])
+    ratio, ratio_sigma, ratio_prior = _force_to_torque(s, probe)
+    mass_seen = load.mass_sigma < 0.5 * 0.1 * probe.mass
+    return {
+        "tool_shift": _quantity("m", shift[0], shift[1], shift[1] < 0.5 * prior_shift),
+        "sphere_radius": _taken(s, "radius", "m"),
+        "stick_stiffness": _quantity("N/m", stick, stick * s.sigma("stick"), s.visible("stick")),
+        "joint_stiffness": _quantity("N m/rad", joint, joint * s.sigma("arm"), s.visible("arm")),
+        "arm_stiffness": _arm_stiffness(s, robot, priors, q),
+        "sensor_matrix": _quantity(
+            "1, 1/m and m", (np.eye(6) + s.value("sensor").reshape(6, 6)).ravel(), s.sigma("sensor"), s.visible("sensor")
+        ),
+        "force_to_torque": _quantity("m", ratio, ratio_sigma, ratio_sigma < 0.5 * ratio_prior),
+        "clock_offset": _taken(s, "clock", "s"),
+        "arm_delay": _quantity("s", [touches.following], [DELAY_SIGMA], [True]),
+        "sensor_latency": _quantity("s", [touches.latency + clock], s.sigma("clock"), s.visible("clock")),
+        "table": _taken(s, "table", "m and 1"),
+        "payload": _quantity(
+            "kg and m", [load.mass, *load.com], [load.mass_sigma, *load.com_sigma], [mass_seen] * 4
+        ),
+        "joint_offset": _quantity(
+            "rad", s.value("dh")[offsets], s.sigma("dh")[offsets], s.visible("dh")[offsets]
+        ),
+        "surface_compliance": _quantity("m/N", s.value("surface")[:1], s.sigma("surface")[:1], s.visible("surface")[:1]),
+    }  # fmt: skip
+
+
+def tool_shift(solution: Solution, robot: Robot, q: Vector) -> tuple[Vector, Vector]:
+    """(3,) m and standard deviations: the sphere's centre against where the scene has it, tip frame axes."""
+    rows = tool_shift_rows(solution.parameters, robot, q)
+    return rows @ solution.x, np.sqrt(np.einsum("ij,jk,ik->i", rows, solution.covariance, rows))
+
+
+def tool_shift_rows(parameters: Parameters, robot: Robot, q: Vector) -> np.ndarray:
+    """(3, m): the tool's shift by the vector of unknowns, at joints q (n,), on which it does not depend.
+
+    The errors of the last joint's own table shift the tip like an error of the tool, and no touch can tell the two
+    apart: both are contained. A sphere at one place shows ratios of lengths alone. The length is therefore
+    given in the arm's own scale: as if the sum of the arm's lengths, each counted by its size, were as stated.
+    """
+    n, at = robot.n, parameters.slices
+    pose = robot.fk_batch(np.asarray(q)[None])
+    by_table = derivatives_by_table(robot, np.asarray(q)[None], pose)[0]
+    begin = at["dh"].start
+    rows = np.zeros((3, len(parameters)))
+    rows[:, at["tool"]] = np.eye(3)
+    for block in range(4):
+        column = block * n + n - 1
+        rows[:, begin + column] = pose[0, :3, :3].T @ by_table[:, column]
+    size = max(float(robot.a[:-1] @ robot.a[:-1] + robot.d[:-1] @ robot.d[:-1]), 1e-12)
+    for block, lengths in ((0, robot.a), (2, robot.d)):
+        rows[2, begin + block * n : begin + block * n + n - 1] -= robot.tool[2, 3] * lengths[:-1] / size
+    return rows
+
+
+def _arm_stiffness(s: Solution, robot: Robot, priors: Priors, q: Vector) -> Quantity:
+    jacobian = robot.jacobian(np.asarray(q))[:3]
+    each = jacobian**2 * (priors.joint_compliance * np.exp(s.value("arm")))
+    total = each.sum(axis=1)
+    part = s.covariance[s.parameters.slices["arm"], s.parameters.slices["arm"]]
+    relative = np.sqrt(np.einsum("ij,jk,ik->i", each, part, each)) / total
+    before = np.linalg.norm(each, axis=1) * priors.joint_stiffness / total
+    return _quantity("N/m", 1.0 / total, relative / total, relative < 0.5 * before)
+
+
+def force_to_torque(matrix: np.ndarray, probe: Probe) -> np.ndarray:
+    """(3, 3) m: torque that a sensor reads for a unit force that it reads, the force acting at the sphere's centre."""
+    turn = cross_matrices(np.array([[0.0, 0.0, probe.sensor_distance]]))[0]
+    return (matrix[3:, :3] + matrix[3:, 3:] @ turn) @ np.linalg.inv(matrix[:3, :3] + matrix[:3, 3:] @ turn)
+
+
+def _force_to_torque(s: Solution, probe: Probe) -> tuple[Vector, Vector, Vector]:
+    base = np.eye(6) + s.value("sensor").reshape(6, 6)
+    middle = force_to_torque(base, probe).ravel()
+    columns = []
+    for k in range(36):
+        moved = base.ravel().copy()
+        moved[k] += _STEP
+        columns.append((force_to_torque(moved.reshape(6, 6), probe).ravel() - middle) / _STEP)
+    gradient, at = np.column_stack(columns), s.parameters.slices["sensor"]
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", gradient, s.covariance[at, at], gradient))
+    return middle, sigma, np.sqrt((gradient**2) @ s.parameters.sigma[at] ** 2)
+
+
+def _taken(s: Solution, name: str, unit: str) -> Quantity:
+    return _quantity(unit, s.value(name), s.sigma(name), s.visible(name))
+
+
+def _quantity(unit: str, values: object, sigma: object, visible: object) -> Quantity:
+    return Quantity(
+        unit,
+        tuple(float(v) for v in np.ravel(values)),
+        tuple(float(v) for v in np.ravel(sigma)),
+        tuple(bool(v) for v in np.ravel(visible)),
+    )

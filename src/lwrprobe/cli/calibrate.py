@@ -1,0 +1,91 @@
+"""`lwrprobe calibrate SCENE`: probe, sensor, arm, clocks and table, measured on a reference sphere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from lwrprobe.calibration import Calibration
+
+ROWS: tuple[tuple[str, str, tuple[str, ...], float, str], ...] = (
+    ("tool_shift", "sphere's centre", ("x", "y", "length"), 1e3, "mm"),
+    ("sphere_radius", "sphere's radius", ("",), 1e3, "mm"),
+    ("stick_stiffness", "stick", ("across", "along"), 1e-3, "N/mm"),
+    ("arm_stiffness", "arm", ("x", "y", "z"), 1e-3, "N/mm"),
+    ("force_to_torque", "torque for a force", ("tx/fx", "tx/fy", "tx/fz", "ty/fx", "ty/fy", "ty/fz", "tz/fx", "tz/fy",
+                                               "tz/fz"), 1e3, "mm"),
+    ("clock_offset", "clocks apart", ("",), 1e3, "ms"),
+    ("arm_delay", "arm's delay", ("",), 1e3, "ms"),
+    ("sensor_latency", "sensor's latency", ("",), 1e3, "ms"),
+    ("table", "table", ("height",), 1e3, "mm"),
+    ("payload", "payload", ("mass",), 1e3, "g"),
+    ("joint_offset", "joint offset", ("1", "2", "3", "4", "5", "6", "7"), 57.29578, "deg"),
+)  # fmt: skip
+"""Quantity, its words, those of its numbers, factor and unit for reading."""
+
+
+def calibrate(
+    scene: Annotated[
+        str, typer.Argument(help="Built-in scene or scene file; the reference sphere stands in the middle of its area.")
+    ],
+    reference_sphere: Annotated[
+        float, typer.Option("--reference-sphere", metavar="M", help="Diameter of the reference sphere in m.")
+    ],
+    arm: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="File to write.")
+    ] = Path("calibration.toml"),
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
+    ] = None,
+    confirm: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
+    ] = 0,
+) -> None:
+    """Measure probe, sensor, arm, clocks and table on a reference sphere, and write calibration.toml.
+
+    The arm touches the sphere from many sides, in about four minutes. Scenes refer to the file by their key
+    `calibration`.
+    """
+    from lwrprobe.cli.checks import check_output, check_plugins
+    from lwrprobe.scene import load_scene
+
+    overrides = list(settings or [])
+    overrides += [f'arm.driver="{arm}"'] if arm is not None else []
+    overrides += [f'sensor.driver="{sensor}"'] if sensor is not None else []
+    loaded = load_scene(scene, overrides)
+    check_plugins(loaded)
+    check_output("--out", out, [".toml"])
+    from lwrprobe.calibration import write_calibration
+    from lwrprobe.exploration.procedures.calibrate import calibrate as run
+    from lwrprobe.exploration.safety.confirm import Confirm
+
+    asking = Confirm(confirm, typer.echo) if confirm > 0 else None
+    found, measured = run(loaded, reference_sphere, lambda text: typer.echo(text, err=True), confirm=asking)
+    write_calibration(found, out)
+    for line in _lines(found):
+        typer.echo(line)
+    typer.echo(f"peak force      {measured.outcome.peak_force:.2f} N in {found.time:.0f} s, {found.touches} touches")
+    typer.echo(f"residual        {1e3 * found.residual:.3f} mm")
+    typer.echo(f"wrote {out}: use it with the scene's key calibration, or --set 'calibration=\"{out}\"'")
+
+
+def _lines(found: Calibration) -> list[str]:
+    """One for each number: value, standard deviation, and whether the touches show it."""
+    lines = []
+    for name, words, parts, factor, unit in ROWS:
+        quantity = found.quantities[name]
+        for part, value, sigma, visible in zip(parts, quantity.values, quantity.sigma, quantity.visible):
+            text = f"{words} {part}".strip()
+            seen = "" if visible else "   not visible"
+            lines.append(f"{text:<28} {factor * value:10.3f} ± {factor * sigma:.3f} {unit}{seen}")
+    return lines

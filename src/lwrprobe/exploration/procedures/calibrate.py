@@ -1,0 +1,358 @@
+"""Calibration by touch: drive the probe around a reference sphere, keep what arm and sensor send, solve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lwrprobe.calibration import (
+    Calibration,
+    FreeReading,
+    Priors,
+    Touch,
+    Touches,
+    identify_load,
+    quantities,
+    solve,
+)
+from lwrprobe.contracts import InputError, LwrprobeError, SafetyStop
+from lwrprobe.contracts.samples import Vector
+from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
+from lwrprobe.exploration.procedures.explore import BIAS_SECONDS
+from lwrprobe.exploration.procedures.start_posture import start_posture
+from lwrprobe.exploration.recording.device_log import DeviceLog
+from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
+from lwrprobe.kinematics import Robot, follow
+from lwrprobe.kinematics.path import rotations
+from lwrprobe.scene import Scene
+from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene.calibrated_scene import stated_hash
+from lwrprobe.scene.scene import AreaTable, ClearanceTable, StrategyTable
+from lwrprobe.scene.shape import Sphere
+from lwrprobe.scene.table import Pose
+
+STRATEGY = "reference_sphere"
+ROOM, ABOVE = 0.045, 0.02
+"""m of the area beside the sphere and above it: for the probe and for a sphere that stands elsewhere."""
+DENT = 0.008
+"""m, how deep the table may be sought below where the scene has it."""
+DIAMETERS = (0.006, 0.1)
+"""m, smallest and largest reference sphere."""
+TILTS = ((0.0, 3), (0.4, 6), (0.75, 9))
+"""rad out of the orientation of the start, and to how many sides."""
+SPINS = (0.0, 1.2, -1.2)
+"""rad about the stick, in turn: they tell an offset of the sphere from errors of the arm."""
+SMALLER = (1.0, 0.8, 0.6)
+"""Shares of a tilt that are tried until the arm can take it."""
+LIMIT_MARGIN, DEXTERITY, JOINT_STEP = 0.2, 0.4, 0.2
+"""rad from a joint limit, share of the manipulability, and rad that a joint may move while the probe turns by 0.05 rad:
+what a change of orientation has to keep."""
+UPRIGHT = (0.0, 0.0, 0.0)
+FEWEST_LEANS = 4
+TURN = 2.0 * np.pi
+MAX_STIFFNESS = 4.5e4
+"""N/m of arm and sphere in series: an upper bound for an arm of unknown stiffness and a sphere of metal."""
+ROWS = 16
+"""Samples of the rise and of the fall of a touch that are solved with."""
+LIGHT = 0.25
+"""N, below which a sample of a touch says little."""
+TURNED = 0.95
+"""Share of the largest force of a touch below which it has surely fallen."""
+MARGIN = 0.1
+"""s of the arm's motion that are kept before and after a touch."""
+SETTLING = 0.05
+"""s of a rest that do not count yet."""
+EVEN = 2e-3
+"""rad/s, slowest joint that tells how late the arm follows."""
+
+
+@dataclass(slots=True)
+class Measurement:
+    """What the drive around the sphere has brought.
+
+    Attributes
+    ----------
+    touches : all of them
+    centres : (p, 3) m, where the sphere was found
+    outcome : how the run ended
+    differences : of a simulated world from its scene, for whoever compares; None on real devices
+    """
+
+    touches: Touches
+    centres: np.ndarray
+    outcome: Outcome
+    ground_truth: Any
+
+
+def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
+    """The scene with a sphere of a diameter [m] on its table, in the middle of its area, and nothing else.
+
+    Raises InputError for a diameter that is no length between 6 and 100 mm.
+    """
+    if not (np.isfinite(diameter) and DIAMETERS[0] <= diameter <= DIAMETERS[1]):
+        raise InputError("--reference-sphere", diameter, f"a diameter from {DIAMETERS[0]:g} to {DIAMETERS[1]:g} m")
+    radius, probe = 0.5 * diameter, scene.probe.radius
+    x, y = (0.5 * (a + b) for a, b in zip(scene.area.lower[:2], scene.area.upper[:2]))
+    table = scene.table.height if scene.table.present else scene.area.lower[2] - probe
+    z = table + radius
+    side = radius + probe + ROOM
+    options = {
+        "radius": radius,
+        "places": [[x, y, z]],
+        "table": scene.table.height if scene.table.present else float("nan"),
+    }
+    material = {"friction": scene.objects[0].friction, "stiffness": scene.objects[0].stiffness} if scene.objects else {}
+    changed = scene.model_copy(
+        update={
+            "objects": (Sphere(shape="sphere", radius=radius, at=Pose(xyz=(x, y, z)), **material),),
+            "area": AreaTable(
+                lower=(x - side, y - side, table + probe),
+                upper=(x + side, y + side, table + diameter + 2.0 * probe + ABOVE),
+            ),
+            "strategy": StrategyTable(name=STRATEGY, options=options),
+            # The sphere and its place are known: the plan itself keeps the stick clear of it.
+            "clearance": ClearanceTable(enabled=False),
+            # An uncalibrated sensor contradicts itself; whether the sphere has moved is asked afterwards.
+            "safety": scene.safety.model_copy(update={"shift": 0.0, "table_dent": max(DENT, scene.safety.table_dent)}),
+        }
+    )
+    return with_room(changed)
+
+
+Lean = tuple[float, float, float]
+
+
+def feasible_leans(scene: Scene) -> list[Lean]:
+    """Tilt, direction of the tilt and turn about the stick [rad] of orientations at the sphere, in the order to take.
+
+    The arm keeps away from joint limits and singularities in each of them and on the way between two. Raises
+    InputError where there are fewer than four.
+    """
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    wanted: list[Lean] = []
+    for tilt, sides in TILTS:
+        wanted += [(tilt, TURN * (side + 0.5) / sides, SPINS[(len(wanted) + side) % 3]) for side in range(sides)]
+    upright = pose[:3, :3]
+    now, here, order, least = q, upright, list[Lean](), DEXTERITY * robot.manipulability(q)
+    while wanted:
+        wanted.sort(key=lambda lean: _angle(here, _leaned(upright, *lean)))
+        for lean, share in ((lean, share) for share in SMALLER for lean in wanted):
+            smaller = (share * lean[0], lean[1], lean[2])
+            reached = _swing(robot, pose, here, _leaned(upright, *smaller), now, least)
+            if reached is not None:
+                order.append(smaller)
+                wanted.remove(lean)
+                now, here = reached, _leaned(upright, *smaller)
+                break
+        else:
+            if order and order[-1] == UPRIGHT:
+                break
+            # From here none of the others can be reached: back to the start, from where more of them can.
+            order.append(UPRIGHT)
+            now, here = q, upright
+    if len(order) < FEWEST_LEANS:
+        raise InputError("arm", scene.arm.robot, "an arm that can lean the probe to at least four sides at the sphere")
+    return order
+
+
+def _swing(robot: Robot, pose: np.ndarray, begin: np.ndarray, end: np.ndarray, q: Vector, least: float) -> Vector | None:
+    """Joints (n,) after a turn from one orientation to another at the place of `pose`; None where it is not safe."""
+    turn = end @ begin.T
+    angle = _angle(begin, end)
+    axis = Rotation.from_matrix(turn).as_rotvec() / max(angle, 1e-9)
+    path = np.tile(pose, (2 + int(angle / 0.05), 1, 1))
+    path[:, :3, :3] = rotations(axis, np.linspace(0.0, angle, len(path))) @ begin if angle > 1e-9 else begin
+    way = follow(robot, path, q)
+    safe = (
+        way.complete
+        and way.limit_margin.min() > LIMIT_MARGIN
+        and way.manipulability.min() > least
+        and np.abs(np.diff(way.q, axis=0)).max(initial=0.0) < JOINT_STEP
+    )
+    return way.q[-1] if safe else None
+
+
+def _leaned(upright: np.ndarray, tilt: float, side: float, spin: float) -> np.ndarray:
+    """(3, 3), as the strategy leans."""
+    lean = rotations(np.array([np.cos(side), np.sin(side), 0.0]), np.array([tilt]))[0]
+    return lean @ upright @ rotations(np.array([0.0, 0.0, 1.0]), np.array([spin]))[0]
+
+
+def _angle(begin: np.ndarray, end: np.ndarray) -> float:
+    """rad between two orientations."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(end @ begin.T) - 1.0), -1.0, 1.0)))
+
+
+def measure(
+    scene: Scene,
+    message: Callable[[str], None] = lambda text: None,
+    watch: WatchFunction | None = None,
+    confirm: Confirm | None = None,
+) -> Measurement:
+    """Touch the reference sphere of a scene made by `with_reference_sphere`.
+
+    Raises SafetyStop with the reason where the drive ended early, and what drivers and guards raise.
+    """
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    options = {**scene.strategy.options, "leans": feasible_leans(scene)}
+    scene = scene.model_copy(update={"strategy": StrategyTable(name=STRATEGY, options=options)})
+    devices = Devices.assemble(scene, scene.run.seed, False, q)
+    contact = scene.contact.model_copy(update={"stiffness": max(MAX_STIFFNESS, scene.contact.stiffness)})
+    scene = scene.model_copy(update={"contact": contact})
+    pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
+    log = DeviceLog.on(devices)
+    explorer = Explorer(scene, pipeline, devices, Recorder(None), watch, confirm)
+    with devices:
+        message("taking the sensor's bias")
+        explorer.start_up.take_place(pose, q)
+        explorer.start_up.take_bias(BIAS_SECONDS)
+        explorer.begin()
+        message("touching the reference sphere")
+        zero = explorer.arm.time - explorer.time
+        outcome = explorer.run(scene.run.time_limit)
+    if outcome.status != "done":
+        raise SafetyStop(f"the calibration was not finished: {outcome.reason}")
+    centres = np.array(pipeline.strategy.centres)  # type: ignore[attr-defined]
+    radius = scene.strategy.options["radius"]
+    touches = _touches(log, pipeline.strategy.trace, zero, robot, centres, radius + scene.probe.radius)
+    return Measurement(touches, centres, outcome, devices.ground_truth)
+
+
+def _touches(
+    log: DeviceLog,
+    trace: Any,
+    zero: float,
+    robot: Robot,
+    centres: np.ndarray,
+    reach: float,
+) -> Touches:
+    """The log cut into touches by the strategy's trace: rest, then load, then unload."""
+    times, joints, sent = log.states()
+    good = [(arrival, sample) for arrival, sample in log.samples if sample.status == 0]
+    stamps = np.array([sample.time for _, sample in good])
+    arrivals = np.array([arrival for arrival, _ in good])
+    readings = np.array([[*sample.force, *sample.torque] for _, sample in good])
+    found = Touches(following=_following(times, joints, sent), latency=float(np.min(arrivals - stamps)))
+    spans = _spans(trace, zero)
+    free: FreeReading | None = None
+    for k, (name, begin, end) in enumerate(spans):
+        if name == "rest":
+            mine = (stamps > begin + SETTLING) & (stamps < end)
+            if mine.sum() >= 4:
+                at = int(np.searchsorted(times, 0.5 * (begin + end)))
+                free = FreeReading(0.5 * (begin + end), joints[min(at, len(joints) - 1)], readings[mine].mean(axis=0))
+                found.free.append(free)
+        elif name == "load" and free is not None:
+            last = spans[k + 1][2] if k + 1 < len(spans) and spans[k + 1][0] == "unload" else end
+            touch = _touch(stamps, readings - free.wrench, (begin, end, last), times, joints)
+            if touch is not None:
+                found.touches.append(touch)
+            free = None
+    _tell_apart(found, robot, centres, reach)
+    return found
+
+
+def _spans(trace: Any, zero: float) -> list[tuple[str, float, float]]:
+    """(skill, begin, end) on the arm's clock, of each skill in the trace."""
+    spans = []
+    for before, row in zip(trace, trace[1:]):
+        spans.append((row[1], before[0] + zero, row[0] + zero))
+    return spans
+
+
+def _touch(
+    stamps: Vector, wrenches: np.ndarray, span: tuple[float, float, float], times: Vector, joints: np.ndarray
+) -> Touch | None:
+    begin, top, last = span
+    size = np.linalg.norm(wrenches[:, :3], axis=1)
+    parts, rising = [], []
+    for low, high, up in ((begin, top, True), (top, last, False)):
+        mine = np.flatnonzero((stamps > low) & (stamps <= high + 1e-9) & (size > LIGHT))
+        if not up and len(mine):
+            # Near the turn the reading still stands, held back by the sensor's hysteresis.
+            mine = mine[size[mine] < TURNED * size[mine].max()]
+        if len(mine) > ROWS:
+            mine = mine[np.round(np.linspace(0, len(mine) - 1, ROWS)).astype(int)]
+        parts.append(mine)
+        rising.append(np.full(len(mine), up))
+    chosen = np.concatenate(parts)
+    if len(parts[0]) < 4 or len(chosen) < 6:
+        return None
+    window = (times > stamps[chosen[0]] - MARGIN) & (times < stamps[chosen[-1]] + MARGIN)
+    return Touch(
+        target="sphere",
+        place=0,
+        times=stamps[chosen],
+        wrenches=wrenches[chosen],
+        rising=np.concatenate(rising),
+        arm_times=times[window],
+        arm_joints=joints[window],
+    )
+
+
+def _tell_apart(found: Touches, robot: Robot, centres: np.ndarray, reach: float) -> None:
+    """Say of each touch what it met: the sphere at the nearest of its places, or the table."""
+    for k, touch in enumerate(found.touches):
+        tip = robot.fk_batch(touch.arm_joints[len(touch.arm_joints) // 2][None])[0, :3, 3]
+        away = np.abs(np.linalg.norm(centres - tip, axis=1) - reach)
+        place = int(np.argmin(away))
+        target = "sphere" if away[place] < 0.25 * reach else "table"
+        found.touches[k] = Touch(
+            target, place, touch.times, touch.wrenches, touch.rising, touch.arm_times, touch.arm_joints
+        )
+
+
+def _following(times: Vector, joints: np.ndarray, sent: np.ndarray) -> float:
+    """s, by which the measured joints follow the set points while they move evenly; nan where they never do."""
+    period = np.gradient(times)
+    speed = np.gradient(sent, axis=0) / period[:, None]
+    even = np.abs(speed) > EVEN
+    if not even.any():
+        return float("nan")
+    return float(np.sum((sent - joints)[even] * speed[even]) / np.sum(speed[even] ** 2))
+
+
+def calibrate(
+    scene: Scene,
+    diameter: float,
+    message: Callable[[str], None] = lambda text: None,
+    watch: WatchFunction | None = None,
+    confirm: Confirm | None = None,
+) -> tuple[Calibration, Measurement]:
+    """Measure what a scene states of probe, sensor, arm, clocks and table, on a reference sphere of a diameter [m].
+
+    The sphere stands in the middle of the scene's area, to within some millimetres. In a simulator it is put there.
+    Raises InputError for a bad diameter, SafetyStop where the drive ended early, CalibrationRefused with the likely
+    cause where the touches do not fit together.
+    """
+    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter)
+    found = measure(touched, message, watch, confirm)
+    message("solving")
+    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
+    centre = found.centres.copy()
+    solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
+    rotations_of = robot.fk_batch(np.array([reading.joints for reading in found.touches.free]))[:, :3, :3]
+    load = identify_load(found.touches.free, rotations_of)
+    _, q = start_posture(touched, robot)
+    calibration = Calibration(
+        date=datetime.now(UTC).replace(microsecond=0),
+        scene=scene.name,
+        scene_hash=stated_hash(scene),
+        robot=scene.arm.robot,
+        reference_sphere=diameter,
+        touches=len(found.touches.touches),
+        residual=solution.residual,
+        time=found.outcome.time,
+        quantities=quantities(solution, found.touches, load, robot, probe, priors, q),
+    )
+    return calibration, found
