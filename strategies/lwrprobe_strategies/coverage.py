@@ -282,8 +282,9 @@ class Coverage(SkillStrategy):
         if seen.contact is not None:
             return float(seen.contact.point[Z] - here[Z])
         near = seen.clearance
-        stick = near is not None and near.threatens and near.link == "stick"
-        return float(near.on_map[Z] - here[Z]) if stick else 0.0
+        if near is None or not near.threatens or near.link != "stick":
+            return 0.0
+        return float(near.on_map[Z] - here[Z])
 
     def next_in_passing(self) -> Procedure:
         """A level contour has come to the next grid line: along that, from the side it is on."""

@@ -188,6 +188,10 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["open_borders"]:
         sides = ", ".join(side["side"] for side in summary["open_borders"])
         rows.append(("open border", f"{sides}: the object goes on beyond the area, the mesh is closed there"))
+    if summary["untouched"]:
+        left = summary["untouched"]
+        area = sum(place["area_mm2"] for place in left)
+        rows.append(("untouched", f"{area:.0f} mm² of the mesh, the largest place {left[0]['area_mm2']:.0f} mm²"))
     if summary["table_found"]:
         table = summary["table_found"]
         rows.append(("table", f"{table['contacts']} contacts left out: it leans by {table['tilt_deg']:.2f} degrees"))

@@ -6,6 +6,7 @@ from lwrprobe.evaluation.coverage import (
     coverage_over_time,
     end_errors,
     gap_over_time,
+    touched,
     upright_coverage,
 )
 from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
@@ -41,5 +42,6 @@ __all__ = [
     "point_error",
     "reach",
     "surface_error",
+    "touched",
     "upright_coverage",
 ]

@@ -68,6 +68,16 @@ def coverage(contacts: np.ndarray, normals: np.ndarray, found: Reach, pitch: flo
     )
 
 
+def touched(
+    points: np.ndarray, facing: np.ndarray, contacts: np.ndarray, normals: np.ndarray, pitch: float
+) -> np.ndarray:
+    """(m,) bool: points (m, 3) of a surface with unit normals `facing` (m, 3) near a contact that faces the same way.
+
+    `contacts` (n, 3) m with `normals` (n, 3); near and the same way as in `Coverage`, for lines `pitch` m apart.
+    """
+    return _Contacts(contacts, normals).touch(points, facing, _near(pitch))
+
+
 def upright_coverage(
     contacts: np.ndarray,
     normals: np.ndarray,

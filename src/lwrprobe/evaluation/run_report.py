@@ -170,6 +170,13 @@ class _Page:
         if sides:
             names = ", ".join(side["side"] for side in sides)
             found.append(f"Open border {names}: the object goes on beyond the area, and the mesh is closed there")
+        left = self.summary.untouched
+        if left:
+            area, places = sum(one["area_mm2"] for one in left), "1 place" if len(left) == 1 else f"{len(left)} places"
+            found.append(
+                f"Untouched: {area:.0f} mm² of the mesh in {places}; the largest has {left[0]['area_mm2']:.0f} mm² "
+                f"({left[0]['reason']})"
+            )
         return found + [sentence[:1].upper() + sentence[1:] for sentence in self.summary.warnings]
 
     def _viewer(self) -> str:

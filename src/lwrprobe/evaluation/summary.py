@@ -81,6 +81,9 @@ class Summary:
     """Zones narrower than the sphere: `kind`, `width_mm` [mm], `box_mm` [mm, lower and upper corner], `leaps`."""
     open_borders: list[Table] = field(default_factory=list)
     """Sides of the area where the object continues: `side`, `contacts`, `box_mm` [mm, lower and upper corner]."""
+    untouched: list[Table] = field(default_factory=list)
+    """Places of the mesh that no contact vouches for, largest first: `area_mm2` [mm^2], `place` [mm, lower and upper
+    corner of the box around it], `reason`."""
     stillness: Table | None = None
     """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm];
     `torque_disagreement`: slope at which the way led into the surface by the torque and not by the force."""

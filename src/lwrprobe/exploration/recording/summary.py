@@ -33,6 +33,7 @@ from lwrprobe.exploration.recording.bridged import Bridged, bridged
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.untouched import untouched
 from lwrprobe.exploration.stages.clearance import STICK
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
@@ -86,6 +87,7 @@ def summarise(
         slowed_cycles=outcome.slowed_cycles,
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
+        untouched=_untouched(points, normals, surface, pitch, pipeline),
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
@@ -179,6 +181,15 @@ def _against_truth(
 def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
     times = np.array([contact.time for contact in recorder.contacts])
     return bridged(recorder.points(), recorder.normals(), times, scene.probe.radius, pitch)
+
+
+def _untouched(
+    points: np.ndarray, normals: np.ndarray, surface: Reconstruction | None, pitch: float, pipeline: Pipeline
+) -> list[dict[str, object]]:
+    if surface is None:
+        return []
+    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area)
+    return [place.as_dict() for place in places]
 
 
 def _fastest_descent(scene: Scene, pipeline: Pipeline) -> float:

@@ -1,0 +1,98 @@
+"""Surface of the mesh that no contact vouches for: how much of it there is, where, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lwrprobe.contracts import Area, InputError, TriangleMesh
+from lwrprobe.evaluation import touched
+from lwrprobe.evaluation.mesh_error import sample_mesh
+
+SAMPLES = 4000
+SMALLEST = 20e-6
+"""m^2; the mesh differs from the object by as much along its edges."""
+TOGETHER = 0.004
+"""m between two samples of one place: a few times their mean distance on an object of 10 cm."""
+DOWN = -0.3
+"""Share of the normal along z, below which a surface faces down."""
+
+REASONS = ("below or beside the area", "faces down", "no line was followed there to its end")
+
+
+@dataclass(slots=True, frozen=True)
+class Untouched:
+    """One place without contacts.
+
+    Attributes
+    ----------
+    area : m^2
+    lower, upper : (3,) m, the box around it
+    reason : one of `REASONS`, of the larger part
+    """
+
+    area: float
+    lower: np.ndarray
+    upper: np.ndarray
+    reason: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Millimetres."""
+        box = [[round(1e3 * float(v), 1) for v in corner] for corner in (self.lower, self.upper)]
+        return {"area_mm2": round(1e6 * self.area, 1), "place": box, "reason": self.reason}
+
+
+def untouched(
+    mesh: TriangleMesh, points: np.ndarray, normals: np.ndarray, pitch: float, radius: float, area: Area
+) -> list[Untouched]:
+    """Places of the mesh without a contact within half the line pitch plus 1 mm that faces the same way; largest first.
+
+    Parameters
+    ----------
+    mesh : reconstructed, m
+    points, normals : (n, 3) m and (n, 3) unit, of the contacts
+    pitch : m, between two lines
+    radius : m, of the sphere
+    area : where the sphere's centre could go
+    """
+    floor = float(area.lower[2]) - radius
+    try:
+        samples, facing = sample_mesh(mesh, floor, SAMPLES)
+    except InputError:  # nothing of the mesh is above what the sphere can touch
+        return []
+    facing = facing / np.maximum(np.linalg.norm(facing, axis=1), 1e-30)[:, None]
+    left = ~touched(samples, facing, points, normals, pitch)
+    each = _area_above(mesh, floor) / len(samples)
+    samples, facing = samples[left], facing[left]
+    centres = samples + radius * facing
+    outside = ((centres < area.lower) | (centres > area.upper)).any(axis=1)
+    why = np.where(outside, 0, np.where(facing[:, 2] < DOWN, 1, 2))
+    found = []
+    for place in _places(samples):
+        if len(place) * each >= SMALLEST:
+            reason = REASONS[int(np.bincount(why[place], minlength=len(REASONS)).argmax())]
+            box = samples[place].min(axis=0), samples[place].max(axis=0)
+            found.append(Untouched(len(place) * each, *box, reason))
+    return sorted(found, key=lambda one: -one.area)
+
+
+def _area_above(mesh: TriangleMesh, floor: float) -> float:
+    """m^2 of the faces whose middle lies above a height."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    high = (a + b + c)[:, 2] > 3.0 * floor
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)[high].sum())
+
+
+def _places(samples: np.ndarray) -> list[np.ndarray]:
+    """Indices of the samples (n, 3) that lie together."""
+    if not len(samples):
+        return []
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(samples).query_pairs(TOGETHER, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(samples),) * 2)
+    count, of = connected_components(graph, directed=False)
+    return [np.flatnonzero(of == k) for k in range(count)]
