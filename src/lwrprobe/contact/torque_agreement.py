@@ -120,8 +120,8 @@ class TorqueAgreement:
         """Matrix and covariance; where more disagrees than expected, more is expected."""
         for _ in range(3):
             prior = np.append(1.0 / np.maximum(self._scale * self._expected, 1e-7) ** 2, 1.0 / self._zero**2)
-            covariance: Vector = np.linalg.inv(self._information + np.diag(prior))
-            found: Vector = covariance @ self._sums
+            covariance = np.asarray(np.linalg.inv(self._information + np.diag(prior)), dtype=np.float64)
+            found = covariance @ self._sums
             seen = np.abs(found[:3]).max(axis=1) / np.maximum(self._expected, 1e-7)
             wanted = float(seen.max()) / SURPRISE
             if wanted <= self._scale:
