@@ -89,3 +89,36 @@ def test_a_touch_on_the_way_or_a_changing_speed_leaves_the_zero_alone():
             time = 1.0 + 0.008 * k
             force.limit(Goal(np.eye(4), 0.1), wrench(time, (touch, 0.0, 0.0)), acceleration)
         np.testing.assert_array_equal(conditioner.bias, before)
+
+
+def press(force, certain=True, compliance=1.5e-5, seconds=2.0):
+    """The probe is pressed up and down along the stick on something of this compliance, m/N."""
+    pose = np.eye(4)
+    pose[:3, :3] = DOWN
+    for k in range(int(125 * seconds)):
+        size = 1.0 + 0.4 * np.sin(0.3 * k)
+        pose[2, 3] = -compliance * size
+        force.update(wrench(0.008 * k, (0, 0, size)), pose.copy(), touching(size), certain)
+
+
+def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
+    force, _ = stage()
+    force.begin(0.0135)
+    down, aside = VelocityCommand(np.array([0.0, 0.0, -0.005])), VelocityCommand(np.array([0.01, 0.0, 0.0]))
+    free = wrench(0.0, (0, 0, 0))
+    force.update(free, np.block([[DOWN, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), None)
+    first = force.limit(down, free, 1.0).velocity[2]
+    assert -0.005 < first < -0.004
+    assert force.limit(aside, free, 1.0).velocity[0] == 0.01
+    press(force)
+    assert -0.002 < force.limit(down, free, 1.0).velocity[2] < -0.001
+    assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
+
+
+def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_on():
+    force, _ = stage()
+    force.begin(0.0135)
+    press(force, compliance=2e-4)
+    assert force.compliance == pytest.approx(2e-4, rel=0.1)
+    press(force, certain=False, seconds=0.1)
+    assert force.compliance == 0.0

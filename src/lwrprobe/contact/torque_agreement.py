@@ -32,6 +32,8 @@ OUTLIER = 3.0
 """Standard deviations from which on a residual counts with less weight."""
 SURPRISE = 2.0
 """Ratio of found to expected disagreement from which on more is expected."""
+LARGEST = 10.0
+"""That ratio at most: without a prior, readings with a wrong normal would decide what forces have not shown."""
 RUN = 0.05
 """Weight of a reading in the running mean of the residuals."""
 
@@ -120,10 +122,10 @@ class TorqueAgreement:
         """Matrix and covariance; where more disagrees than expected, more is expected."""
         for _ in range(3):
             prior = np.append(1.0 / np.maximum(self._scale * self._expected, 1e-7) ** 2, 1.0 / self._zero**2)
-            covariance: Vector = np.linalg.inv(self._information + np.diag(prior))
-            found: Vector = covariance @ self._sums
+            covariance = np.asarray(np.linalg.inv(self._information + np.diag(prior)), dtype=np.float64)
+            found = covariance @ self._sums
             seen = np.abs(found[:3]).max(axis=1) / np.maximum(self._expected, 1e-7)
-            wanted = float(seen.max()) / SURPRISE
+            wanted = min(float(seen.max()) / SURPRISE, LARGEST)
             if wanted <= self._scale:
                 break
             self._scale = wanted

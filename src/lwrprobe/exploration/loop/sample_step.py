@@ -29,6 +29,8 @@ from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 
+DISAGREEING = 3.0
+"""Ratio of found to expected disagreement of torque and force from which on presses are not relied on."""
 FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
 GIVE_WAY = 0.001
@@ -133,10 +135,10 @@ class SampleStep:
             self._record.note_range(wrench)
         contact = self._contact(sample, wrench, size, place, rotation)
         confirmed = not wrench.status & UNCONFIRMED
-        pipeline.force.update(wrench, pose, contact)
+        torque = pipeline.torque
+        pipeline.force.update(wrench, pose, contact, torque is None or torque.surprise < DISAGREEING)
         time = sample.time - self.zero_time
         if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
-            torque = pipeline.torque
             doubt = torque.disagreement if torque is not None and torque.surprise > 1.0 else 0.0
             pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
         clock.lap("watch")

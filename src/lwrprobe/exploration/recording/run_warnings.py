@@ -21,8 +21,8 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     torque = summary.torque or {}
     if torque.get("over_expected", 1.0) > 1.0:
         found.append(
-            f"torque and force disagree by {torque['disagreement']:.1%}, {2.0 * torque['over_expected']:.1f} standard "
-            "deviations of what is stated: run lwrprobe calibrate, or say uncertainty.profile = 'datasheet'"
+            f"torque and force disagree by {torque['disagreement']:.1%}, more than [uncertainty] states: run lwrprobe "
+            "calibrate, or say uncertainty.profile = 'datasheet'"
         )
     slope = (summary.stillness or {}).get("torque_disagreement", 0.0)
     if slope > 0.0:

@@ -85,7 +85,7 @@ class ForceStage:
         self._press = PressCompliance(self._bend)
         # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
         stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
-        self._of_stiffness = min(COVERED / stiffest, 1.0)
+        self._at_first = self._of_stiffness = min(COVERED / stiffest, 1.0)
         self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
         self._compliance = 0.0
         self._cycle: LimitCycle | None = None
@@ -144,8 +144,8 @@ class ForceStage:
         used = self._compliance or 1.0 / self._contact.stiffness
         return min(stated, math.hypot(self._press.sigma, used - self._press.value))
 
-    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> None:
-        """One sample.
+    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None, certain: bool = True) -> None:
+        """One sample; `certain` says that torque and force agree well enough for the normals to be relied on.
 
         Raises SafetyStop when the sensor's stream cannot be relied on, TouchRefused when the surface turns out too
         stiff for the damping that was chosen.
@@ -161,7 +161,9 @@ class ForceStage:
         self._normal = contact.normal if contact is not None else None
         if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
             self._adopt(self._touch.compliance)
-        if self._press.update(wrench, pose, contact):
+        if not certain:
+            self._forget_presses()
+        elif self._press.update(wrench, pose, contact):
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
@@ -218,6 +220,15 @@ class ForceStage:
             return self._of_stiffness
         along = abs(float(path @ self._axis))
         return self._of_stiffness if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+
+    def _forget_presses(self) -> None:
+        """Normals were wrong: what presses have shown with them is dropped."""
+        if self._press.batches == 0:
+            return
+        self._press, self._of_stiffness = PressCompliance(self._bend), self._at_first
+        if self._compliance > 0.0:
+            self._compliance = 0.0
+            self._estimator.set_indentation(1.0 / self._contact.stiffness)
 
     def _judge_presses(self) -> None:
         """Presses have shown the stiffness of object and arm: adapt the speeds, and the contacts where it is another.
