@@ -19,6 +19,10 @@ _TURN_SHARE = 0.8
 """Share of the sensor's hysteresis that its model leaves."""
 _BENT = 0.1
 """Share of the slope of a gear's wave that its model leaves."""
+_TURNS_BACK = 0.2
+"""Share of the sensor's hysteresis that is taken for noise of a single sample."""
+_LEAST_RISE = 0.1
+"""N, of a touch's force, for its softness."""
 _STEP = 1e-6
 """rad and m, by which a parameter of the kinematic table is moved for its derivative."""
 _NOTICED = 4.0
@@ -33,7 +37,7 @@ class _Rows:
     path_times (N, K) s and path (N, K, 3) m hold where the tip was around the sample; jacobian (N, 3, n); by_dh (N, 3,
     4 n); by_ripple (N, 3, 2 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the force, sensor frame; play (N, 3) m, shift of the
     tip by a play of the prior's width; lag (N, 6) N and N m, by which a hysteresis of the prior's width lets the reading
-    stay behind; touch (N,) index; place (N,); on_table (N,) bool.
+    stay behind; stuck (N, 6), the same of the zero that was taken before the touch; touch (N,) index; place (N,); on_table (N,) bool.
     """
 
     times: Vector
@@ -48,6 +52,7 @@ class _Rows:
     rate: np.ndarray
     play: np.ndarray
     lag: np.ndarray
+    stuck: np.ndarray
     touch: np.ndarray
     place: np.ndarray
     on_table: np.ndarray
@@ -126,7 +131,11 @@ class Model:
             bend = _BENT * scale * way
             # What the play of joints and sensor leaves, in and out.
             side = np.where(self._up[mine], 1.0, -1.0)
-            cover = _PLACE_NOISE**2 * np.eye(len(mine)) + sigma**2 + np.outer(bend, bend)
+            # The zero may have been taken anywhere in the hysteresis: a force that is off bends the stick.
+            size = np.linalg.norm(self.rows.reading[mine, :3], axis=1)
+            soft = np.ptp(way) / max(np.ptp(size), _LEAST_RISE)
+            zero = 0.5 * self.priors.hysteresis * self._probe.force_range[0] * soft
+            cover = _PLACE_NOISE**2 * np.eye(len(mine)) + sigma**2 + zero**2 + np.outer(bend, bend)
             cover += self._turn_error**2 * np.outer(side, side)
             self._whiten_place.append(np.linalg.inv(np.linalg.cholesky(cover)))
 
@@ -142,8 +151,9 @@ class Model:
         width = p.hysteresis * np.hypot(self._probe.torque_range[0], self._probe.force_range[0] * reach)
         size = np.linalg.norm(self.rows.reading[mine, :3], axis=1)
         share = size / size.max()
-        cover = (noise**2 + 0.3 * wander**2) * np.eye(len(mine)) + (4.0 * width) ** 2
-        cover += np.outer(share, share) * width**2 / 12.0
+        # An axis with little load turns back within the hysteresis, at any sample: a part of it counts as noise.
+        cover = (noise**2 + wander**2 + (_TURNS_BACK * width) ** 2) * np.eye(len(mine)) + (4.0 * width) ** 2
+        cover += np.outer(share, share) * width**2 / 3.0
         return np.linalg.inv(np.linalg.cholesky(cover))
 
     def _state(self, x: Vector) -> _State:
@@ -154,7 +164,9 @@ class Model:
         index = np.arange(len(cell))
         early, late = rows.path[index, cell], rows.path[index, cell + 1]
         matrix = np.linalg.inv(np.eye(6) + x[at["sensor"]].reshape(6, 6))
-        wrench = (rows.reading + x[at["hysteresis"]][0] * rows.lag) @ matrix.T
+        wrench = (
+            rows.reading + x[at["hysteresis"]][0] * rows.lag + x[at["zero"]][0] * rows.stuck
+        ) @ matrix.T
         force = wrench[:, :3]
         across, along = np.exp(x[at["stick"]])
         bend = self._probe.compliance * np.array([across, across, along]) * force
@@ -251,8 +263,9 @@ class Model:
         gap[table, at["table"].start + 1] = -place[:, 0] * normal[table, 2]
         gap[table, at["table"].start + 2] = -place[:, 1] * normal[table, 2]
         by_wrench = self._gap_by_force(x, state)
-        by_reading = rows.lag @ state.matrix.T
-        gap[:, at["hysteresis"].start] = np.einsum("ni,ni->n", by_wrench, by_reading[:, :3])
+        for name, shift in (("hysteresis", rows.lag), ("zero", rows.stuck)):
+            by_reading = (shift @ state.matrix.T)[:, :3]
+            gap[:, at[name].start] = np.einsum("ni,ni->n", by_wrench, by_reading)
         for i in range(6):
             column = state.matrix[:, i]
             by_gap = -by_wrench @ column[:3]
@@ -312,6 +325,9 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
         played = _play(touch.arm_joints, priors.joint_hysteresis)
         played = np.column_stack([np.interp(touch.times, touch.arm_times, p) for p in played.T])
         lag = 0.5 * priors.hysteresis * gaps * _directions(touch.wrenches, priors)
+        width = priors.hysteresis * gaps
+        largest = touch.wrenches[np.abs(touch.wrenches[:, :3]).sum(axis=1).argmax()]
+        stuck = 0.5 * width * np.where(np.abs(largest) > width, np.sign(largest), 0.0)
         rate = np.gradient(touch.wrenches[:, :3], touch.times, axis=0)
         parts.append(
             _Rows(
@@ -329,6 +345,7 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
                 reading=touch.wrenches,
                 rate=rate,
                 lag=lag,
+                stuck=np.broadcast_to(stuck, lag.shape),
                 play=np.einsum("nij,nj->ni", jacobian, played),
                 touch=np.full(count, index),
                 place=np.full(count, touch.place),
