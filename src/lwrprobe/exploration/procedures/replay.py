@@ -41,6 +41,7 @@ from lwrprobe.exploration.recording.recording import Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
+from lwrprobe.exploration.safety.reaction import ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline, choose, compose, reaction_delay
 from lwrprobe.kinematics import Robot
@@ -99,6 +100,7 @@ class RecordedArm:
         self.history = RecordedHistory(recording, robot)
         self.time, self.q, self.blocked = 0.0, np.zeros(robot.n), ""
         self.cycle = recording.cycle
+        self.excess = ReactionExcess(recording.cycle, 0.0, 1.0 / recording.rate)  # stays zero: nothing is driven
 
     def show(self, k: int, tip: RecordedTip) -> None:
         """Sample k comes next; `tip` gets its place."""
@@ -187,12 +189,13 @@ class Replay:
             write_scene(scene, out / "scene.toml")
         self._arm = RecordedArm(recording, pipeline.robot)
         self._clock = StageClock(STAGES)
-        self._record = RunRecord(self.recorder, pipeline.strategy, pipeline.probe)
+        stiffness, threshold = scene.contact.stiffness, scene.contact.threshold
+        self._record = RunRecord(self.recorder, pipeline.strategy, pipeline.probe, stiffness, threshold)
         known = recording.answers if same and recording.own else None
         self._request = RecordedRequest(pipeline, self._arm, known)
         self._sample = SampleStep(
             scene, pipeline, cast(ArmMotion, self._arm), self._request, self.recorder, self._record, self._clock,
-            SilenceGuard(np.inf, recording.cycle), None,
+            SilenceGuard(np.inf, recording.cycle, 1.0 / recording.rate), None,
         )  # fmt: skip
         self._sample.zero_time = recording.zero
         self.outcome: Outcome | None = None
@@ -223,7 +226,8 @@ class Replay:
         record = self._record
         self.outcome = Outcome(
             status, reason, last, record.touches, record.path, record.contact_path, record.peak_force,
-            record.range_used, self._clock.cycle_median(), self._sample.force_guard.interventions, 0,
+            record.peak_bound, 0.0, [], 0, record.range_used, self._clock.cycle_median(),
+            self._sample.force_guard.interventions, 0,
             self._clock.table(), self.pipeline.conditioner.counters,
         )  # fmt: skip
         return self.outcome
