@@ -139,7 +139,7 @@ def check_line(words: list[str]) -> None:
         assert arguments[0] in command.commands, f"{shlex.join(words)}: no command {arguments[0]!r}"
         command, arguments = command.commands[arguments[0]], arguments[1:]
     given = command.make_context(command.name, list(arguments)).params
-    if "scene" in given and not str(given["scene"]).startswith("my_"):
+    if given.get("scene") is not None and not str(given["scene"]).startswith("my_"):
         load_scene(given["scene"], given.get("settings") or [], given.get("profile"))
     kinds = {"strategy": "strategy", "arm": "driver", "sensor": "driver", "method": "reconstructor"}
     for option, kind in kinds.items():

@@ -69,10 +69,10 @@ def replay(
     recording = read_recording(source)
     recorded = recorded_scene(recording, scene)
     found = []
-    for name in estimators or (None,):
+    for name in estimators or ("",):
         changes = [*settings, *([f"contact.estimator={name}"] if name else [])]
         changed = recorded_scene(recording, scene, changes)
-        folder = out / str(name) if out is not None and len(estimators) > 1 else out
+        folder = out / name if out is not None and len(estimators) > 1 else out
         found.append(_passage(recording, changed, folder, changed == recorded))
     return found
 

@@ -73,7 +73,7 @@ def _worker(work: Callable[[Task], Result]) -> tuple[Connection, BaseProcess]:
     process = context.Process(target=_serve, args=(theirs, work), daemon=True)
     process.start()
     theirs.close()
-    return cast(Connection, ours), process
+    return ours, process
 
 
 def _serve(pipe: Connection, work: Callable[[Task], Result]) -> None:
@@ -114,11 +114,11 @@ def run_cluster(
             for key, task in tasks.items()
         }
         for future in as_completed(list(keys)):
-            error = future.exception()
-            if isinstance(error, KilledWorker):
+            failure = future.exception()
+            if isinstance(failure, KilledWorker):
                 yield keys[future], _died(None)
-            elif error is not None:
-                yield keys[future], {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+            elif failure is not None:
+                yield keys[future], {"status": "failed", "reason": f"{type(failure).__name__}: {failure}"}
             else:
                 yield keys[future], future.result()
 

@@ -159,7 +159,7 @@ class SampleStep:
         self._record.note(seen, place, size)
         clock.lap("record")
         if bag is not None:
-            bag.decided(seen, self._request.asked, pipeline.strategy.progress(), pipeline.voxels, arm.history.q)
+            bag.decided(seen, self._request.asked, pipeline.strategy.progress, pipeline.voxels, arm.history.q)
             clock.lap("bag")
         self.observation = seen
         return seen

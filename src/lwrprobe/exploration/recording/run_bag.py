@@ -7,7 +7,7 @@ knew of them: the numbers are those of the run, bit by bit, and a table costs as
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sqrt
 from pathlib import Path
 from time import time_ns
@@ -75,7 +75,6 @@ class RunBag:
         self._stream_due = self._slow_due = self._rare_due = 0.0
         self._map_due = MAP_EVERY
         self._goal: np.ndarray | None = None
-        self._state = ""
 
     def listened(self, samples: Sequence[WrenchSample], q: np.ndarray) -> None:
         """The samples of a pause in which the bias is taken, with the joints at q (n,)."""
@@ -126,7 +125,12 @@ class RunBag:
         self._contacts.append([*contact.point, *contact.normal, contact.magnitude, contact.trust, contact.time])
 
     def decided(
-        self, seen: Observation, motion: Motion | None, progress: Progress, voxels: VoxelMap, q: np.ndarray
+        self,
+        seen: Observation,
+        motion: Motion | None,
+        progress: Callable[[], Progress],
+        voxels: VoxelMap,
+        q: np.ndarray,
     ) -> None:
         """What the strategy was shown and what it answered; called after `sample`, joints at q (n,)."""
         if isinstance(motion, Goal) and (self._goal is None or not np.array_equal(motion.pose, self._goal)):
@@ -136,9 +140,9 @@ class RunBag:
         if now >= self._slow_due:
             self._slow_due = now + SLOW
             self._send_frames(seen.pose, q)
-        if now >= self._rare_due or progress.state != self._state:
-            self._rare_due, self._state = now + RARE, progress.state
-            self._send_state(seen, progress)
+        if now >= self._rare_due:
+            self._rare_due = now + RARE
+            self._send_state(seen, progress())
         if now >= self._map_due and len(voxels):
             self._map_due = now + MAP_EVERY
             self._send(MAP, messages.octomap(self._stamp, voxels.encoded(".bt"), voxels.resolution))
