@@ -86,3 +86,96 @@ def pcd(fields, data, rows):
     plain = b"".join(column.tobytes() for column in columns)
     packed = pack_lzf(plain)
     return head.encode() + struct.pack("<II", len(packed), len(plain)) + packed
+
+
+def lowered_to_path(points, start, centres, joined, radius):
+    """`start` or the distance of points (n, 3) from a sphere along centres, where that is smaller."""
+    values = np.full(len(points), start)
+    for row, centre in enumerate(centres):
+        before = centres[row - 1] if row and joined[row] else centre
+        way = centre - before
+        length2 = way @ way
+        share = np.clip((points - before) @ way / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
+        values = np.minimum(values, np.linalg.norm(points - before - share[:, None] * way, axis=1) - radius)
+    return values
+
+
+def distance_to_links(points, poses, kind, size):
+    """(n,) distance of points (n, 3) from the nearest of a link's poses (k, 4, 4), 0 inside."""
+    values = np.full(len(points), np.inf)
+    for pose in poses:
+        own = (points - pose[:3, 3]) @ pose[:3, :3]
+        if kind == "box":
+            distance = np.linalg.norm(np.maximum(np.abs(own) - 0.5 * np.asarray(size), 0.0), axis=1)
+        else:
+            along = np.maximum(np.abs(own[:, 2]) - 0.5 * size[1], 0.0)
+            across = np.hypot(own[:, 0], own[:, 1])
+            if kind == "capsule":
+                distance = np.maximum(np.hypot(across, along) - size[0], 0.0)
+            else:
+                distance = np.hypot(np.maximum(across - size[0], 0.0), along)
+        values = np.minimum(values, distance)
+    return values
+
+
+class ConvexObject:
+    """A block or an upright cylinder on the table, and the path of a perfect sphere over it."""
+
+    def __init__(self, half, height, angle, place, round_):
+        self.half, self.height, self.place, self.round = half, height, place, round_
+        self.turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    @classmethod
+    def random(cls, rng):
+        half = rng.uniform(0.006, 0.016, 2)
+        return cls(
+            half, rng.uniform(0.01, 0.024), rng.uniform(0.0, 3.0), rng.uniform(-0.006, 0.006, 2), rng.random() < 0.4
+        )
+
+    def distance(self, points):
+        """(n,) m, negative inside."""
+        flat = (points[:, :2] - self.place) @ self.turn
+        if self.round:
+            sides = [np.hypot(*flat.T) - self.half[0]]
+        else:
+            sides = [np.abs(flat[:, i]) - self.half[i] for i in range(2)]
+        beyond = np.column_stack([*sides, points[:, 2] - self.height])
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+    def raster(self, area, radius, pitch, skip, rng):
+        """Centres, close together, of a sphere on lines along y and along x, and what they touch.
+
+        With `skip` some lines are left out. Above each line the sphere also sweeps what is free, every 3 mm.
+        """
+        lines = np.arange(area.lower[0], area.upper[0] + 1e-9, pitch)
+        along = np.arange(area.lower[1], area.upper[1] + 1e-9, 0.0005)
+        centres, touched = [], []
+        for axis in (0, 1):
+            for line in lines[rng.random(len(lines)) < 0.7] if skip else lines:
+                plane = np.empty((len(along), 2))
+                plane[:, axis], plane[:, 1 - axis] = line, along
+                heights = np.arange(area.lower[2], area.upper[2] + 1e-9, 0.0005)
+                points = np.column_stack([np.repeat(plane, len(heights), axis=0), np.tile(heights, len(along))])
+                gap = self.distance(points) - radius
+                free = gap >= 0.0
+                grid = free.reshape(len(along), -1)
+                lowest = len(heights) - np.argmin(grid[:, ::-1], axis=1)
+                lowest[grid.all(axis=1)] = 0
+                on = [k * len(heights) + i for k, i in enumerate(lowest) if i < len(heights)]
+                centres.append(points[on])
+                wall = free & (gap < 0.0005)
+                centres.append(points.reshape(*grid.shape, 3)[::6, ::6][grid[::6, ::6]])
+                centres.append(points[wall])
+                touched.append(points[wall])
+        centres, touching = np.vstack(centres), np.vstack(touched)
+        return centres, self.nearest(touching)
+
+    def nearest(self, points):
+        """(n, 3) on the surface, by steps down the distance."""
+        eps = 1e-7
+        found = points.copy()
+        for _ in range(3):
+            base = self.distance(found)
+            slope = np.column_stack([(self.distance(found + eps * np.eye(3)[i]) - base) / eps for i in range(3)])
+            found = found - base[:, None] * slope
+        return found

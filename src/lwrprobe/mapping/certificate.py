@@ -1,0 +1,210 @@
+"""The certificate: the largest ball that can still hide where the probe could get to.
+
+Three sets, all inside the area widened by the sphere's radius:
+
+- Swept: what the sphere, the stick or the body behind it has passed through.
+- Within reach: what a ball as wide as `opening` can cover when it comes from above, contains no contact, and keeps its
+  centre in the area, widened by what the ball's radius is larger than the sphere's.
+  A contact is a point of the object, so the ball stays out of the object wherever contacts lie closer than `opening`.
+- Out of reach: the rest. The inside of the touched object is there.
+
+The certificate is the diameter of the largest ball within reach that meets nothing of what was swept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from lwrprobe.contracts import Area, InputError, LinkShape
+from lwrprobe.mapping import certificate_kernels as kernels
+
+MOST_VOXELS = 500_000
+"""Of the grid: two distance transforms of it take some tenths of a second."""
+FINEST = 0.0005
+"""m"""
+BAND = 0.012
+"""m, up to which distances from what the sphere swept are exact; beyond it they are bounded from above."""
+LINK_BAND = 0.004
+"""m, the same for the links, which are large and seldom the nearest."""
+HALF_DIAGONAL = 0.5 * np.sqrt(3.0)
+_KINDS = {"cylinder": kernels.CYLINDER, "box": kernels.BOX, "capsule": kernels.CAPSULE}
+
+
+@dataclass(slots=True, frozen=True, eq=False)
+class Hiding:
+    """What can still hide, at one moment.
+
+    Attributes
+    ----------
+    diameter : m, no larger ball hides within reach
+    place : (3,) m, about where a ball of that size fits
+    unknown : m^3 within reach and not swept
+    out_of_reach : m^3 not swept and not within reach, the inside of the object among it
+    points : (n, 3) m, grid points of what is unknown and within reach
+    sizes : (n,) m, diameter of the largest hidden ball about each of them
+    """
+
+    diameter: float
+    place: np.ndarray
+    unknown: float
+    out_of_reach: float
+    points: np.ndarray
+    sizes: np.ndarray
+
+
+class Certificate:
+    """Collects what a probe sweeps and touches, and says what can still hide.
+
+    Nothing that is added ever makes the certificate larger. It is never smaller than the truth: distances are exact at
+    the grid points, and what they may miss between them is added.
+
+    Parameters
+    ----------
+    area : of the sphere's centre; the probe comes from above it
+    radius : m, of the sphere
+    links : of the probe, in the tip frame
+    opening : m, a narrower opening between contacts counts as closed; at least the sphere's diameter
+    tolerance : m by which places of the probe and contacts may be wrong
+    most_voxels : grid points at most; the grid is as fine as that allows, 0.5 mm at the finest
+
+    Raises
+    ------
+    InputError : for numbers that are not finite or out of range
+    """
+
+    def __init__(
+        self,
+        area: Area,
+        radius: float,
+        links: tuple[LinkShape, ...] = (),
+        *,
+        opening: float,
+        tolerance: float = 0.0,
+        most_voxels: int = MOST_VOXELS,
+    ) -> None:
+        if not (np.isfinite(radius) and radius > 0.0):
+            raise InputError("radius", radius, "a positive length in metres")
+        if not (np.isfinite(opening) and opening >= 2.0 * radius):
+            raise InputError("opening", opening, f"metres, at least the sphere's diameter, {2.0 * radius:g}")
+        if not 0.0 <= tolerance < radius:
+            raise InputError("tolerance", tolerance, f"metres, at least 0 and less than the radius, {radius:g}")
+        if most_voxels < 1000:
+            raise InputError("most_voxels", most_voxels, "at least 1000")
+        self._area, self._radius, self._links = area, radius, links
+        self._cover, self._tolerance = 0.5 * opening, tolerance
+        extent = area.upper - area.lower + 2.0 * radius
+        edge = max(FINEST, float(np.cbrt(np.prod(extent) / most_voxels)))
+        while np.prod(np.ceil(extent / edge)) > most_voxels:
+            edge *= 1.01
+        self.edge = edge
+        """m between neighbouring grid points."""
+        shape = tuple(np.ceil(extent / edge).astype(np.int64))
+        self._origin = 0.5 * (area.lower + area.upper - edge * (np.array(shape) - 1))
+        self._gap = np.full(shape, BAND)
+        self._near = np.full(shape, self._cover + 2.0 * edge)
+        self._depth = radius - self._outside_area()
+
+    def sweep(self, centres: np.ndarray, joined: np.ndarray | None = None, poses: np.ndarray | None = None) -> None:
+        """Add what the probe has swept.
+
+        Parameters
+        ----------
+        centres : (n, 3) m, of the sphere, straight from each to the next
+        joined : (n,) bool, False where the sphere did not come straight from the row before; None = all did
+        poses : (k, 4, 4) of the tip, at which the links were; None = the links are left out
+        """
+        centres = _rows(centres, "centres", (3,))
+        joined = np.ones(len(centres), bool) if joined is None else np.asarray(joined, bool)
+        if joined.shape != (len(centres),):
+            raise InputError("joined", joined.shape, f"one value a centre, {(len(centres),)}")
+        kernels.lower_to_path(self._gap, self._origin, self.edge, centres, joined, self._radius - self._tolerance, BAND)
+        if poses is None:
+            return
+        poses = _rows(poses, "poses", (4, 4))
+        for link in self._links:
+            size = np.zeros(3)
+            size[: len(link.size)] = link.size
+            placed = np.ascontiguousarray(poses @ link.pose)
+            kernels.lower_to_link(
+                self._gap, self._origin, self.edge, placed, _KINDS[link.kind], size, self._tolerance, LINK_BAND
+            )
+
+    def touch(self, points: np.ndarray) -> None:
+        """Add contacts (n, 3) m."""
+        points = _rows(points, "points", (3,))
+        kernels.lower_to_path(
+            self._near, self._origin, self.edge, points, np.zeros(len(points), bool), 0.0, self._cover + self.edge
+        )
+
+    def hiding(self) -> Hiding:
+        """What can still hide now."""
+        slack = HALF_DIAGONAL * self.edge
+        within = self._within_reach(slack)
+        # At a grid point each of the three is a bound from above of a function that changes by at most 1 m/m.
+        size = np.minimum(np.minimum(self._free(), _distance(within, self.edge)), self._depth)
+        at = np.unravel_index(int(np.argmax(size)), size.shape)
+        unswept = (self._gap > 0.0) & (self._depth > 0.0)
+        unknown = within & unswept
+        points = self._origin + self.edge * np.argwhere(unknown)
+        return Hiding(
+            diameter=2.0 * float(size[at] + slack),
+            place=self._origin + self.edge * np.array(at),
+            unknown=float(unknown.sum()) * self.edge**3,
+            out_of_reach=float((~within & unswept).sum()) * self.edge**3,
+            points=points,
+            sizes=2.0 * size[unknown],
+        )
+
+    def _free(self) -> np.ndarray:
+        """m at each grid point, from above: radius of the largest ball about it that meets nothing swept."""
+        far = self._gap >= BAND
+        return np.where(far, BAND + _distance(far, self.edge), self._gap) if far.any() else self._gap
+
+    def _within_reach(self, slack: float) -> np.ndarray:
+        """Grid points that the covering ball may cover, in any place that its centre may have about a grid point."""
+        room = self._near >= self._cover - slack - self._tolerance
+        beside = min(self._cover - self._radius, self._radius) + 0.5 * self.edge
+        for along, low, high in zip(self._along(), self._area.lower, self._area.upper):
+            allowed = (along >= low - beside) & (along <= high + beside)
+            room &= allowed
+        parts, _ = ndimage.label(room)
+        above = np.unique(parts[:, :, np.flatnonzero(allowed)[-1]])
+        centres = np.isin(parts, above[above > 0])
+        return _distance(~centres, self.edge) <= self._cover + slack
+
+    def _outside_area(self) -> np.ndarray:
+        """m from each grid point to the area, negative inside it."""
+        beyond = [
+            np.maximum(x - high, low - x) for x, low, high in zip(self._along(), self._area.lower, self._area.upper)
+        ]
+        outside = np.sqrt(sum(np.maximum(b, 0.0) ** 2 for b in beyond))
+        inside = np.maximum(np.maximum(beyond[0], beyond[1]), beyond[2])
+        return np.where(inside > 0.0, outside, inside)
+
+    def _along(self) -> list[np.ndarray]:
+        """m, coordinates of the grid points along x, y and z, shaped so that they broadcast."""
+        steps = np.ogrid[tuple(slice(0, count) for count in self._gap.shape)]
+        return [low + self.edge * step for low, step in zip(self._origin, steps)]
+
+
+def _distance(marked: np.ndarray, edge: float) -> np.ndarray:
+    """m from each grid point to the nearest one that is not marked; infinite where all are marked."""
+    if marked.all():
+        return np.full(marked.shape, np.inf)
+    return ndimage.distance_transform_edt(marked, sampling=edge)
+
+
+def _rows(values: np.ndarray, field: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Contiguous float64 rows of a shape, all finite."""
+    try:
+        rows = np.ascontiguousarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(field, values, f"numbers of shape (n, {', '.join(map(str, shape))})") from None
+    if rows.shape[1:] != shape:
+        raise InputError(field, rows.shape, f"an array of shape (n, {', '.join(map(str, shape))})")
+    if not np.isfinite(rows).all():
+        raise InputError(field, "numbers that are not finite", "finite numbers")
+    return rows

@@ -1,0 +1,166 @@
+"""The certificate: its kernels, that motion never makes it larger, and that nothing larger hides."""
+
+from __future__ import annotations
+
+import naive_mapping as naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from lwrprobe.contracts import Area, InputError, LinkShape
+from lwrprobe.mapping import certificate_kernels as kernels
+from lwrprobe.mapping.certificate import Certificate
+
+RADIUS, OPENING = 0.005, 0.015
+ORIGIN, EDGE, SHAPE = np.array([-0.01, -0.02, 0.003]), 0.0023, (11, 13, 9)
+
+
+def points_of_grid():
+    return ORIGIN + EDGE * np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def small_area(height=0.03):
+    return Area(np.array([-0.03, -0.03, 0.006]), np.array([0.03, 0.03, height]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_distances_from_a_path_are_those_of_the_naive_twin(seed):
+    rng = np.random.default_rng(seed)
+    centres = ORIGIN + rng.uniform(-0.01, 0.04, (12, 3))
+    centres[5] = centres[4]  # a segment of no length
+    joined = rng.random(12) < 0.6
+    values = np.full(SHAPE, 0.012)
+    kernels.lower_to_path(values, ORIGIN, EDGE, centres, joined, 0.004, 0.012)
+    wanted = naive.lowered_to_path(points_of_grid(), 0.012, centres, joined, 0.004)
+    np.testing.assert_allclose(values.ravel(), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "box", "capsule"])
+def test_distances_from_a_link_are_those_of_the_naive_twin(kind):
+    rng = np.random.default_rng(7)
+    size = np.array([0.006, 0.011, 0.017]) if kind == "box" else np.array([0.004, 0.02, 0.0])
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, :3] = Rotation.random(5, rng).as_matrix()
+    poses[:, :3, 3] = ORIGIN + rng.uniform(0.0, 0.025, (5, 3))
+    code = {"cylinder": kernels.CYLINDER, "box": kernels.BOX, "capsule": kernels.CAPSULE}[kind]
+    values = np.full(SHAPE, 0.012)
+    kernels.lower_to_link(values, ORIGIN, EDGE, poses, code, size, 0.0002, 0.004)
+    exact = naive.distance_to_links(points_of_grid(), poses, kind, size) + 0.0002
+    near, found = exact < 0.0042, values.ravel()
+    assert near.any()
+    np.testing.assert_allclose(found[near], exact[near], atol=1e-12)
+    assert (
+        found[~near] >= np.minimum(exact[~near], 0.012) - 1e-12
+    ).all()  # beyond the band a value may be too large, never too small
+
+
+def test_nothing_swept_leaves_the_whole_height_of_the_area():
+    found = Certificate(small_area(), RADIUS, opening=OPENING).hiding()
+    assert found.diameter == pytest.approx(0.034, abs=0.004)  # 24 mm and a radius at each end
+    assert found.out_of_reach == 0.0
+
+
+def test_all_swept_leaves_no_more_than_the_grid():
+    certificate = Certificate(small_area(), RADIUS, opening=OPENING, most_voxels=60_000)
+    for x in np.linspace(-0.03, 0.03, 61):
+        for z in np.linspace(0.006, 0.03, 13):
+            certificate.sweep(np.array([[x, -0.03, z], [x, 0.03, z]]))
+    assert certificate.hiding().diameter < 4.0 * certificate.edge
+
+
+def test_between_lines_on_a_plate_what_fits_under_two_sweeps_hides():
+    """Lines 10 mm apart and a sphere of 5 mm: a ball of 2.5 mm touches plate and both sweeps."""
+    area = Area(np.array([-0.03, -0.02, 0.006]), np.array([0.03, 0.02, 0.02]))
+    certificate = Certificate(area, RADIUS, opening=OPENING, most_voxels=2_000_000)
+    top = 0.007
+    for x in np.arange(-0.03, 0.0301, 0.01):
+        y = np.linspace(-0.02, 0.02, 81)
+        certificate.sweep(np.column_stack([np.full(81, x), y, np.full(81, top + RADIUS)]))
+        certificate.touch(np.column_stack([np.full(81, x), y, np.full(81, top)]))
+    for z in (0.016, 0.02):
+        for x in np.arange(-0.03, 0.0301, 0.005):
+            certificate.sweep(np.array([[x, -0.02, z], [x, 0.02, z]]))
+    found = certificate.hiding()
+    assert 0.0025 <= found.diameter < 0.0060
+    assert found.out_of_reach > 1e-6
+
+
+def test_the_links_sweep_too():
+    links = (LinkShape("body", "box", (0.08, 0.08, 0.02), np.eye(4)),)
+    pose = np.eye(4)
+    pose[2, 3] = 0.02
+    with_links = Certificate(small_area(), RADIUS, links, opening=OPENING)
+    without = Certificate(small_area(), RADIUS, opening=OPENING)
+    for certificate in (with_links, without):
+        certificate.sweep(pose[None, :3, 3], poses=pose[None])
+    assert with_links.hiding().unknown < 0.6 * without.hiding().unknown
+
+
+@given(st.integers(0, 2**31), st.integers(1, 8))
+@settings(max_examples=40, deadline=None)
+def test_more_motion_and_more_contacts_never_make_it_larger(seed, parts):
+    rng = np.random.default_rng(seed)
+    links = (LinkShape("stick", "cylinder", (0.002, 0.02), np.eye(4)),)
+    certificate = Certificate(small_area(), RADIUS, links, opening=OPENING, tolerance=1e-4, most_voxels=8000)
+    last = certificate.hiding().diameter
+    for _ in range(parts):
+        count = int(rng.integers(1, 30))
+        poses = np.tile(np.eye(4), (count, 1, 1))
+        poses[:, :3, :3] = Rotation.random(count, rng).as_matrix()
+        poses[:, :3, 3] = rng.uniform([-0.04, -0.04, 0.0], [0.04, 0.04, 0.04], (count, 3))
+        certificate.sweep(poses[:, :3, 3], rng.random(count) < 0.5, poses)
+        certificate.touch(rng.uniform([-0.03, -0.03, 0.0], [0.03, 0.03, 0.035], (int(rng.integers(0, 60)), 3)))
+        now = certificate.hiding().diameter
+        assert now <= last
+        last = now
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_no_ball_hides_that_is_larger_than_certified(seed):
+    """The largest 40 of 40 000 bumps at each of 25 objects, each bump as large as what was swept leaves room for."""
+    rng = np.random.default_rng(seed)
+    area, world = small_area(0.036), naive.ConvexObject.random(rng)
+    pitch = float(rng.choice([0.002, 0.004, 0.007, 0.01]))
+    centres, touched = world.raster(area, RADIUS, pitch, skip=rng.random() < 0.5, rng=rng)
+    certificate = Certificate(area, RADIUS, opening=OPENING, most_voxels=int(rng.choice([8000, 60_000])))
+    certificate.sweep(centres, np.zeros(len(centres), bool))
+    certificate.touch(touched)
+    claimed, swept = certificate.hiding().diameter, cKDTree(centres)
+    places = rng.uniform(area.lower - RADIUS, area.upper + RADIUS, (40_000, 3))
+    beyond = np.maximum(area.lower - places, places - area.upper)
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    room = np.minimum(swept.query(places)[0] - RADIUS, world.distance(places))
+    room = np.minimum(room, RADIUS - outside)  # the sphere comes no farther
+    bumps = np.sort(2.0 * room)[-40:]
+    assert bumps[0] > 0.0
+    assert (bumps <= claimed).all()
+    assert claimed <= bumps[-1] + 6.0 * certificate.edge  # it says something
+
+
+@pytest.mark.parametrize(
+    ("field", "given"),
+    [
+        ("radius", {"radius": np.nan}),
+        ("radius", {"radius": -1.0}),
+        ("opening", {"opening": 0.009}),
+        ("opening", {"opening": np.inf}),
+        ("tolerance", {"tolerance": 0.006}),
+        ("most_voxels", {"most_voxels": 3}),
+    ],
+)
+def test_bad_numbers_are_refused(field, given):
+    with pytest.raises(InputError) as caught:
+        Certificate(**{"area": small_area(), "radius": RADIUS, "opening": OPENING, **given})
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize("rows", [np.zeros((2, 2)), [[0.0, np.nan, 0.0]], "places"])
+def test_bad_places_are_refused(rows):
+    certificate = Certificate(small_area(), RADIUS, opening=OPENING)
+    with pytest.raises(InputError, match="centres"):
+        certificate.sweep(rows)
+    with pytest.raises(InputError, match="points"):
+        certificate.touch(rows)
