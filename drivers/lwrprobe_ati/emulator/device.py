@@ -126,7 +126,10 @@ class AtiEmulator:
         self.console.work(now)
         self._obey(now)
         if now - self._next > _HOPELESS:
-            self._next = now  # this process was kept from running: the device pauses instead of bursting
+            # This process was kept from running: the records of that time are lost, with their numbers.
+            skipped = int((now - self._next) * self.settings.rate)
+            self._sequence += skipped
+            self._next += skipped / self.settings.rate
         while self._next <= now:
             self._measure(self._next)
             self._next += 1.0 / self.settings.rate

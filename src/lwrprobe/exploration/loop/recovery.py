@@ -93,6 +93,7 @@ class Recovery:
         self._confirm, self._message = confirm, message
         self._way: list[np.ndarray] = []
         self._heard = 0.0
+        self._attempts = 0
         self.interruptions: list[Interruption] = []
 
     @property
@@ -105,16 +106,29 @@ class Recovery:
         return [asdict(one) for one in self.interruptions]
 
     def after_stop(self, cause: MotionInterrupted) -> None:
-        """Set an arm in motion that has stopped by itself; raises what ends the run where that may not or cannot be."""
+        """Set an arm in motion that has stopped by itself, also where it does so once more on the way back.
+
+        Raises what ends the run where that may not or cannot be.
+        """
+        begin = self._arm.time
+        while True:
+            try:
+                return self._after_stop(cause, begin)
+            except MotionInterrupted as again:
+                if again is cause:
+                    raise
+                cause = again
+
+    def _after_stop(self, cause: MotionInterrupted, begin: float) -> None:
         device = self._devices.arm
         if not isinstance(device, RestartableArm) or self._sample.observation is None:
             raise cause
         if self._confirm is None and not cause.unasked:
             raise cause
         allowed = self._safety.reentries
-        if self.reentries >= allowed:
+        if self._attempts >= allowed:
             raise SafetyStop(f"{cause}; not re-entered: safety.reentries allows {allowed}") from cause
-        begin = self._arm.time
+        self._attempts += 1
         self._message(f"interrupted: {cause}")
         asked = self._asked(cause)
         try:
@@ -180,6 +194,7 @@ class Recovery:
         size = float(np.linalg.norm(force))
         if size > 0.5 * self._threshold:
             self._sample.retreat.note(self._tip, force / size)
+            self._way = []
         if self._sample.retreat.normal is not None and not self._way:
             self._retreat(self._safety.lift)
 
