@@ -132,8 +132,8 @@ def _bound(
 
     `place` (n, 3) and `deviation` (n,) are changed in place.
     """
-    sure = known.deviations(place) < _TRUSTED * deviation
-    sure = np.flatnonzero(sure & _between(known, place, direction))
+    trusted = known.deviations(place) < _TRUSTED * deviation
+    sure = np.flatnonzero(trusted & _between(known, place, direction))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
     kept = np.ones(len(place), dtype=bool)
     kept[sure[(at_start <= 0.0) & (at_end >= 0.0)]] = False
