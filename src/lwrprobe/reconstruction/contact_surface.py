@@ -93,7 +93,7 @@ class ContactSurface:
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, pitch))
         known = _hermite_data(clusters, touches) + below
         contacts = np.vstack([touches.centres, below.points])
-        walls = work.run("walls", lambda: find_walls(evidence, known.points, known.normals, contacts, settings))
+        walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
         outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))

@@ -14,7 +14,7 @@ from lwrprobe.reconstruction.grid import Grid
 SHARPNESS = 0.1
 """Share of the largest eigenvalue from which on a second or third direction of the tangent planes counts as an edge."""
 
-_APART = 1e-3
+_APART = 1e-4
 """Of a cell's edge: how far a vertex keeps from the faces of its cell, where those of its neighbours may lie as well.
 As a share: how far it is drawn to the mean of its crossings, which another sheet in the cell does not have."""
 

@@ -4,6 +4,10 @@ Lines leave gaps: the object ends, or a wall stands, somewhere between the last 
 that did not. There the surface is bounded on both sides. Without any other hint it is put half way; but when the
 last line's normals lean towards the gap, the drop of the surface since the line before shows whether a sharp
 edge (the sphere rolls over it: an arc of its own radius) or a rounding has begun, and where it will end.
+
+Such a guess is worth less than contacts on both sides of it that face the same way. Where they say with a deviation
+not much larger than the guess's that the surface passes between solid and free, the guess is dropped; where they say
+that it passes where the sphere has been, the guess goes to the border of that space.
 """
 
 from __future__ import annotations
@@ -22,11 +26,15 @@ from lwrprobe.reconstruction.evidence_kernels import (
     upstream,
 )
 from lwrprobe.reconstruction.grid import Grid
-from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 
 _CURVATURE_NOISE = 1.2e-4  # m, of the drop between two lines
 _EVIDENCE_FLOOR = 3e-4  # m, no extrapolation is better than this
 _WALL_NORMAL_SD = 0.2  # rad
+_BESIDE = 1.0  # of the reach: contacts on the lines on either side of a guess are that near
+_ALIKE = 0.8  # cosine between a guess's direction and the normals of contacts that the surface leads on
+_TRUSTED = 4.0
+"""Times a guess's deviation that the contacts' own may have: the guesses beside one another err the same way."""
 
 
 @dataclass(slots=True)
@@ -92,16 +100,15 @@ class Walls:
         return len(self.data.points)
 
 
-def find_walls(
-    evidence: Evidence, centres: np.ndarray, normals: np.ndarray, contacts: np.ndarray, settings: WallSettings
-) -> Walls:
+def find_walls(evidence: Evidence, known: HermiteField, contacts: np.ndarray, settings: WallSettings) -> Walls:
     """Walls between solid and free evidence.
 
     Parameters
     ----------
-    centres, normals : (k, 3) of the clustered contacts
+    known : the field of the clustered contacts alone
     contacts : (n, 3) centres of the single contacts, as numbered in `evidence`
     """
+    centres, normals = known.data.points, known.data.normals
     start, direction, gap, contact = _unsupported(evidence, centres, settings)
     start, direction, gap, contact = _thin(start, direction, gap, contact, 0.8 * settings.pitch)
     place, facing = start + 0.5 * gap[:, None] * direction, direction.copy()
@@ -109,7 +116,45 @@ def find_walls(
     for rows, arcs in _arcs(direction, centres, normals, settings):
         for row in rows:
             _refine(row, arcs, start, direction, gap, contacts[contact[row]], settings, place, facing, deviation)
-    return Walls(HermiteData(place, facing, deviation, np.full(len(place), _WALL_NORMAL_SD)))
+    kept = _bound(known, start, start + gap[:, None] * direction, place, direction, deviation)
+    return Walls(HermiteData(place[kept], facing[kept], deviation[kept], np.full(kept.sum(), _WALL_NORMAL_SD)))
+
+
+def _bound(
+    known: HermiteField,
+    start: np.ndarray,
+    end: np.ndarray,
+    place: np.ndarray,
+    direction: np.ndarray,
+    deviation: np.ndarray,
+) -> np.ndarray:
+    """(n,) bool: the guesses that remain; where contacts put the surface beyond a gap's `end`, a guess goes there.
+
+    `place` (n, 3) and `deviation` (n,) are changed in place.
+    """
+    trusted = known.deviations(place) < _TRUSTED * deviation
+    sure = np.flatnonzero(trusted & _between(known, place, direction))
+    at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
+    kept = np.ones(len(place), dtype=bool)
+    kept[sure[(at_start <= 0.0) & (at_end >= 0.0)]] = False
+    beyond = sure[(at_start <= 0.0) & (at_end < 0.0)]
+    place[beyond] = end[beyond]
+    deviation[beyond] = np.minimum(deviation[beyond], _EVIDENCE_FLOOR)
+    return kept
+
+
+def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(n,) bool: contacts on two sides of places (n, 3) face the way of `direction` (n, 3): no edge lies there."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(known.data.points).query_ball_point(place, _BESIDE * known.reach)
+    found = np.zeros(len(place), dtype=bool)
+    for i, rows in enumerate(near):
+        alike = np.array(rows, dtype=np.int64)[known.data.normals[rows] @ direction[i] > _ALIKE]
+        aside = known.data.points[alike] - place[i]
+        aside -= np.outer(aside @ direction[i], direction[i])
+        found[i] = bool((aside @ aside.T < 0.0).any())
+    return found
 
 
 @dataclass(slots=True, frozen=True)

@@ -15,10 +15,13 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.reconstruction.grid import Grid
-from lwrprobe.reconstruction.hermite_kernels import add_block, deviations, fit
+from lwrprobe.reconstruction.hermite_kernels import add_block, deviations, fit, value_at
 
 _NEAREST = 12
 """Data that a deviation is taken from."""
+
+_AROUND_PLACE = 24
+"""Data that a single value is taken from: those of both lines beside it."""
 
 _AROUND = np.array(list(product((-1, 0, 1), repeat=3)))
 
@@ -75,6 +78,18 @@ class HermiteField:
                 progress(b / len(centres))
         with np.errstate(invalid="ignore", divide="ignore"):
             return total / share
+
+    def values_near(self, middles: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(m, k) m: the field at places (m, k, 3), each row from the data nearest to its middle (m, 3)."""
+        from scipy.spatial import cKDTree
+
+        count = min(_AROUND_PLACE, len(self.data.points))
+        near = cKDTree(self.data.points).query(middles, k=np.arange(1, count + 1))[1]
+        out = np.empty(places.shape[:2])
+        for m, members in enumerate(near):
+            points, weights = self._fit(members)
+            out[m] = [value_at(points, weights, self.reach, self.variance, *place) for place in places[m]]
+        return out
 
     def deviations(self, places: np.ndarray) -> np.ndarray:
         """Standard deviation [m] of the field at places (m, 3), from the nearest data: farther ones add nothing."""
