@@ -187,7 +187,7 @@ _ABOUT = json.dumps(
 _WRENCH, _JOINT = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
 _COLUMNS = (
     "listening", "time", "sequence", "status", "fx", "fy", "fz", "tx", "ty", "tz", "arm_time", "acceleration",
-    "arrived", "blocked", "vx", "vy", "vz", *(f"q{k}" for k in range(1, 8)),
+    "arrived", "blocked", "vx", "vy", "vz", "mx", "my", "mz", *(f"q{k}" for k in range(1, 8)),
 )  # fmt: skip
 _WORDS = (
     b"nan",
@@ -205,7 +205,7 @@ _WORDS = (
 
 
 def _samples(generator: np.random.Generator) -> np.ndarray:
-    rows = generator.normal(size=(2, 24))
+    rows = generator.normal(size=(2, 27))
     rows[:, [0, 13]] = 0.0
     return rows
 

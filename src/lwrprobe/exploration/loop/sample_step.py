@@ -125,7 +125,8 @@ class SampleStep:
         bag = self._recorder.bag
         if bag is not None:
             arrived, blocked = pipeline.trajectory.arrived, arm.blocked
-            bag.sample(sample, arm.time, arm.history.acceleration, arrived, blocked, pose, velocity, arm.history.q)
+            measured, gain = arm.history.measured_velocity(sample.time), arm.history.acceleration
+            bag.sample(sample, arm.time, gain, arrived, blocked, pose, velocity, measured, arm.history.q)
             clock.lap("bag")
         rotation, place = pose[:3, :3], pose[:3, 3].copy()  # kernels take their vectors in one piece
         wrench = self._conditioned(sample, rotation)

@@ -84,6 +84,12 @@ class RecordedHistory:
             if self._recording.poses is None:
                 self._states.q[:] = self._recording.joints[k]
 
+    def measured_velocity(self, time: float) -> np.ndarray:
+        """(3,) m/s of the tip at the sample that is shown."""
+        if self._velocities is None:
+            return self._recording.rows[self._row, 17:20].copy()
+        return self._velocities[self._row].copy()
+
     def tip_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Tip pose (4, 4) and velocity (3,) m/s at the sample that is shown."""
         if self._velocities is None:
@@ -100,7 +106,7 @@ class RecordedArm:
         self.history = RecordedHistory(recording, robot)
         self.time, self.q, self.blocked = 0.0, np.zeros(robot.n), ""
         self.cycle = recording.cycle
-        self.excess = ReactionExcess(recording.cycle, 0.0, 1.0 / recording.rate)  # stays zero: nothing is driven
+        self.excess = ReactionExcess(self.cycle, recording.latency, 1.0 / recording.rate)
 
     def show(self, k: int, tip: RecordedTip) -> None:
         """Sample k comes next; `tip` gets its place."""
@@ -189,8 +195,9 @@ class Replay:
             write_scene(scene, out / "scene.toml")
         self._arm = RecordedArm(recording, pipeline.robot)
         self._clock = StageClock(STAGES)
-        stiffness, threshold = scene.contact.stiffness, scene.contact.threshold
-        self._record = RunRecord(self.recorder, pipeline.strategy, pipeline.probe, stiffness, threshold)
+        self._record = RunRecord(
+            self.recorder, pipeline.strategy, pipeline.probe, scene.contact.stiffness, scene.contact.threshold
+        )
         known = recording.answers if same and recording.own else None
         self._request = RecordedRequest(pipeline, self._arm, known)
         self._sample = SampleStep(
@@ -225,10 +232,11 @@ class Replay:
         self.seconds = perf_counter() - begin
         record = self._record
         self.outcome = Outcome(
-            status, reason, last, record.touches, record.path, record.contact_path, record.peak_force,
-            record.peak_bound, 0.0, [], 0, record.range_used, self._clock.cycle_median(),
-            self._sample.force_guard.interventions, 0,
-            self._clock.table(), self.pipeline.conditioner.counters,
+            status=status, reason=reason, time=last, touches=record.touches, path=record.path,
+            contact_path=record.contact_path, peak_force=record.peak_force, peak_bound=record.peak_bound, late_by=0.0,
+            interruptions=[], gaps=0, range_used=record.range_used, cycle_us=self._clock.cycle_median(),
+            guard_interventions=self._sample.force_guard.interventions, slowed_cycles=0, stages=self._clock.table(),
+            counters=self.pipeline.conditioner.counters,
         )  # fmt: skip
         return self.outcome
 

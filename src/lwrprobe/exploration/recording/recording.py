@@ -30,7 +30,7 @@ class Recording:
     Attributes
     ----------
     path : of the bag
-    rows : (n, 17 + joints), columns as `SAMPLE_COLUMNS`, then joint values [rad]
+    rows : (n, 20 + joints), columns as `SAMPLE_COLUMNS`, then joint values [rad]
     words : by the code of the column `blocked`
     poses : (n, 4, 4) of the tip where the bag has no joint values, None where it has
     cycle, rate, latency : of the devices: s, Hz, s

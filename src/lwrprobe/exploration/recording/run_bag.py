@@ -28,10 +28,10 @@ STATE, LOG = "/lwrprobe/state", "/rosout"
 
 SAMPLE_COLUMNS = (
     "listening", "time", "sequence", "status", "fx", "fy", "fz", "tx", "ty", "tz", "arm_time", "acceleration",
-    "arrived", "blocked", "vx", "vy", "vz",
+    "arrived", "blocked", "vx", "vy", "vz", "mx", "my", "mz",
 )  # fmt: skip
 """Of a row of samples, before the joints' values: `listening` counts the pauses in which the bias was taken, 0 after
-them; `blocked` is a code of `WORDS`."""
+them; `blocked` is a code of `WORDS`; vx, vy, vz are the commanded velocity of the tip, mx, my, mz the measured one."""
 
 SLOW, RARE, MAP_EVERY = 0.2, 0.5, 20.0
 """s of the robot's time between two messages: transforms; state and markers; maps."""
@@ -80,7 +80,7 @@ class RunBag:
         """The samples of a pause in which the bias is taken, with the joints at q (n,)."""
         self._listened += 1
         for sample in samples:
-            self._row(self._listened, sample, 0.0, 0.0, False, "", (0.0, 0.0, 0.0), q)
+            self._row(self._listened, sample, 0.0, 0.0, False, "", (0.0,) * 6, q)
 
     def begin(self, zero: float, elapsed: float, start: np.ndarray, delay: float) -> None:
         """The strategy takes over at a tip pose (4, 4): time `zero` on the arm's clock is 0 s of the run.
@@ -103,10 +103,14 @@ class RunBag:
         blocked: str,
         pose: np.ndarray,
         velocity: np.ndarray,
+        measured: np.ndarray,
         q: np.ndarray,
     ) -> None:
-        """One wrench sample with the joints q (n,) and the tip's pose (4, 4) and velocity (3,) at its instant."""
-        self._row(0, sample, arm_time, acceleration, arrived, blocked, velocity.tolist(), q)
+        """One wrench sample with the joints q (n,) and the tip's pose (4, 4) at its instant.
+
+        Velocities of the tip (3,) m/s are the commanded and the measured one.
+        """
+        self._row(0, sample, arm_time, acceleration, arrived, blocked, velocity.tolist() + measured.tolist(), q)
         self._now = now = sample.time - self._zero
         if now < self._stream_due:
             return
