@@ -1,4 +1,4 @@
-"""ReferenceSphere: finds a sphere of known radius, presses on it from many sides in many orientations, then on the table.
+"""ReferenceSphere: finds a sphere of known radius, presses on it from many sides, then on the table.
 
 The strategy of `lwrprobe calibrate`. It uses the contact estimator to find the sphere; the calibration itself
 is made from the raw readings of arm and sensor.
@@ -49,7 +49,7 @@ PRIOR = 0.02
 
 
 @dataclass(slots=True, frozen=True)
-class Config:
+class _Options:
     """Options.
 
     Attributes
@@ -93,12 +93,12 @@ class ReferenceSphere(SkillStrategy):
     centres : (3,) m of each place of the sphere that was found
     """
 
-    Config: ClassVar[type] = Config
+    Config: ClassVar[type] = _Options
     centres: list[np.ndarray]
 
     def program(self) -> Program:
         """Find the sphere, then press according to the plan."""
-        options: Config = self.task.options
+        options: _Options = self.task.options
         self.centres, self._count, self._planned = [], 0, 1
         self._reach = options.radius + self.task.probe.radius
         self._upright = self.tip.rotation.copy()
@@ -111,7 +111,7 @@ class ReferenceSphere(SkillStrategy):
             if found is not Ended.CONTACT:
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
             self.centres.append(self._centre())
-            for k, touch in enumerate(plan[index:] + plan[:index]):
+            for touch in plan[index:] + plan[:index]:
                 yield from self._press(touch)
                 self._count += 1
             self.centres[-1] = self._centre()
@@ -124,7 +124,7 @@ class ReferenceSphere(SkillStrategy):
         """Share of the planned touches."""
         return Progress("calibrating", min(self._count / self._planned, 1.0), self.tip.trace.state)
 
-    def _find(self, stated: np.ndarray, options: Config) -> Procedure:
+    def _find(self, stated: np.ndarray, options: _Options) -> Procedure:
         """Go down at places around the stated one until the tip meets something above the table, then beside it.
 
         Heights alone count, because an uncalibrated sensor says little of a contact's normal.
@@ -132,7 +132,7 @@ class ReferenceSphere(SkillStrategy):
         step, rings = SEARCH * self._reach, int(np.ceil(options.spread / (SEARCH * self._reach)))
         grid = np.arange(-rings, rings + 1) * step
         for x, y in sorted(((x, y) for x in grid for y in grid), key=lambda offset: np.hypot(*offset)):
-            if (yield from self._descend(stated, stated[:2] + (x, y))) is Ended.CONTACT:
+            if (yield from self._descend(stated, stated[:2] + np.array((x, y)))) is Ended.CONTACT:
                 break
         else:
             return Ended.NOTHING_FOUND
@@ -190,7 +190,7 @@ class ReferenceSphere(SkillStrategy):
             for normal, rotation in way_round(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
         ]
         pressed = _pose(touch.rotation, centre + (self._reach - BEYOND) * touch.normal)
-        poses = [_pose(point.rotation, point.place) for point in way]
+        poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in way]
         if not self.task.reachable([*poses, pressed]):
             return Ended.NOTHING_FOUND
         try:
@@ -245,7 +245,7 @@ class ReferenceSphere(SkillStrategy):
     def _press_table(self) -> Procedure:
         """Press on the table at four places around the sphere."""
         tip, centre = self.tip, self._centre()
-        options: Config = self.task.options
+        options: _Options = self.task.options
         yield from self._leave_upwards()
         high = float(tip.here[2])
         low = options.table + self.task.probe.radius

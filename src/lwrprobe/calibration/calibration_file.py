@@ -136,9 +136,7 @@ def read_calibration(path: str | Path) -> Calibration:
             touches=_of(content, "touches", int),
             residual=float(_of(content, "residual_m", float)),
             time=float(_of(content, "time_s", float)),
-            quantities={
-                name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()
-            },
+            quantities={name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()},
         )
     except ValueError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -166,6 +164,8 @@ def _quantity(name: str, table: Any) -> Quantity:
             raise ValueError(f"quantity.{name}.{key} is {row!r}, not {LENGTHS.get(name) or 'a list of'} finite numbers")
         numbers[key] = tuple(float(v) for v in row)
     visible = table.get("visible")
-    if not isinstance(visible, list) or not len(visible) == len(numbers["values"]) == len(numbers["sigma"]):
+    if not isinstance(visible, list):
+        raise ValueError(f"quantity.{name}.visible is {visible!r}, not a list")
+    if not len(visible) == len(numbers["values"]) == len(numbers["sigma"]):
         raise ValueError(f"quantity.{name}: values, sigma and visible differ in length")
     return Quantity(str(table.get("unit", "")), numbers["values"], numbers["sigma"], tuple(bool(v) for v in visible))

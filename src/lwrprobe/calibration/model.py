@@ -34,10 +34,11 @@ _DH = ("a", "alpha", "d", "theta")
 class _Rows:
     """What each of N samples contributes, computed once.
 
-    path_times (N, K) s and path (N, K, 3) m hold where the tip was around the sample; jacobian (N, 3, n); by_dh (N, 3,
-    4 n); by_ripple (N, 3, 2 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the force, sensor frame; play (N, 3) m, shift of the
-    tip by a play of the prior's width; lag (N, 6) N and N m, by which a hysteresis of the prior's width lets the reading
-    stay behind; stuck (N, 6), the same of the zero that was taken before the touch; touch (N,) index; place (N,); on_table (N,) bool.
+    Beginning and step [s] of the times at which path (N, K, 3) m holds where the tip was around the sample; jacobian
+    (N, 3, n); by_dh (N, 3, 4 n); by_ripple (N, 3, 2 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the
+    force, sensor frame; play (N, 3) m, shift of the tip by a play of the prior's width; lag (N, 6) N and N m, by which
+    a hysteresis of the prior's width lets the reading stay behind; stuck (N, 6), the same of the zero that was taken
+    before the touch; touch (N,) index; place (N,); on_table (N,) bool.
     """
 
     times: Vector
@@ -126,7 +127,9 @@ class Model:
         self._whiten_place = []
         for mine in self._of_touch:
             way = self.rows.path[mine, self.rows.path.shape[1] // 2]
-            way = np.linalg.norm(way - way.mean(axis=0), axis=1) * np.sign((way - way.mean(axis=0)) @ (way[-1] - way[0]))
+            way = np.linalg.norm(way - way.mean(axis=0), axis=1) * np.sign(
+                (way - way.mean(axis=0)) @ (way[-1] - way[0])
+            )
             # What is left of a gear's wave bends the path: a share of the way.
             bend = _BENT * scale * way
             # What the play of joints and sensor leaves, in and out.
@@ -164,9 +167,7 @@ class Model:
         index = np.arange(len(cell))
         early, late = rows.path[index, cell], rows.path[index, cell + 1]
         matrix = np.linalg.inv(np.eye(6) + x[at["sensor"]].reshape(6, 6))
-        wrench = (
-            rows.reading + x[at["hysteresis"]][0] * rows.lag + x[at["zero"]][0] * rows.stuck
-        ) @ matrix.T
+        wrench = (rows.reading + x[at["hysteresis"]][0] * rows.lag + x[at["zero"]][0] * rows.stuck) @ matrix.T
         force = wrench[:, :3]
         across, along = np.exp(x[at["stick"]])
         bend = self._probe.compliance * np.array([across, across, along]) * force
@@ -197,7 +198,7 @@ class Model:
             distance=distance,
             load=np.einsum("ni,ni->n", force, inward),
             rate=np.einsum("ni,ni->n", rows.rate, inward),
-            # The stated radius: in the torque an error of it is lost in the sensor's hysteresis, and would be biased by it.
+            # The stated radius: what the torque shows of it is less than what the sensor's hysteresis hides.
             lever=self._lever + bend - self._probe.radius * inward,
         )
 
@@ -338,7 +339,10 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
                 jacobian=jacobian,
                 by_dh=derivatives_by_table(robot, joints, poses),
                 by_ripple=np.concatenate(
-                    [jacobian * np.sin(priors.gear_waves * joints)[:, None], jacobian * np.cos(priors.gear_waves * joints)[:, None]],
+                    [
+                        jacobian * np.sin(priors.gear_waves * joints)[:, None],
+                        jacobian * np.cos(priors.gear_waves * joints)[:, None],
+                    ],
                     axis=2,
                 ),
                 rotation=poses[:, :3, :3],

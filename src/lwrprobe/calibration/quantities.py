@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lwrprobe.calibration.calibration_file import Quantity
 from lwrprobe.calibration.free_readings import Load
@@ -40,7 +41,7 @@ def quantities(
         "joint_stiffness": _quantity("N m/rad", joint, joint * s.sigma("arm"), s.visible("arm")),
         "arm_stiffness": _arm_stiffness(s, robot, priors, q),
         "sensor_matrix": _quantity(
-            "1, 1/m and m", (np.eye(6) + s.value("sensor").reshape(6, 6)).ravel(), s.sigma("sensor"), s.visible("sensor")
+            "1, 1/m and m", np.eye(6) + s.value("sensor").reshape(6, 6), s.sigma("sensor"), s.visible("sensor")
         ),
         "force_to_torque": _quantity("m", ratio, ratio_sigma, ratio_sigma < 0.5 * ratio_prior),
         "clock_offset": _taken(s, "clock", "s"),
@@ -53,7 +54,9 @@ def quantities(
         "joint_offset": _quantity(
             "rad", s.value("dh")[offsets], s.sigma("dh")[offsets], s.visible("dh")[offsets]
         ),
-        "surface_compliance": _quantity("m/N", s.value("surface")[:1], s.sigma("surface")[:1], s.visible("surface")[:1]),
+        "surface_compliance": _quantity(
+            "m/N", s.value("surface")[:1], s.sigma("surface")[:1], s.visible("surface")[:1]
+        ),
     }  # fmt: skip
 
 
@@ -118,7 +121,7 @@ def _taken(s: Solution, name: str, unit: str) -> Quantity:
     return _quantity(unit, s.value(name), s.sigma(name), s.visible(name))
 
 
-def _quantity(unit: str, values: object, sigma: object, visible: object) -> Quantity:
+def _quantity(unit: str, values: ArrayLike, sigma: ArrayLike, visible: ArrayLike) -> Quantity:
     return Quantity(
         unit,
         tuple(float(v) for v in np.ravel(values)),

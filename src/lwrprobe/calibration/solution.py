@@ -167,7 +167,9 @@ def _check(touches: list[Touch], reference_radius: float) -> None:
     if count < FEWEST:
         raise InputError("touches", count, f"at least {FEWEST} touches of the reference sphere")
     for touch in touches:
-        if not all(np.isfinite(part).all() for part in (touch.times, touch.wrenches, touch.arm_times, touch.arm_joints)):
+        if not all(
+            np.isfinite(part).all() for part in (touch.times, touch.wrenches, touch.arm_times, touch.arm_joints)
+        ):
             raise InputError("touches", "NaN or infinite values", "finite numbers only")
         if len(touch.times) < 6:
             raise InputError("touches", len(touch.times), "at least six samples a touch")

@@ -1,4 +1,4 @@
-"""What a calibration measures: touches with the arm's joints and the sensor's raw readings, and readings in free space."""
+"""What a calibration measures: touches with joints and raw readings, and readings in free space."""
 
 from __future__ import annotations
 

@@ -40,9 +40,7 @@ def calibrate(
     sensor: Annotated[
         str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
     ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="File to write.")
-    ] = Path("calibration.toml"),
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")] = Path("calibration.toml"),
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
     ] = None,

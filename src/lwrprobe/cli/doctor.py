@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import metadata, version
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
     from lwrprobe.contracts.plugins import Plugin
+
+MAX_AGE = 90
+"""days after which a calibration is to be made again."""
 
 
 def doctor(
@@ -42,7 +46,7 @@ def doctor(
     else:
         lines = _devices([name for name in (arm, sensor) if name is not None], scene, settings or [], seconds)
     bad = 0
-    for line, good in lines:
+    for line, good in chain(lines, _calibration(scene, settings or [])):
         typer.echo(("  " if good else "! ") + line)
         bad += not good
     typer.echo("no problem found" if not bad else f"problems found: {bad}, in the lines marked with !")
@@ -92,6 +96,22 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         latency = faces["sensor"].latency if "sensor" in faces else 0.0
         for reading in host_checks(loaded, faces["arm"].cycle, latency, min(seconds, 5.0)):
             yield f"host {reading.name:<24} {reading.value}", reading.good
+
+
+def _calibration(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
+    """Age and residual of the scene's calibration, nothing where it has none."""
+    from datetime import UTC, datetime
+
+    from lwrprobe.scene import load_scene
+    from lwrprobe.scene.calibrated_scene import calibration_of
+
+    found = calibration_of(load_scene(scene, settings))
+    if found is None:
+        return
+    days = (datetime.now(UTC) - found.date).total_seconds() / 86400.0
+    facts = f"{days:.0f} days old, residual {1e3 * found.residual:.3f} mm, sphere {1e3 * found.reference_sphere:g} mm"
+    good = days + 1.0 >= 0.0 and days <= MAX_AGE
+    yield f"{'calibration':<24} {facts}" + ("" if good else f": calibrate again, {MAX_AGE} days are allowed"), good
 
 
 def _libraries() -> list[tuple[str, bool]]:

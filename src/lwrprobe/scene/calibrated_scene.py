@@ -26,9 +26,7 @@ _STATED: dict[str, tuple[str, ...]] = {
 
 def stated_hash(scene: Scene) -> str:
     """Digest of what the scene states of arm and probe: a calibration counts for that alone."""
-    stated = {
-        table: {key: getattr(getattr(scene, table), key) for key in keys} for table, keys in _STATED.items()
-    }
+    stated = {table: {key: getattr(getattr(scene, table), key) for key in keys} for table, keys in _STATED.items()}
     text = json.dumps(stated, default=lambda value: value.model_dump(mode="json"), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -73,7 +71,7 @@ def calibrated(scene: Scene) -> Scene:
     height, *slope = (float(v) for v in found.values("table"))
     table: dict[str, Any] = {}
     if scene.table.present:
-        rise = float(np.hypot(*slope))
+        rise = float(np.hypot(slope[0], slope[1]))
         table = {"height": height, "tilt_deg": float(np.degrees(np.arctan(rise)))}
         if rise > 0.0:
             table["tilt_axis"] = (slope[1] / rise, -slope[0] / rise, 0.0)
@@ -88,7 +86,9 @@ def calibrated(scene: Scene) -> Scene:
             "table": scene.table.model_copy(update=table),
             "area": scene.area.model_copy(update={"lower": (lower[0], lower[1], floor)}),
             "contact": scene.contact.model_copy(
-                update={"stiffness": float(len(found.values("arm_stiffness")) / np.sum(1.0 / found.values("arm_stiffness")))}
+                update={
+                    "stiffness": float(len(found.values("arm_stiffness")) / np.sum(1.0 / found.values("arm_stiffness")))
+                }
             ),
             "uncertainty": _uncertainty(scene.uncertainty, found),
         }

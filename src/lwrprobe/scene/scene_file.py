@@ -14,8 +14,8 @@ from lwrprobe.contracts import SceneError, UnknownNameError
 from lwrprobe.errors import nearest
 from lwrprobe.scene import library
 from lwrprobe.scene.actual_scene import with_room
-from lwrprobe.scene.random_scene import random_scene
 from lwrprobe.scene.calibrated_scene import calibration_of
+from lwrprobe.scene.random_scene import random_scene
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.shape import MATERIAL, SHAPES, Shape
 from lwrprobe.scene.table import Refusal

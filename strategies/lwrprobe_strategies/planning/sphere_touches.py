@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import cos, pi, sin
 
 import numpy as np
@@ -68,7 +69,7 @@ def way_round(
     corners = [begin, top, end] if angle > 1.8 else [begin, end]
     axis, turn = _turn(begin_rotation, end_rotation)
     steps: list[np.ndarray] = []
-    for a, b in zip(corners, corners[1:]):
+    for a, b in pairwise(corners):
         between = float(np.arccos(np.clip(a @ b, -1.0, 1.0)))
         count = max(1, int(np.ceil(between)))
         steps += [_slerp(a, b, between, (k + 1) / count) for k in range(count)]

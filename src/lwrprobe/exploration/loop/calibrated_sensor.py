@@ -19,14 +19,10 @@ class CalibratedSensor:
 
     def __init__(self, sensor: Sensor, calibration: Calibration) -> None:
         self._sensor = sensor
+        self.rate = sensor.rate
         self._matrix = np.linalg.inv(calibration.values("sensor_matrix").reshape(6, 6))
         self._offset = float(calibration.values("clock_offset")[0])
         self.latency = max(float(calibration.values("sensor_latency")[0]), 0.0)
-
-    @property
-    def rate(self) -> float:
-        """Hz, nominal."""
-        return self._sensor.rate
 
     def open(self) -> None:
         """As the sensor's own."""

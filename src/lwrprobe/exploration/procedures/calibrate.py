@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from lwrprobe.calibration import (
     quantities,
     solve,
 )
-from lwrprobe.contracts import InputError, LwrprobeError, SafetyStop
+from lwrprobe.calibration.touches import Target
+from lwrprobe.contracts import InputError, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
@@ -109,7 +111,9 @@ def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
         "places": [[x, y, z]],
         "table": scene.table.height if scene.table.present else float("nan"),
     }
-    material = {"friction": scene.objects[0].friction, "stiffness": scene.objects[0].stiffness} if scene.objects else {}
+    material: dict[str, Any] = (
+        {"friction": scene.objects[0].friction, "stiffness": scene.objects[0].stiffness} if scene.objects else {}
+    )
     changed = scene.model_copy(
         update={
             "objects": (Sphere(shape="sphere", radius=radius, at=Pose(xyz=(x, y, z)), **material),),
@@ -164,7 +168,9 @@ def feasible_leans(scene: Scene) -> list[Lean]:
     return order
 
 
-def _swing(robot: Robot, pose: np.ndarray, begin: np.ndarray, end: np.ndarray, q: Vector, least: float) -> Vector | None:
+def _swing(
+    robot: Robot, pose: np.ndarray, begin: np.ndarray, end: np.ndarray, q: Vector, least: float
+) -> Vector | None:
     """Joints (n,) after a turn from one orientation to another at the place of `pose`; None where it is not safe."""
     turn = end @ begin.T
     angle = _angle(begin, end)
@@ -265,7 +271,7 @@ def _touches(
 def _spans(trace: Any, zero: float) -> list[tuple[str, float, float]]:
     """(skill, begin, end) on the arm's clock, of each skill in the trace."""
     spans = []
-    for before, row in zip(trace, trace[1:]):
+    for before, row in pairwise(trace):
         spans.append((row[1], before[0] + zero, row[0] + zero))
     return spans
 
@@ -306,7 +312,7 @@ def _tell_apart(found: Touches, robot: Robot, centres: np.ndarray, reach: float)
         tip = robot.fk_batch(touch.arm_joints[len(touch.arm_joints) // 2][None])[0, :3, 3]
         away = np.abs(np.linalg.norm(centres - tip, axis=1) - reach)
         place = int(np.argmin(away))
-        target = "sphere" if away[place] < 0.25 * reach else "table"
+        target: Target = "sphere" if away[place] < 0.25 * reach else "table"
         found.touches[k] = Touch(
             target, place, touch.times, touch.wrenches, touch.rising, touch.arm_times, touch.arm_joints
         )

@@ -28,8 +28,10 @@ class DeviceLog:
     def on(cls, devices: Devices) -> DeviceLog:
         """Put the log between the devices and whoever uses them from now on."""
         log = cls()
-        stepped = isinstance(devices.arm, SteppedArm)
-        devices.arm = LoggedSteppedArm(devices.arm, log) if stepped else LoggedArm(devices.arm, log)  # type: ignore[arg-type]
+        if isinstance(devices.arm, SteppedArm):
+            devices.arm = LoggedSteppedArm(devices.arm, log)
+        else:
+            devices.arm = LoggedArm(devices.arm, log)
         devices.sensor = LoggedSensor(devices.sensor, log)
         return log
 
@@ -49,13 +51,8 @@ class LoggedArm:
     """An arm whose states and set points are kept; see `lwrprobe.contracts.Arm`."""
 
     def __init__(self, arm: Arm, log: DeviceLog) -> None:
-        self._arm, self._log = arm, log
+        self._arm, self._log, self.cycle = arm, log, arm.cycle
         self._last: Vector | None = None
-
-    @property
-    def cycle(self) -> float:
-        """s between two set points."""
-        return self._arm.cycle
 
     def open(self) -> None:
         """As the arm's own."""
@@ -106,16 +103,7 @@ class LoggedSensor:
 
     def __init__(self, sensor: Sensor, log: DeviceLog) -> None:
         self._sensor, self._log = sensor, log
-
-    @property
-    def rate(self) -> float:
-        """Hz, nominal."""
-        return self._sensor.rate
-
-    @property
-    def latency(self) -> float:
-        """s, as far as known."""
-        return self._sensor.latency
+        self.rate, self.latency = sensor.rate, sensor.latency
 
     def open(self) -> None:
         """As the sensor's own."""

@@ -128,7 +128,6 @@ def touches(world: World, rots: list[np.ndarray], per: int, seed: int = 0, force
             tangent = np.cross(u, random.standard_normal(3))
             tangent /= np.linalg.norm(tangent)
             f_dir = u + 0.15 * tangent
-            give = u @ c_tip @ f_dir
             up = np.linspace(0.1, 1.0, 16) * force
             down = np.linspace(1.0, 0.1, 16) * force
             fast = 0.06 if k % 2 else 0.3
@@ -150,14 +149,14 @@ def touches(world: World, rots: list[np.ndarray], per: int, seed: int = 0, force
                 qs = qs + (line - actual.fk_batch(link)[:, :3, 3]) @ pinv.T
             f_sensor = np.outer(load, rotation.T @ f_dir)
             inward = rotation.T @ u
-            lever = np.array([0, 0, PROBE.sensor_distance]) + f_sensor * compliance - (PROBE.radius + world.radius) * inward
+            lever = (
+                np.array([0, 0, PROBE.sensor_distance]) + f_sensor * compliance - (PROBE.radius + world.radius) * inward
+            )
             true = np.column_stack([f_sensor, np.cross(lever, f_sensor)])
             read = true @ world.sensor.T
             noise = world.noise * np.array([3e-3] * 3 + [2e-5] * 3)
             read = read + noise * random.standard_normal(read.shape)
             read = read + noise * 2.0 * random.standard_normal(6)
-            out.append(
-                Touch("sphere", 0, time + t + world.clock, read, np.arange(32) < 16, time + grid, qs)
-            )
+            out.append(Touch("sphere", 0, time + t + world.clock, read, np.arange(32) < 16, time + grid, qs))
             time += 3.0
     return out

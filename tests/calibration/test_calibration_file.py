@@ -1,0 +1,139 @@
+"""`calibration.toml`: written, read, applied to a scene, refused where it is broken or of another probe."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lwrprobe.calibration import Calibration, FreeReading, Quantity, identify_load, read_calibration, write_calibration
+from lwrprobe.calibration.calibration_file import LENGTHS
+from lwrprobe.cli.app import app
+from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
+from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
+from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
+from lwrprobe.kinematics.path import rotations
+from lwrprobe.scene import load_scene
+from lwrprobe.scene.calibrated_scene import calibrated, stated_hash
+
+VALUES = {
+    "tool_shift": [1e-4, -2e-4, 3e-4], "sphere_radius": [0.00501], "stick_stiffness": [2000.0, 1.1e6],
+    "arm_stiffness": [2e4, 1e4, 2e4], "clock_offset": [0.004], "sensor_latency": [0.005], "table": [0.001, 0.0, 0.002],
+    "payload": [0.0031, 0.0, 0.0, 0.03],
+}  # fmt: skip
+
+
+@pytest.fixture
+def calibration():
+    scene = load_scene("block")
+    quantities = {}
+    for name, count in LENGTHS.items():
+        values = VALUES.get(name, [1.0] * (count or 7))
+        if name == "sensor_matrix":
+            values = (1.02 * np.eye(6)).ravel().tolist()
+        if name == "force_to_torque":
+            values = [0.0, -0.05, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+        visible = [True] * len(values)
+        if name == "stick_stiffness":
+            visible[1] = False
+        quantities[name] = Quantity("SI", tuple(values), tuple([1e-5] * len(values)), tuple(visible))
+    date = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+    return Calibration(date, "block", stated_hash(scene), "lwr4", 0.03, 75, 3e-6, 240.0, quantities)
+
+
+def test_file_holds_all(calibration, tmp_path):
+    write_calibration(calibration, tmp_path / "c.toml")
+    assert read_calibration(tmp_path / "c.toml") == calibration
+
+
+def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
+    write_calibration(calibration, tmp_path / "c.toml")
+    stated = load_scene("block", {"calibration": str(tmp_path / "c.toml")})
+    used = calibrated(stated)
+    tip = stated.arm.tool.matrix() @ np.array([1e-4, -2e-4, 3e-4, 1.0])
+    assert used.arm.tool.matrix()[:3, 3] == pytest.approx(tip[:3])
+    assert used.probe.radius == 0.00501
+    assert used.probe.stiffness_lateral == 2000.0
+    assert used.probe.stiffness_axial == stated.probe.stiffness_axial, "not visible: as stated"
+    assert used.table.height == 0.001
+    assert used.area.lower[2] >= used.table.height + used.probe.radius
+    plane = used.table.normal()
+    assert plane[1] / plane[2] == pytest.approx(-0.002)
+    assert used.uncertainty.probe_length_mm == pytest.approx(0.01)
+    assert calibrated(load_scene("block")) == load_scene("block")
+
+
+def test_sensor_is_read_with_its_matrix_and_clock(calibration):
+    class Fake:
+        rate, latency = 125.0, 0.0
+
+        def read(self):
+            return [WrenchSample(1.0, np.array([1.02, 0.0, 2.04]), np.array([0.0, 0.0, 0.102]), 3, 0)]
+
+    sensor = CalibratedSensor(Fake(), calibration)
+    (sample,) = sensor.read()
+    assert sample.time == pytest.approx(0.996)
+    assert sample.sequence == 3
+    assert sample.force == pytest.approx([1.0, 0.0, 2.0])
+    assert sample.torque == pytest.approx([0.0, 0.0, 0.1])
+    assert sensor.latency == 0.005
+    assert sensor.rate == 125.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("format = 1", "format = 9", "format"),
+        ("touches = 75", 'touches = "many"', "touches"),
+        ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
+        ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
+        ("0.00501,", "nan,", "sphere_radius"),
+    ],
+)
+def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):
+    path = tmp_path / "c.toml"
+    write_calibration(calibration, path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(FormatError, match=message):
+        read_calibration(path)
+
+
+def test_missing_file_and_another_probe_are_refused(calibration, tmp_path):
+    with pytest.raises(SceneError, match="lwrprobe calibrate"):
+        load_scene("block", {"calibration": str(tmp_path / "none.toml")})
+    write_calibration(calibration, tmp_path / "c.toml")
+    with pytest.raises(SceneError, match="calibrate again"):
+        load_scene("block", {"calibration": str(tmp_path / "c.toml"), "probe.radius": 0.004})
+
+
+@pytest.mark.parametrize("diameter", [0.0, 30.0, float("nan")])
+def test_diameter_is_in_metres(diameter):
+    with pytest.raises(InputError, match="reference-sphere"):
+        with_reference_sphere(load_scene("block"), diameter)
+
+
+def test_command_asks_for_the_diameter():
+    result = CliRunner().invoke(app, ["calibrate", "block"])
+    assert result.exit_code == 2
+    assert "--reference-sphere" in result.output
+
+
+def test_load_is_told_from_drift():
+    random = np.random.default_rng(1)
+    turns = np.array([rotations(random.standard_normal(3), np.array([a]))[0] for a in np.linspace(0.1, 1.2, 40)])
+    gravity = -9.80665 * turns[:, 2]
+    com, readings = np.array([0.0, 0.001, 0.03]), []
+    for k, g in enumerate(gravity):
+        time = 3.0 * k
+        force = 0.003 * g + [0.1, -0.2, 0.3] + time * np.array([1e-3, 0.0, -1e-3])
+        torque = np.cross(com, 0.003 * g) + np.array([1e-3, 0.0, 0.0])
+        noise = np.concatenate([1e-4 * random.standard_normal(3), 1e-6 * random.standard_normal(3)])
+        readings.append(FreeReading(time, np.zeros(7), np.concatenate([force, torque]) + noise))
+    load = identify_load(readings, turns)
+    assert abs(load.mass - 0.003) < 4.0 * load.mass_sigma < 1e-4
+    assert (np.abs(load.com - com) < 4.0 * load.com_sigma + 1e-4).all()
+    assert load.drift[:3] == pytest.approx([1e-3, 0.0, -1e-3], abs=2e-6)
+    with pytest.raises(InputError, match="readings"):
+        identify_load(readings[:3], turns[:3])

@@ -1,0 +1,144 @@
+"""The solver alone, on touches by formulas: values and standard deviations against what was drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.synthetic_touches import CENTRE, PROBE, REFERENCE, draw, orientations, robot, touches
+from lwrprobe.calibration import CalibrationRefused, Parameters, Priors, force_to_torque, solve, tool_shift_rows
+from lwrprobe.calibration.model import Model
+from lwrprobe.contracts import InputError
+
+GAPS = np.concatenate([PROBE.force_range, PROBE.torque_range])
+Q = np.array([0.0, 0.4, 0.0, -1.4, 0.0, 1.2, 0.0])
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Three worlds, their touches and their solutions."""
+    found = []
+    for seed in (1, 2, 3):
+        world = draw(seed)
+        made = touches(world, orientations(), 3, seed)
+        found.append((world, made, solve(robot(), PROBE, made, REFERENCE, CENTRE[None] + 3e-4, 0.0)))
+    return found
+
+
+def test_values_lie_within_three_standard_deviations(drawn):
+    for world, _, solution in drawn:
+        rows = tool_shift_rows(solution.parameters, robot(), Q)
+        true = np.zeros(len(solution.x))
+        at = solution.parameters.slices
+        true[at["tool"]] = world.tool
+        true[at["dh"]] = np.concatenate([world.dh[name] for name in ("a", "alpha", "d", "theta")])
+        sigma = np.sqrt(np.einsum("ij,jk,ik->i", rows, solution.covariance, rows))
+        assert (np.abs(rows @ (solution.x - true)) < 3.0 * sigma).all()
+        for name, value in (
+            ("stick", -np.log(world.stick)), ("clock", world.clock), ("arm", -np.log(world.joints)),
+            ("radius", PROBE.radius + world.radius),
+        ):  # fmt: skip
+            assert (np.abs(solution.value(name) - value)[:1] < 3.5 * solution.sigma(name)[:1]).all(), name
+
+
+def test_torque_for_a_force_is_found_to_half_a_percent(drawn):
+    for world, _, solution in drawn:
+        found = force_to_torque(np.eye(6) + solution.value("sensor").reshape(6, 6), PROBE)
+        error = np.abs(found - force_to_torque(world.sensor, PROBE)) / PROBE.sensor_distance
+        assert max(error[0, 1], error[1, 0]) < 0.005
+
+
+def test_what_no_touch_shows_stays_at_its_prior(drawn):
+    solution = drawn[0][2]
+    assert not solution.visible("stick")[1], "a sphere is pressed with what makes a stick shorter by a micrometre"
+    assert not solution.visible("surface")[1], "the table was not touched"
+    at = solution.parameters.slices["dh"]
+    assert not solution.visible("dh")[-1], "the last joint's zero turns the probe about its own axis"
+    assert (solution.sigma("dh") < 1.001 * solution.parameters.sigma[at]).all()
+
+
+def test_residuals_are_those_of_the_plain_formulas():
+    world = draw(4)
+    made = touches(world, orientations()[:3], 2, 4)
+    parameters = Parameters.of(7, PROBE, CENTRE[None], 0.0, GAPS, Priors())
+    model = Model(robot(), PROBE, made, REFERENCE, parameters, Priors())
+    x = parameters.mean + 0.3 * parameters.sigma * np.random.default_rng(0).standard_normal(len(parameters))
+    x[parameters.slices["centre"]] = CENTRE + 1e-4
+    for name in ("hysteresis", "zero", "play", "ripple", "clock", "damping"):
+        x[parameters.slices[name]] = 0.0
+    gap, torque = model.raw(x)
+    row = 0
+    for touch in made:
+        for k, time in enumerate(touch.times):
+            expected = naive_residual(x, parameters, touch, k, time)
+            assert gap[row] == pytest.approx(expected[0], abs=3e-7)
+            assert torque[row] == pytest.approx(expected[1], abs=1e-6)
+            row += 1
+
+
+def naive_residual(x, parameters, touch, k, time):
+    """One sample by the textbook: kinematics with the changed table, bending stick, wrench at the contact."""
+    part = {name: x[at] for name, at in parameters.slices.items()}
+    stated = robot()
+    table = part["dh"].reshape(4, 7)
+    changed = replace(stated, **{n: getattr(stated, n) + v for n, v in zip(("a", "alpha", "d", "theta"), table)})
+    q = np.array([np.interp(time, touch.arm_times, column) for column in touch.arm_joints.T])
+    pose = stated.fk_batch(q[None])[0]
+    matrix = np.eye(6) + part["sensor"].reshape(6, 6)
+    wrench = np.linalg.solve(matrix, touch.wrenches[k])
+    soft = PROBE.compliance * np.exp(part["stick"][[0, 0, 1]])
+    jacobian = stated.jacobian(q)[:3]
+    world_force = pose[:3, :3] @ wrench[:3]
+    centre = changed.fk_batch(q[None])[0, :3, 3] + pose[:3, :3] @ (part["tool"] + soft * wrench[:3])
+    centre = centre + jacobian @ (1e-4 * np.exp(part["arm"]) * (jacobian.T @ world_force))
+    away = centre - part["centre"]
+    normal = away / np.linalg.norm(away)
+    gap = np.linalg.norm(away) - REFERENCE - part["radius"][0] + part["surface"][0] * world_force @ normal
+    lever = np.array([0, 0, PROBE.sensor_distance]) + soft * wrench[:3] - PROBE.radius * pose[:3, :3].T @ normal
+    # What a force read alone predicts of the torque read.
+    turn = np.array([np.cross(lever, axis) for axis in np.eye(3)]).T
+    force = np.linalg.solve(matrix[:3, :3] + matrix[:3, 3:] @ turn, touch.wrenches[k, :3])
+    return gap, touch.wrenches[k, 3:] - (matrix[3:, :3] @ force + matrix[3:, 3:] @ np.cross(lever, force))
+
+
+def test_jacobian_is_that_of_the_residuals():
+    made = touches(draw(5), orientations()[:4], 2, 5)
+    parameters = Parameters.of(7, PROBE, CENTRE[None], 0.0, GAPS, Priors())
+    model = Model(robot(), PROBE, made, REFERENCE, parameters, Priors())
+    x = parameters.mean.copy()
+    jacobian = model.jacobian(x)
+    for k in range(0, len(x), 5):
+        step = np.zeros(len(x))
+        step[k] = 1e-3 * min(parameters.sigma[k], 1e-2)
+        numeric = (model.residuals(x + step) - model.residuals(x - step)) / (2.0 * step[k])
+        # The torque's change by a turn of the normal is left out of the analytic form.
+        assert np.abs(jacobian[:, k] - numeric).max() < 0.06 * np.abs(numeric).max()
+
+
+def test_a_wrong_diameter_is_named(drawn):
+    with pytest.raises(CalibrationRefused, match="diameter"):
+        solve(robot(), PROBE, drawn[0][1], REFERENCE + 3e-4, CENTRE[None], 0.0)
+
+
+def test_a_sphere_that_moved_is_refused(drawn):
+    made = drawn[0][1]
+    half = len(made) // 2
+    shift = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    moved = [*made[:half], *(replace(touch, arm_joints=touch.arm_joints + 0.03 * shift) for touch in made[half:])]
+    with pytest.raises(CalibrationRefused):
+        solve(robot(), PROBE, moved, REFERENCE, CENTRE[None], 0.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.01, np.nan])
+def test_radius_must_be_a_length(drawn, radius):
+    with pytest.raises(InputError, match="reference_radius"):
+        solve(robot(), PROBE, drawn[0][1], radius, CENTRE[None], 0.0)
+
+
+def test_too_few_touches_and_nan_are_refused(drawn):
+    made = drawn[0][1]
+    with pytest.raises(InputError, match="at least 8"):
+        solve(robot(), PROBE, made[:3], REFERENCE, CENTRE[None], 0.0)
+    broken = replace(made[0], wrenches=np.full_like(made[0].wrenches, np.nan))
+    with pytest.raises(InputError, match="NaN"):
+        solve(robot(), PROBE, [broken, *made[1:]], REFERENCE, CENTRE[None], 0.0)
