@@ -28,7 +28,7 @@ LEVELS = [
 PLUGINS = {
     "drivers/lwrprobe_sim": {"contracts", "compiled", "kinematics", "scene"},
     "drivers/lwrprobe_fri": {"contracts", "compiled"},
-    "drivers/lwrprobe_ati": {"contracts", "compiled"},
+    "drivers/lwrprobe_ati": {"contracts", "compiled", "scene"},
     "drivers/lwrprobe_rig": {"contracts", "help_page", "options", "scene"},
     "drivers/lwrprobe_mujoco": {"contracts", "kinematics", "scene"},
     "strategies/lwrprobe_strategies": {"contracts", "control"},

@@ -159,9 +159,11 @@ def _quantity(name: str, table: Any) -> Quantity:
     numbers = {}
     for key in ("values", "sigma"):
         row = table.get(key)
-        good = isinstance(row, list) and all(isinstance(v, int | float) and np.isfinite(v) for v in row)
-        if not good or LENGTHS.get(name) not in (None, len(row)):
-            raise ValueError(f"quantity.{name}.{key} is {row!r}, not {LENGTHS.get(name) or 'a list of'} finite numbers")
+        allowed = f"{LENGTHS.get(name) or 'a list of'} finite numbers"
+        if not isinstance(row, list) or LENGTHS.get(name) not in (None, len(row)):
+            raise ValueError(f"quantity.{name}.{key} is {row!r}, not {allowed}")
+        if not all(isinstance(v, int | float) and np.isfinite(v) for v in row):
+            raise ValueError(f"quantity.{name}.{key} is {row!r}, not {allowed}")
         numbers[key] = tuple(float(v) for v in row)
     visible = table.get("visible")
     if not isinstance(visible, list):

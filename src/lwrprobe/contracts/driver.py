@@ -54,8 +54,9 @@ class DriverContext:
 class Arm(Protocol):
     """A joint-position-controlled arm with a fixed cycle."""
 
-    cycle: float
-    """s between two set points."""
+    @property
+    def cycle(self) -> float:
+        """s between two set points; a plain attribute will do."""
 
     def open(self) -> None:
         """Connect and become ready to take set points; raises DriverError."""
@@ -119,10 +120,13 @@ class RestartableArm(Arm, Protocol):
 class Sensor(Protocol):
     """A six-axis force/torque sensor with its own rate."""
 
-    rate: float
-    """Hz, nominal."""
-    latency: float
-    """s, from the instant of measurement to `read`, as far as known."""
+    @property
+    def rate(self) -> float:
+        """Hz, nominal; a plain attribute will do."""
+
+    @property
+    def latency(self) -> float:
+        """s, from the instant of measurement to `read`, as far as known; a plain attribute will do."""
 
     def open(self) -> None:
         """Connect and stream; raises DriverError."""
