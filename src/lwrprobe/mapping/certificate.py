@@ -4,7 +4,7 @@ Three sets, all inside the area widened by the sphere's radius:
 
 - Swept: what the sphere, the stick or the body behind it has passed through.
 - Within reach: what a ball as wide as `opening` can cover when it comes from above, contains no contact, and keeps its
-  centre in the area, widened by what the ball's radius is larger than the sphere's.
+  centre in the area, which is widened sideways and upwards by as much as the ball's radius is larger than the sphere's.
   A contact is a point of the object, so the ball stays out of the object wherever contacts lie closer than `opening`.
 - Out of reach: the rest. The inside of the touched object is there.
 
@@ -166,9 +166,11 @@ class Certificate:
     def _within_reach(self, slack: float) -> np.ndarray:
         """Grid points that the covering ball may cover, in any place that its centre may have about a grid point."""
         room = self._near >= self._cover - slack - self._tolerance
-        beside = min(self._cover - self._radius, self._radius) + 0.5 * self.edge
-        for along, low, high in zip(self._along(), self._area.lower, self._area.upper):
-            allowed = (along >= low - beside) & (along <= high + beside)
+        half = 0.5 * self.edge
+        beside = np.full(3, half + min(self._cover - self._radius, self._radius))
+        below = np.array([beside[0], beside[1], half])  # under the lowest contacts it would get into the object
+        for along, low, high in zip(self._along(), self._area.lower - below, self._area.upper + beside):
+            allowed = (along >= low) & (along <= high)
             room &= allowed
         parts, _ = ndimage.label(room)
         above = np.unique(parts[:, :, np.flatnonzero(allowed)[-1]])
