@@ -34,6 +34,13 @@ def explore(
         Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; runs/SCENE if left out.")
     ] = None,
     settings: Settings = None,
+    until: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="End at time=SECONDS of robot time or once certified=MM is reached; repeatable, the first counts.",
+        ),
+    ] = None,
     realtime: Realtime = False,
     dry: Annotated[
         bool,
@@ -70,6 +77,7 @@ def explore(
         ("run.seed", seed),
     )
     overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
+    overrides += [f"run.until.{rule}" for rule in until or []]
     with ProgressLine(quiet) as line:
         line.message(f"loading scene {scene}")
         loaded = load_scene(scene, overrides, profile)
@@ -192,6 +200,10 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         left = summary["untouched"]
         area = sum(place["area_mm2"] for place in left)
         rows.append(("untouched", f"{area:.0f} mm² of the mesh, the largest place {left[0]['area_mm2']:.0f} mm²"))
+    if summary["certified_mm"] is not None:
+        volume = summary["certificate"]["unknown_cm3"]
+        text = f"nothing larger than {summary['certified_mm']:.1f} mm within reach; {volume:.0f} cm^3 there not swept"
+        rows.append(("certified", text))
     if summary["table_found"]:
         table = summary["table_found"]
         rows.append(("table", f"{table['contacts']} contacts left out: it leans by {table['tilt_deg']:.2f} degrees"))

@@ -6,6 +6,7 @@ from lwrprobe.evaluation.coverage import (
     coverage_over_time,
     end_errors,
     gap_over_time,
+    gap_p95_over_time,
     touched,
     upright_coverage,
 )
@@ -34,6 +35,7 @@ __all__ = [
     "end_errors",
     "face_deviation",
     "gap_over_time",
+    "gap_p95_over_time",
     "is_watertight",
     "lower_bound_path",
     "lower_bound_time",

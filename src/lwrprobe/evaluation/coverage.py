@@ -115,11 +115,21 @@ def coverage_over_time(
 
 def gap_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
     """(m,) m from the reachable surface to the nearest contact, whichever way that faces, mean over the surface."""
-    mean, gap = np.empty(len(at)), np.full(len(found.points), np.inf)
-    for k, made in enumerate(_between(times, at)):
+    return np.array([gap.mean() if len(gap) else 0.0 for gap in _gaps_over_time(contacts, times, at, found)])
+
+
+def gap_p95_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
+    """(m,) m, as `gap_over_time`: 95 % of the reachable surface is no farther from the nearest contact."""
+    gaps = _gaps_over_time(contacts, times, at, found)
+    return np.array([np.quantile(gap, 0.95, method="higher") if len(gap) else 0.0 for gap in gaps])
+
+
+def _gaps_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> Iterator[np.ndarray]:
+    """(n,) m from each sample of the reachable surface to the nearest contact, at each of the times."""
+    gap = np.full(len(found.points), np.inf)
+    for made in _between(times, at):
         gap = np.minimum(gap, _gaps(found.points, contacts[made]))
-        mean[k] = gap.mean() if len(gap) else 0.0
-    return mean
+        yield gap
 
 
 def end_errors(contacts: np.ndarray, normals: np.ndarray, found: Reach, axis: int = 0) -> tuple[float, float]:

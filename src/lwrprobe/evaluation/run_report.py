@@ -22,10 +22,13 @@ from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
 from lwrprobe.scene.solid import Solid
 
+HIDING_FILE = "hiding.ply"
+"""In a run folder: the places where something about as large as certified could hide, with the size in m."""
 _PLAIN = np.array([0.80, 0.74, 0.62])
 _BEYOND = np.array([0.62, 0.36, 0.70])
 _STAGES_OF_TIME = (1 / 3, 2 / 3)  # of the run, at which the mesh is made as well
@@ -104,8 +107,8 @@ class _Page:
         script = Path(__file__).with_name("report.js").read_text(encoding="utf-8")
         body = "\n".join(
             section() for section in (
-                self._head, self._viewer, self._pictures, self._errors, self._budget, self._over_time, self._shapes,
-                self._stages, self._again,
+                self._head, self._viewer, self._pictures, self._errors, self._budget, self._over_time, self._hiding,
+                self._shapes, self._stages, self._again,
             )
         )  # fmt: skip
         return (
@@ -342,6 +345,35 @@ class _Page:
             return 1e3 * mean_error(mesh, solid, self.lowest, _SAMPLES // 4)
         except LwrprobeError:
             return np.nan
+
+    def _hiding(self) -> str:
+        """What the certificate leaves open: where, and how it shrank."""
+        s = self.summary
+        if s is None or s.certified_mm is None or s.certificate is None:
+            return ""
+        figures, rows = [], s.error_against_time or []
+        if (self.run.folder / HIDING_FILE).is_file():
+            cloud = read_cloud(self.run.folder / HIDING_FILE)
+            figures.append(self._hiding_places(cloud.points, cloud.scalars["size"], 1e-3 * s.certified_mm))
+        if len(rows) > 1:
+            at, d = np.array([[row["time_s"], row["certified_mm"]] for row in rows]).T
+            chart = line_chart([Line(at, d, "largest ball that can hide", "c")], "robot time, s", "diameter, mm")
+            figures.append(f"<figure>{chart}<figcaption><b>Certificate</b> against run time.</figcaption></figure>")
+        text = (
+            f"No ball larger than {s.certified_mm:.1f} mm can hide where the probe could get to. "
+            f"{s.certificate['unknown_cm3']:.0f} cm³ within reach were not swept, "
+            f"{s.certificate['out_of_reach_cm3']:.0f} cm³ are out of reach, the inside of the object among them."
+        )
+        return f'<h2>What could still hide</h2><p>{text}</p><div class="grid">{"".join(figures)}</div>'
+
+    def _hiding_places(self, places: np.ndarray, sizes: np.ndarray, largest: float) -> str:
+        touched = self.run.record.points
+        area = self.run.scene.area.as_area()
+        paint = np.vstack([np.tile(_PLAIN, (len(touched), 1)), ERROR.colours(sizes / largest)])
+        views = [View(a, e, area.lower, area.upper) for a, e in VIEWS]
+        images = [render_points(np.vstack([touched, places]), paint, view, 6e-4) for view in views]
+        ramp = _legend(ERROR, "0", f"{1e3 * largest:.1f} mm")
+        return _figure("where", images, f"Middles of hidden balls of at least 60 % of that size: {ramp}")
 
     def _shapes(self) -> str:
         try:

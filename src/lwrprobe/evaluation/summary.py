@@ -36,6 +36,8 @@ class Summary:
     """`done`, or `ended early`."""
     reason: str = ""
     """Why the run ended, one sentence."""
+    stopped_by: str = ""
+    """What ended it: `strategy`, or the key of `[run.until]` that was reached; empty where it ended early."""
     contacts: int = 0
     """Number of contacts that the mesh is made from."""
     voxels: int = 0
@@ -120,6 +122,14 @@ class Summary:
     """Mesh against the true shape: `method`, lengths in mm, `normals_deg`, `watertight`, `volume_error`, `iou`."""
     mesh_error_aligned_mm: Table | None = None
     """The same after the rigid motion that aligns the mesh with the true surface."""
+    certified_mm: float | None = None
+    """mm, no larger ball can hide within reach of the probe."""
+    certificate: Table | None = None
+    """Where a ball that large fits, `at_mm`; volumes that were not swept, `unknown_cm3` within reach and
+    `out_of_reach_cm3` with the inside of the object; `grid_mm`: the certificate cannot get below some four of these."""
+    error_against_time: list[Table] | None = None
+    """Rows of `time_s`, `certified_mm` and, where the true shape is known, `gap_mean_mm` and `gap_p95_mm`: from the
+    reachable true surface to the nearest contact; None before the first contact."""
     lower_bound_time_s: float | None = None
     """s, no exploration of this object at this line spacing and speed is faster; free space counts at free speed."""
     lower_bound_descending_s: float | None = None

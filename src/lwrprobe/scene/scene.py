@@ -292,6 +292,15 @@ class ReconstructionTable(ChoiceTable):
     """What the mesh is made from: contacts with their normals, or the map's voxel centres alone."""
 
 
+class UntilTable(Table):
+    """When a run may end before its strategy has come to its end: as soon as one of these is reached."""
+
+    time: Length | None = None
+    """s of the robot's time."""
+    certified: Length | None = None
+    """mm, that no larger ball can hide within reach of the probe; only in simulation."""
+
+
 class RunTable(Table):
     """Limits of the whole run."""
 
@@ -299,6 +308,7 @@ class RunTable(Table):
     """Of everything random."""
     time_limit: Length = 7200.0
     """s of the robot's time, then the run ends early with its data kept."""
+    until: UntilTable = UntilTable()
 
 
 class Scene(Table):

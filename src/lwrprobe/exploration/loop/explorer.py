@@ -30,6 +30,7 @@ from lwrprobe.exploration.loop.run_record import RunRecord
 from lwrprobe.exploration.loop.sample_step import SampleStep, failed
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.start_up import StartUp
+from lwrprobe.exploration.loop.stop_rules import StopRules
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.motion_guard import MotionStop
@@ -92,6 +93,7 @@ class Outcome:
     slowed_cycles : cycles in which a step was cut down to the joints' speed limits
     stages : computing time a stage, see `StageClock.table`
     counters : of the wrench samples
+    stopped_by : `strategy` where that was done, the key of `[run.until]` that was reached, empty for an early end
     """
 
     status: str
@@ -111,6 +113,7 @@ class Outcome:
     slowed_cycles: int
     stages: list[dict[str, Any]]
     counters: Counters
+    stopped_by: str = ""
 
 
 class Explorer:
@@ -161,6 +164,7 @@ class Explorer:
         )
         self.recovery = Recovery(scene, pipeline, devices, self.arm, self._sample, self._silence, confirm, message)
         self.outcome: Outcome | None = None
+        self._until = StopRules(scene.run.until, recorder, pipeline)
 
     @property
     def time(self) -> float:
@@ -221,7 +225,7 @@ class Explorer:
         """
         begin, shown = perf_counter(), 0.0
         self._clock.reset()  # what came before was no part of the run
-        status, reason, cause = "ended early", "stopped by the caller", None
+        status, reason, cause, stopped_by = "ended early", "stopped by the caller", None, ""
         try:
             while not isinstance(self._request.current, Done):
                 try:
@@ -233,20 +237,25 @@ class Explorer:
                 if self.time > time_limit:
                     reason = f"time limit of {time_limit:.0f} s of robot time"
                     break
+                stopped_by, met = self._until.met(self.time)
+                if stopped_by:
+                    status, reason = "done", met
+                    break
                 if self._watch is not None and perf_counter() - shown > SHOW_EVERY:
                     shown = self._show(begin)
             else:
                 reason = self._request.current.reason
                 status = "done" if self._request.current.complete else "ended early"
+                stopped_by = "strategy" if self._request.current.complete else ""
         except (DriverError, SafetyStop, PluginError, StorageError) as error:
             reason, cause = str(error), error
         except KeyboardInterrupt:
             reason = "interrupted"
         finally:
-            self.end(status, reason, cause)
+            self.end(status, reason, cause, stopped_by)
             self._show(begin)
 
-    def end(self, status: str, reason: str, cause: Exception | None = None) -> Outcome:
+    def end(self, status: str, reason: str, cause: Exception | None = None, stopped_by: str = "") -> Outcome:
         """Bring the arm to rest; what has happened so far, under a status and a reason."""
         self.come_to_rest(cause)
         if self._pipeline.sweep is not None:
@@ -269,6 +278,7 @@ class Explorer:
             slowed_cycles=self.arm.slowed,
             stages=self._clock.table(),
             counters=self._pipeline.conditioner.counters,
+            stopped_by=stopped_by,
         )
         return self.outcome
 

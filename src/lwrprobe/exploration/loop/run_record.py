@@ -60,6 +60,7 @@ class RunRecord:
     def interrupt(self) -> None:
         """What comes next does not continue the path."""
         self._last = None
+        self._recorder.swept.interrupt()
 
     def _bound(self, seen: Observation, tip: np.ndarray, force: float) -> None:
         """What no sample shows: a force rises no faster on the way than the stiffness in its direction allows.
@@ -91,6 +92,7 @@ class RunRecord:
             self._bound(seen, tip, force)
             if seen.contact is not None:
                 self.contact_path += length
+        self._recorder.swept.note(seen)
         self._last, self._tip = place, tip
         self.peak_force = max(self.peak_force, force)
         self.force = force

@@ -23,12 +23,13 @@ import numpy as np
 from lwrprobe.compiled.disk_cache import is_stored
 from lwrprobe.compiled.pipeline import collector_paused
 from lwrprobe.contact import Counters
-from lwrprobe.contracts import Contact
+from lwrprobe.contracts import Contact, Observation
 from lwrprobe.evaluation import reach
 from lwrprobe.evaluation.render_kernels import paint
 from lwrprobe.evaluation.run_report import write_report
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Outcome
+from lwrprobe.exploration.recording.certification import certify
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.summary import DEFAULT_SPACING, summarise
@@ -124,7 +125,8 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
         voxels=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(), area=scene.area.as_area(),
         force=SimpleNamespace(report=dict), left_out=[], line_spacing=DEFAULT_SPACING,
     )  # fmt: skip
-    summary = summarise(scene, pipeline, truth, recorder, _OUTCOME, surface, 1.0)
+    certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, _OUTCOME.time)
+    summary = summarise(scene, pipeline, truth, recorder, _OUTCOME, surface, 1.0, certified=certified)
     write_results(folder, scene, pipeline, recorder, surface, summary)
     summary.write(folder / "summary.json")
     write_report(folder, surface)
@@ -142,7 +144,10 @@ def _make_contacts(scene: Scene, recorder: Recorder, voxels: VoxelMap) -> None:
         recorder.contact(Contact(0.1 * k, point, normal, normal, point + radius * normal), k)
         voxels.insert_point(point)
     for k, x in enumerate(np.linspace(lower[0], upper[0], 60)):
-        recorder.trace_row(0.1 * k, np.array([x, middle[1], upper[2]]), 0.0, False, np.inf, "free")
+        pose = np.eye(4)
+        pose[:3, 3] = x, middle[1], upper[2]
+        recorder.trace_row(0.1 * k, pose[:3, 3], 0.0, False, np.inf, "free")
+        recorder.swept.note(Observation(0.1 * k, pose, np.zeros(3), np.zeros(3)))
 
 
 _OUTCOME = Outcome(

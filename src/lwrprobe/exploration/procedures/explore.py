@@ -29,6 +29,7 @@ from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
+from lwrprobe.exploration.recording.certification import certify
 from lwrprobe.exploration.recording.error_budget import recorded_budget
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -131,6 +132,9 @@ class Exploration:
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
         self._devices = Devices.assemble(self._stated, scene.run.seed, realtime, q)
+        if scene.run.until.certified is not None and self._devices.ground_truth is None:
+            allowed = "nothing with a real arm, whose cycles do not wait for the certificate"
+            raise InputError("run.until.certified", scene.run.until.certified, allowed)
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
@@ -249,10 +253,9 @@ class Exploration:
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
         budget = recorded_budget(scene, pipeline, recorder)
-        summary = summarise(
-            scene, pipeline, self._devices.ground_truth, recorder, outcome, self.surface, self._seconds["explore"],
-            budget,
-        )  # fmt: skip
+        certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
+        truth, seconds = self._devices.ground_truth, self._seconds["explore"]
+        summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
         summary.table_found = table
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
@@ -265,6 +268,8 @@ class Exploration:
             write_results(self.out, scene, pipeline, recorder, self.surface, summary)
             if budget is not None:
                 budget.write(self.out / "contact_errors.csv", [c.time for c in recorder.contacts])
+            if certified is not None:
+                certified.write(self.out)
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
         summary.warnings = run_warnings(summary, scene.contact.limit)

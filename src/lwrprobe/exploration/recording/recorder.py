@@ -14,6 +14,7 @@ import numpy as np
 from lwrprobe.contracts import Contact, InputError, StorageError
 from lwrprobe.evaluation.run_folder import RunFolder
 from lwrprobe.exploration.recording.stream import write_all
+from lwrprobe.exploration.recording.swept_path import SweptPath
 
 if TYPE_CHECKING:
     from lwrprobe.exploration.recording.run_bag import RunBag
@@ -39,6 +40,7 @@ class Recorder:
     Attributes
     ----------
     bag : the run as a bag, None where none is recorded
+    swept : where the probe has been in this part of the run
 
     Raises InputError when the folder cannot be made or written to, and StorageError when that fails later.
     """
@@ -46,6 +48,7 @@ class Recorder:
     def __init__(self, folder: Path | None, earlier: RunFolder | None = None) -> None:
         self.folder = folder
         self.bag: RunBag | None = None
+        self.swept = SweptPath()
         self._look_due = 0.0
         self.contacts: list[Contact] = []
         self.sequences: list[int] = []

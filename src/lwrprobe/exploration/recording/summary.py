@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from lwrprobe.evaluation import (
     coverage,
     coverage_over_time,
     end_errors,
+    gap_over_time,
+    gap_p95_over_time,
     lower_bound_time,
     mesh_error,
     normal_error,
@@ -30,6 +33,7 @@ from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.loop.explorer import Outcome
 from lwrprobe.exploration.recording.bridged import Bridged, bridged
+from lwrprobe.exploration.recording.certification import CertifiedRun
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -41,6 +45,7 @@ from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
 _ALIGNED_SAMPLES = 1500
+_GAP_SAMPLES = 5000
 _UPRIGHT_SAMPLES = 4000  # each is looked at some hundred times
 _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 
@@ -54,8 +59,12 @@ def summarise(
     surface: Reconstruction | None,
     explore_seconds: float,
     budget: ErrorBudget | None = None,
+    certified: CertifiedRun | None = None,
 ) -> Summary:
-    """The summary but for wall time, devices and limits; what needs the truth is None on real devices."""
+    """The summary but for wall time, devices and limits; what needs the truth is None on real devices.
+
+    `certified` is None where no probe has moved.
+    """
     points, normals = recorder.points(), recorder.normals()
     clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
     pitch = pipeline.line_spacing or DEFAULT_SPACING
@@ -65,6 +74,7 @@ def summarise(
         estimator=scene.contact.estimator,
         seed=scene.run.seed,
         status=outcome.status,
+        stopped_by=outcome.stopped_by,
         reason=outcome.reason if len(points) else f"{outcome.reason}; no contact",
         contacts=len(points),
         voxels=len(pipeline.voxels),
@@ -92,6 +102,7 @@ def summarise(
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
         **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface, budget),
+        **_certified(scene, truth, recorder, certified),
         truth=truth.differences if truth is not None else None,
         cycle_us=outcome.cycle_us,
         force_control=pipeline.force.report(),
@@ -176,6 +187,39 @@ def _against_truth(
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
             pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found
+
+
+def _certified(
+    scene: Scene, truth: GroundTruth | None, recorder: Recorder, certified: CertifiedRun | None
+) -> dict[str, Any]:
+    if certified is None:
+        return {}
+    last = certified.last
+    rows: list[dict[str, float | None]] = []
+    for time, diameter in zip(certified.times, certified.diameters):
+        rows.append({"time_s": round(float(time), 3), "certified_mm": _rounded_up(diameter)})
+    if truth is not None and scene.objects:
+        actual = truth.scene
+        found = reach(actual.solid(), actual.probe.radius, scene.area.lower[2], scene.area.as_area(), _GAP_SAMPLES)
+        times = np.array([contact.time for contact in recorder.contacts])
+        for key, over_time in (("gap_mean_mm", gap_over_time), ("gap_p95_mm", gap_p95_over_time)):
+            for row, gap in zip(rows, over_time(recorder.points(), times, certified.times, found)):
+                row[key] = round(1e3 * float(gap), 4) if np.isfinite(gap) else None
+    return {
+        "certified_mm": _rounded_up(last.diameter),
+        "certificate": {
+            "at_mm": [round(1e3 * float(x), 2) for x in last.place],
+            "unknown_cm3": round(1e6 * last.unknown, 3),
+            "out_of_reach_cm3": round(1e6 * last.out_of_reach, 3),
+            "grid_mm": round(1e3 * certified.edge, 3),
+        },
+        "error_against_time": rows,
+    }
+
+
+def _rounded_up(length: float) -> float:
+    """mm of a length [m]: what is certified must not become smaller."""
+    return ceil(1e5 * length) / 100.0
 
 
 def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
