@@ -146,7 +146,7 @@ class Certificate:
         # At a grid point each of the three is a bound from above of a function that changes by at most 1 m/m.
         size = np.minimum(np.minimum(self._free(), _distance(within, self.edge)), self._depth)
         at = np.unravel_index(int(np.argmax(size)), size.shape)
-        unswept = (self._gap > 0.0) & (self._depth > 0.0)
+        unswept = (self._gap > self._tolerance) & (self._depth > 0.0)
         unknown = within & unswept
         points = self._origin + self.edge * np.argwhere(unknown)
         return Hiding(
