@@ -28,7 +28,7 @@ class AtiConfig:
     silence : s without record after which start is sent again
     lost_after : s without record after which the sensor counts as lost
     late_after : s of age beyond which a record is flagged late
-    truth : HOST:PORT of an emulated rig's control port, asked for the truth after a run where the device is an
+    ground_truth : HOST:PORT of an emulated rig's control port, asked for the truth after a run where the device is an
         emulated one, on this host's loopback address; empty = never
     stuck_after : s over which six unchanging values are flagged frozen, 0 = never
     """
@@ -48,13 +48,13 @@ class AtiConfig:
     lost_after: float = 1.0
     late_after: float = 0.05
     stuck_after: float = 0.5
-    truth: str = "127.0.0.1:49160"
+    ground_truth: str = "127.0.0.1:49160"
 
     def __post_init__(self) -> None:
         for name in ("telnet", "udp", "local"):
             as_address(getattr(self, name), f"drivers.ati.{name}")
-        if self.truth:
-            as_address(self.truth, "drivers.ati.truth")
+        if self.ground_truth:
+            as_address(self.ground_truth, "drivers.ati.ground_truth")
         self._require("transducer", 1 <= self.transducer <= 6, "1 .. 6")
         self._require("calibration", 1 <= self.calibration <= 3, "1 .. 3")
         self._require("rate", self.rate == 0 or 5 <= self.rate <= 4000, "0, or 5 .. 4000 Hz")

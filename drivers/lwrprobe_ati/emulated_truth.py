@@ -38,7 +38,7 @@ class EmulatedTruth:
     """
 
     def __init__(self, config: AtiConfig, ahead: int) -> None:
-        self._address = as_address(config.truth, "drivers.ati.truth")
+        self._address = as_address(config.ground_truth, "drivers.ati.ground_truth")
         self._ahead = ahead
         self._pages: dict[int, list[list[float] | None]] = {}
         status = self._ask("world status")
@@ -52,7 +52,7 @@ class EmulatedTruth:
     def of(cls, config: AtiConfig, ahead: int | None) -> EmulatedTruth | None:
         """That of the rig which the sensor belongs to; None for a real device, and where no rig answers."""
         host, _ = as_address(config.udp, "drivers.ati.udp")
-        if not config.truth or ahead is None or not _is_loopback(host):
+        if not config.ground_truth or ahead is None or not _is_loopback(host):
             return None
         try:
             return cls(config, ahead)
@@ -75,7 +75,7 @@ class EmulatedTruth:
                 port.send(line.encode())
                 return json.loads(port.recv(_LARGEST))
             except (OSError, ValueError):
-                raise ConnectionLost(f"{line!r}: no answer from {self._address} (drivers.ati.truth)") from None
+                raise ConnectionLost(f"{line!r}: no answer from {self._address} (drivers.ati.ground_truth)") from None
 
 
 def _is_loopback(host: str) -> bool:

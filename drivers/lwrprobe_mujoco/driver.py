@@ -8,35 +8,29 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn
 import numpy as np
 
 from lwrprobe.contracts import (
-    DRIVER_CONTRACT,
     ArmState,
-    DeviceRefused,
     DriverContext,
     DriverError,
-    HealthCheck,
-    LeftOut,
     MissingExtraError,
     TrueContact,
     WrenchSample,
 )
-from lwrprobe.contracts.driver import Role
 from lwrprobe_mujoco.config import MujocoConfig
 from lwrprobe_sim.actual_world import ActualWorld, actual_world
+from lwrprobe_sim.driver import SimulatedDriver, refuse_set_point
 from lwrprobe_sim.start import start_joints
 
 if TYPE_CHECKING:
     from lwrprobe_mujoco.world import World
 
 
-class MujocoDriver:
+class MujocoDriver(SimulatedDriver):
     """An arm and a sensor in MuJoCo's world of one scene; the arm's `read` advances the time.
 
     Raises SceneError, InputError and DeviceRefused for a world that cannot be, and MissingExtraError without MuJoCo.
     """
 
     Config: ClassVar[type] = MujocoConfig
-    contract: ClassVar[int] = DRIVER_CONTRACT
-    roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
 
     def __init__(self, context: DriverContext) -> None:
         try:
@@ -51,31 +45,7 @@ class MujocoDriver:
         self._sensor = MujocoSensor(self._world, context.config.latency)
         self._arm = MujocoArm(self._world, self._sensor, context.realtime)
         self._ground_truth = MujocoGroundTruth(self._world, actual)
-
-    def arm(self) -> MujocoArm:
-        """The arm's face."""
-        return self._arm
-
-    def sensor(self) -> MujocoSensor:
-        """The sensor's face; its clock is the arm's."""
-        return self._sensor
-
-    def ground_truth(self) -> MujocoGroundTruth:
-        """The truth, for the evaluation alone."""
-        return self._ground_truth
-
-    @property
-    def left_out(self) -> list[LeftOut]:
-        """Effects that this world does without: `stage` and `why`."""
-        return list(self._world.left_out)
-
-    def counters(self) -> dict[str, int]:
-        """Nothing is counted: there is no connection that could lose anything."""
-        return {}
-
-    def health_checks(self, seconds: float) -> list[HealthCheck]:
-        """There is no device to check."""
-        return []
+        self._left_out = self._world.left_out
 
 
 class MujocoArm:
@@ -146,13 +116,7 @@ class MujocoArm:
             raise DriverError("the simulated arm is not open")
 
     def _refuse(self, q: np.ndarray, status: int) -> NoReturn:
-        joint, robot = abs(status) - 1, self._world.robot
-        if status > 0:
-            low, high = robot.lower[joint], robot.upper[joint]
-            raise DeviceRefused(f"set point {q[joint]:.6g} rad of joint {joint + 1} is beyond {low:.4g} .. {high:.4g}")
-        jump = self._world.jump_speed(q, joint)
-        limit = robot.speed[joint]
-        raise DeviceRefused(f"set point of joint {joint + 1} asks for {jump:.4g} rad/s, its limit is {limit:.4g}")
+        refuse_set_point(self._world.robot, q, status, self._world.jump_speed(q, abs(status) - 1))
 
 
 class MujocoSensor:

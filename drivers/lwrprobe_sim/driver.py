@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
 from lwrprobe.contracts import (
     DRIVER_CONTRACT,
+    Arm,
     ArmState,
     DeviceRefused,
     DriverContext,
     DriverError,
+    GroundTruth,
     HealthCheck,
     LeftOut,
+    Sensor,
     TrueContact,
     WrenchSample,
 )
 from lwrprobe.contracts.driver import Role
+from lwrprobe.kinematics import Robot
 from lwrprobe_sim import link_kernels as links
 from lwrprobe_sim import world_kernels as kernels
 from lwrprobe_sim.actual_world import ActualWorld, actual_world
@@ -27,15 +32,68 @@ from lwrprobe_sim.config import SimConfig
 from lwrprobe_sim.world import World
 
 
-class SimDriver:
+class SimulatedDriver:
+    """What drivers of a simulated world share: a class that makes the world sets these attributes.
+
+    Attributes
+    ----------
+    _arm, _sensor, _ground_truth : what the roles are answered with
+    _left_out : effects that the world does without
+    """
+
+    contract: ClassVar[int] = DRIVER_CONTRACT
+    roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
+    _arm: Arm
+    _sensor: Sensor
+    _ground_truth: GroundTruth
+    _left_out: Sequence[LeftOut]
+
+    def arm(self) -> Arm:
+        """The arm's face."""
+        return self._arm
+
+    def sensor(self) -> Sensor:
+        """The sensor's face; its clock is the arm's."""
+        return self._sensor
+
+    def ground_truth(self) -> GroundTruth:
+        """The truth, for the evaluation alone."""
+        return self._ground_truth
+
+    @property
+    def left_out(self) -> Sequence[LeftOut]:
+        """Effects that this world does without: `stage` and `why`."""
+        return list(self._left_out)
+
+    def counters(self) -> dict[str, int]:
+        """Nothing is counted: there is no connection that could lose anything."""
+        return {}
+
+    def health_checks(self, seconds: float) -> list[HealthCheck]:
+        """There is no device to check."""
+        return []
+
+
+def refuse_set_point(robot: Robot, q: np.ndarray, status: int, speed: float) -> NoReturn:
+    """Raise DeviceRefused for set point q (n,) rad: joint `abs(status)` is beyond its limit, or below 0 too fast.
+
+    `speed` is what the set point asks of that joint in rad/s.
+    """
+    joint = abs(status) - 1
+    if status > 0:
+        low, high = robot.lower[joint], robot.upper[joint]
+        raise DeviceRefused(f"set point {q[joint]:.6g} rad of joint {joint + 1} is beyond {low:.4g} .. {high:.4g}")
+    limit = robot.speed[joint]
+    raise DeviceRefused(f"set point of joint {joint + 1} asks for {speed:.4g} rad/s, its limit is {limit:.4g}")
+
+
+class SimDriver(SimulatedDriver):
     """Simulated arm and sensor in one scene: roles arm and sensor; the arm's `read` advances the time.
 
     Raises SceneError, InputError and DeviceRefused for a world that cannot be.
     """
 
     Config: ClassVar[type] = SimConfig
-    contract: ClassVar[int] = DRIVER_CONTRACT
-    roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
     World: ClassVar[type] = World
     """The physics without the driver roles, for measurements."""
 
@@ -48,31 +106,7 @@ class SimDriver:
         self._sensor = SimSensor(self._world, config.latency)
         self._arm = SimArm(self._world, self._sensor, context.realtime)
         self._ground_truth = SimGroundTruth(self._world, actual)
-
-    def arm(self) -> SimArm:
-        """The arm's face."""
-        return self._arm
-
-    def sensor(self) -> SimSensor:
-        """The sensor's face; its clock is the arm's."""
-        return self._sensor
-
-    def ground_truth(self) -> SimGroundTruth:
-        """The truth, for the evaluator alone."""
-        return self._ground_truth
-
-    @property
-    def left_out(self) -> list[LeftOut]:
-        """Effects that this world does without: `stage` and `why`."""
-        return list(self._world.left_out)
-
-    def counters(self) -> dict[str, int]:
-        """Nothing is counted: there is no connection that could lose anything."""
-        return {}
-
-    def health_checks(self, seconds: float) -> list[HealthCheck]:
-        """There is no device to check."""
-        return []
+        self._left_out = self._world.left_out
 
 
 class SimArm:
@@ -139,14 +173,10 @@ class SimArm:
         self.stop()
         self._open = False
 
-    def _refuse(self, q: np.ndarray, status: int) -> None:
+    def _refuse(self, q: np.ndarray, status: int) -> NoReturn:
         joint = abs(status) - 1
-        if status > 0:
-            low, high = self._world.robot.lower[joint], self._world.robot.upper[joint]
-            raise DeviceRefused(f"set point {q[joint]:.6g} rad of joint {joint + 1} is beyond {low:.4g} .. {high:.4g}")
-        jump = abs(q[joint] - self._state[kernels.SET + joint]) / self.cycle
-        speed = self._world.robot.speed[joint]
-        raise DeviceRefused(f"set point of joint {joint + 1} asks for {jump:.4g} rad/s, its limit is {speed:.4g}")
+        speed = abs(q[joint] - self._state[kernels.SET + joint]) / self.cycle
+        refuse_set_point(self._world.robot, q, status, speed)
 
 
 class SimSensor:

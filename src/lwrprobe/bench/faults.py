@@ -216,7 +216,7 @@ def _suffer_once(fault: Fault) -> Outcome:
             f'drivers.ati.telnet="{telnet}"',
             f'drivers.ati.udp="{udp}"',
             f'drivers.ati.local="{local}"',
-            f'drivers.ati.truth="{control}"',
+            f'drivers.ati.ground_truth="{control}"',
         ],
     )
     devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]

@@ -151,7 +151,7 @@ def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], 
     devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]
     addresses = {
         "drivers.fri.bind": bind, "drivers.fri.remote": remote, "drivers.ati.telnet": telnet, "drivers.ati.udp": udp,
-        "drivers.ati.local": local, "drivers.ati.truth": control,
+        "drivers.ati.local": local, "drivers.ati.ground_truth": control,
     }  # fmt: skip
     explore = ["explore", name, "--arm", "fri", "--sensor", "ati", "--seed", str(seed), *words]
     explore += [word for key, value in addresses.items() for word in ("--set", f'{key}="{value}"')]

@@ -1,7 +1,8 @@
 """Scene files, shapes with ground truth, the built-in scene library."""
 
+from lwrprobe.scene.actual_scene import with_room
 from lwrprobe.scene.library import profile_names, scene_names
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.scene_file import json_schema, load_scene, write_scene
 
-__all__ = ["Scene", "json_schema", "load_scene", "profile_names", "scene_names", "write_scene"]
+__all__ = ["Scene", "json_schema", "load_scene", "profile_names", "scene_names", "with_room", "write_scene"]

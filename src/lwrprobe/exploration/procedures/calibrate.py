@@ -34,8 +34,7 @@ from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.kinematics import Robot, follow
 from lwrprobe.kinematics.path import rotations
-from lwrprobe.scene import Scene
-from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene import Scene, with_room
 from lwrprobe.scene.calibrated_scene import stated_hash
 from lwrprobe.scene.scene import AreaTable, ClearanceTable, StrategyTable
 from lwrprobe.scene.shape import Sphere
