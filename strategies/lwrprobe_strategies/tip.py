@@ -44,7 +44,7 @@ class Tip:
         self.period = FIRST_PERIOD
         self.control = ContourControl(task)
         self.memory = ContactMemory()
-        self.free = FreeSpace(task.area, task.probe.radius)
+        self.free = FreeSpace(task.area)
         self.leaving = False
         self.trace = Trace()
         self._samples = 0

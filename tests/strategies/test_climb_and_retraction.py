@@ -32,7 +32,7 @@ def stand(free, *places, rotation=DOWN, normal=None):
 def descend(height, travel=1.0, known=True, normal=None, first=0.0):
     """Follow a wall at y = 0.03 down from `height`; the line offered instead, or None, and where it was offered."""
     t = task(approach=0.03, links=LINKS)
-    free = FreeSpace(AREA, t.probe.radius)
+    free = FreeSpace(AREA)
     if known:
         stand(free, *([-0.01, travel * BORDER, z] for z in np.arange(0.06, 0.006, -0.001)))
     control = ContourControl(t)
@@ -170,7 +170,7 @@ def test_the_way_up_is_taken_only_by_an_upright_probe_that_is_under_nothing():
 
 
 def test_under_something_the_probe_goes_back_the_way_it_came():
-    free = FreeSpace(AREA, 0.005)
+    free = FreeSpace(AREA)
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)))
     stand(free, *([0.0, 0.01, z] for z in np.arange(0.006, 0.0301, 0.0012)), normal=np.array([0.0, -1.0, 0.0]))
@@ -186,7 +186,7 @@ def test_under_something_the_probe_goes_back_the_way_it_came():
 
 
 def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
-    free = FreeSpace(AREA, 0.005)
+    free = FreeSpace(AREA)
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     leaning = turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
     stand(free, [0.0, -0.05, 0.006], *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)), rotation=leaning)

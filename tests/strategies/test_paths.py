@@ -40,7 +40,7 @@ def way(line, here, free=None):
 
 
 def nowhere():
-    return FreeSpace(AREA, RADIUS)
+    return FreeSpace(AREA)
 
 
 def stand(free, *places, rotation=DOWN):
@@ -61,7 +61,7 @@ def test_an_unknown_column_is_come_down_slowly_below_what_may_be_there():
     *over, down, last = way(line, [0.0, 0.0, 0.058])
     assert [piece.pace for piece in over] == [Pace.FREE] * len(over)
     assert all(piece.place[2] == TOP for piece in over)
-    assert (down.pace, down.place[2]) == (Pace.FREE, pytest.approx(TOP - RADIUS))
+    assert (down.pace, down.place[2]) == (Pace.FREE, pytest.approx(TOP))
     assert last.pace is Pace.GUARDED
     assert tuple(last.place) == tuple(line.start)
 

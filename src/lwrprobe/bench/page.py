@@ -199,6 +199,21 @@ SUMMARIES = {
             f"3 N: {f.measured('true peak')}."
         ),
     ),
+    "physics": Summary(
+        "grid_version",
+        ("scene", "world", "status", "peak N", "contact median mm", "contact p95 mm", "mesh mean mm", "coverage"),
+        "The same explorations were run in two simulated worlds, `sim` and MuJoCo's.",
+        lambda f: (
+            f"With a light arm in MuJoCo's world: {f.measured('status done')} done, {f.measured('true peak')} with at "
+            "most 3 N. An arm with its own mass presses harder when it meets a surface."
+        ),
+    ),
+    "calibration": Summary(
+        "All draws",
+        (),
+        "Probe, sensor and arm were calibrated on a reference sphere in worlds drawn from the profile `datasheet`.",
+        lambda f: "Each quantity stands with its largest error and with how often it was within its limit.",
+    ),
     "shapes": Summary(
         "The ",
         ("no.", "object", "strategy", "status", "mesh mm", "times the best", "coverage", "fails"),

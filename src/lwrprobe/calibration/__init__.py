@@ -1,12 +1,20 @@
-"""Calibration by touch: what a scene states of probe, sensor and arm, measured on a reference sphere."""
+"""Calibration by touch: what a scene states of probe, sensor and arm, measured on a reference sphere.
+
+A scene reads the file of a calibration; the kernels of the solver are imported only by who uses it.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from lwrprobe.calibration.calibration_file import Calibration, Quantity, read_calibration, write_calibration
-from lwrprobe.calibration.free_readings import Load, identify_load
-from lwrprobe.calibration.parameters import Parameters
-from lwrprobe.calibration.priors import Priors
-from lwrprobe.calibration.quantities import force_to_torque, quantities, tool_shift_rows
-from lwrprobe.calibration.solution import CalibrationRefused, Solution, solve
-from lwrprobe.calibration.touches import FreeReading, Touch, Touches
+
+if TYPE_CHECKING:
+    from lwrprobe.calibration.free_readings import Load, identify_load
+    from lwrprobe.calibration.parameters import Parameters
+    from lwrprobe.calibration.priors import Priors
+    from lwrprobe.calibration.quantities import force_to_torque, tool_shift_rows
+    from lwrprobe.calibration.solution import CalibrationRefused, Solution, solve
+    from lwrprobe.calibration.touches import FreeReading, Touch, Touches
 
 __all__ = [
     "Calibration",
@@ -21,9 +29,30 @@ __all__ = [
     "Touches",
     "force_to_torque",
     "identify_load",
-    "quantities",
     "read_calibration",
     "solve",
     "tool_shift_rows",
     "write_calibration",
 ]
+
+_MODULES = {
+    "CalibrationRefused": "solution",
+    "FreeReading": "touches",
+    "Load": "free_readings",
+    "Parameters": "parameters",
+    "Priors": "priors",
+    "Solution": "solution",
+    "Touch": "touches",
+    "Touches": "touches",
+    "force_to_torque": "quantities",
+    "identify_load": "free_readings",
+    "solve": "solution",
+    "tool_shift_rows": "quantities",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    return value

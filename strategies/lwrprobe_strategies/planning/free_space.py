@@ -39,13 +39,12 @@ class FreeSpace:
 
     Parameters
     ----------
-    area : nothing in it is higher than its top less the sphere's radius
-    radius : m, of the sphere
+    area : the sphere's centre is above all that may be there at the area's top, and no lower
     """
 
-    def __init__(self, area: Area, radius: float) -> None:
+    def __init__(self, area: Area) -> None:
         self._area = area
-        self._top = float(area.upper[2]) - radius
+        self._top = float(area.upper[2])
         self._rows: list[tuple[float, ...]] = []  # place, place off the surface, stick's direction, open, upright
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
@@ -62,7 +61,7 @@ class FreeSpace:
                 return
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
         upright = -az > UPRIGHT
-        if z >= self._top:
+        if z >= self._top - SPACING:  # a little lower where the arm lags behind
             self._column = x, y, ax, ay, az
         elif self._column is not None:
             cx, cy, *stick = self._column
