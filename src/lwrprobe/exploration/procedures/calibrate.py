@@ -18,9 +18,9 @@ from lwrprobe.calibration import (
     Touch,
     Touches,
     identify_load,
-    quantities,
     solve,
 )
+from lwrprobe.calibration.quantities import quantities
 from lwrprobe.calibration.touches import Target
 from lwrprobe.contracts import InputError, SafetyStop
 from lwrprobe.contracts.samples import Vector

@@ -25,7 +25,7 @@ _ENOUGH = "time limit"
 
 
 def _run(*settings: str) -> Run:
-    return strip(_SCENE, ["run.time_limit=25.0", *settings], _HALF)
+    return strip(_SCENE, ["run.time_limit=60.0", *settings], _HALF)
 
 
 def _phantoms(run: Run) -> float:
