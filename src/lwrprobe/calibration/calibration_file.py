@@ -46,7 +46,8 @@ class Calibration:
     Attributes
     ----------
     date : when, in UTC
-    scene, scene_hash : name of the scene and digest of what it states of arm, probe and sensor (`scene.stated_hash`)
+    scene : its name
+    scene_hash : digest of what it states of arm, probe and sensor, see `lwrprobe.scene.calibrated_scene`
     robot : model
     reference_sphere : m, diameter
     touches : of sphere and table
