@@ -123,7 +123,7 @@ def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene,
     ati = load("driver", "ati")
     with Reactor([device, console]):
         addresses = {"telnet": device.telnet_address, "udp": device.udp_address, "local": "127.0.0.1:0"}
-        driver = ati(DriverContext(ati.Config(**addresses, truth=control), scene))
+        driver = ati(DriverContext(ati.Config(**addresses, ground_truth=control), scene))
         assert driver.ground_truth() is None, "not before there was a run"
         sensor, samples = driver.sensor(), []
         with sensor:
@@ -143,7 +143,7 @@ def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene,
         assert touches[0].point[2] == pytest.approx(0.0, abs=1e-6)
         assert touches[0].normal == pytest.approx([0.0, 0.0, 1.0])
         assert truth.contact_at(10_000_000) is None
-        silent = ati(DriverContext(ati.Config(**addresses, truth=free_address()), scene))
+        silent = ati(DriverContext(ati.Config(**addresses, ground_truth=free_address()), scene))
         with silent.sensor():
             pass
         assert silent.ground_truth() is None
