@@ -17,7 +17,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe_mujoco.config import MujocoConfig
 from lwrprobe_sim.actual_world import ActualWorld, actual_world
-from lwrprobe_sim.driver import SimulatedDriver, refuse_set_point
+from lwrprobe_sim.driver import SimulatedDriver, SimulatedStream, refuse_set_point
 from lwrprobe_sim.start import start_joints
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class MujocoArm:
         refuse_set_point(self._world.robot, q, status, self._world.jump_speed(q, abs(status) - 1))
 
 
-class MujocoSensor:
+class MujocoSensor(SimulatedStream):
     """A six-axis sensor whose samples arrive as the arm's clock moves on."""
 
     def __init__(self, world: World, latency: float) -> None:
@@ -127,11 +127,6 @@ class MujocoSensor:
         self.latency = latency
         self.ready: list[WrenchSample] = []
         self._world = world
-        self._streams = True
-
-    def open(self) -> None:
-        """Start streaming."""
-        self._streams = True
 
     def read(self) -> list[WrenchSample]:
         """What has arrived since the last call, oldest first."""
@@ -141,14 +136,6 @@ class MujocoSensor:
     def tare(self) -> None:
         """Take the mean of the last samples (at most 16) as zero; samples on their way keep the old zero."""
         self._world.tare()
-
-    def stop(self) -> None:
-        """Stop streaming."""
-        self._streams = False
-
-    def close(self) -> None:
-        """Stop streaming; may be called more than once."""
-        self._streams = False
 
 
 class MujocoGroundTruth:

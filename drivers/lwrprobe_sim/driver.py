@@ -179,7 +179,25 @@ class SimArm:
         refuse_set_point(self._world.robot, q, status, speed)
 
 
-class SimSensor:
+class SimulatedStream:
+    """Whether a simulated sensor streams. Its world goes on, and what is taken meanwhile is gone."""
+
+    _streams = True
+
+    def open(self) -> None:
+        """Start streaming."""
+        self._streams = True
+
+    def stop(self) -> None:
+        """Stop streaming."""
+        self._streams = False
+
+    def close(self) -> None:
+        """Stop streaming; may be called more than once."""
+        self._streams = False
+
+
+class SimSensor(SimulatedStream):
     """A six-axis sensor whose samples arrive as the arm's clock moves on."""
 
     def __init__(self, world: World, latency: float) -> None:
@@ -187,11 +205,6 @@ class SimSensor:
         self.latency = latency
         self.ready = 0
         self._world = world
-        self._streams = True
-
-    def open(self) -> None:
-        """Start streaming."""
-        self._streams = True
 
     def read(self) -> list[WrenchSample]:
         """What has arrived since the last call, oldest first."""
@@ -206,14 +219,6 @@ class SimSensor:
     def tare(self) -> None:
         """Take the mean of the last samples (at most 16) as zero; samples on their way keep the old zero."""
         self._world.tare()
-
-    def stop(self) -> None:
-        """Stop streaming."""
-        self._streams = False
-
-    def close(self) -> None:
-        """Stop streaming; may be called more than once."""
-        self._streams = False
 
 
 class SimGroundTruth:

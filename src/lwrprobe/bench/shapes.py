@@ -8,11 +8,9 @@ follow; `kinds` and `strategies` as comma-separated lists; `profile` of the tabl
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from os import cpu_count
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,6 +23,7 @@ from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport, Table
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
+from lwrprobe.sweeps.execute import run_local
 
 if TYPE_CHECKING:
     from lwrprobe.bench.true_mesh import TrueMesh
@@ -129,10 +128,11 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench shapes`."""
     jobs, processes = _jobs(quick, options)
     if processes > 1:
-        with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(_judged, jobs))
+        tasks = {str(number): job for number, job in enumerate(jobs)}
+        results = dict(run_local(tasks, _judged, processes))
+        found = [_record(job, results[key]) for key, job in tasks.items()]
     else:
-        found = [_judged(job) for job in jobs]
+        found = [_record(job, _judged(job)) for job in jobs]
     return _report(found)
 
 
@@ -159,14 +159,18 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
 
 
 def _judged(job: Job) -> dict[str, Any]:
-    """One run and what became of it; a scene that cannot be run is a record that says so."""
-    record = {"object": job.name, "strategy": job.strategy, "seed": job.seed, "profile": job.profile}
+    """What became of one run; a scene that cannot be run is a record that says so."""
     with TemporaryDirectory() as folder:
         place = Path(job.keep) / f"{job.kind}_{job.seed}.{job.strategy}" if job.keep else Path(folder) / "run"
         try:
-            found = record | _explored(job, place)
+            return _explored(job, place)
         except LwrprobeError as error:
-            found = record | {"status": "refused", "reason": str(error)}
+            return {"status": "refused", "reason": str(error)}
+
+
+def _record(job: Job, judged: dict[str, Any]) -> dict[str, Any]:
+    """One row: the run, what became of it, and the criteria that it fails."""
+    found = {"object": job.name, "strategy": job.strategy, "seed": job.seed, "profile": job.profile} | judged
     return found | {"fails": ", ".join(c.requirement for c in CRITERIA if not _holds(c, found))}
 
 
