@@ -21,6 +21,8 @@ OFF = 0.002
 """m off a surface, where it has been left."""
 OWN_COLUMN = 0.0025
 """m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
+BESIDE = 0.02
+"""m from a place on the way back to the start of a line at the same height, up to which that is a way to it."""
 STOP = 0.15
 """s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
 RISE = 0.0015
@@ -121,13 +123,17 @@ def path_to(
         over = [*up, above, Waypoint(column), Waypoint(level, beside)]
         if column[Z] - start[Z] > THERE:
             over.append(Waypoint(start, Pace.GUARDED))
+    paths = [over]
+    back = free.back_to(start, BESIDE)
+    if back is not None and np.abs(back[0][0] - here).max() < OWN_COLUMN and np.vdot(turn, back[-1][1]) > HELD:
+        paths.append([*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, Pace.GUARDED)])
     if line.axis == X or abs(here[Y] - line.begin) > BORDER:
-        return over
+        return min(paths, key=lambda path: seconds(path, here, speeds))
     # Nothing should stand on the border; where something does, the area is cut through an object.
     level = np.array([start[X], start[Y], here[Z]])
     along = [Waypoint(here, rotation=turn), Waypoint(level, Pace.GUARDED)]
     along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
-    return min(along, over, key=lambda path: seconds(path, here, speeds))
+    return min([along, *paths], key=lambda path: seconds(path, here, speeds))
 
 
 def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoint]:
@@ -178,7 +184,7 @@ def line_height(task: Task) -> float:
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
     tallest = float(task.area.upper[Z]) - task.probe.radius
-    lowest = max((tallest - bottom for _, bottom in _body(task)), default=-np.inf) + task.clearance_threshold
+    lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
 
@@ -188,7 +194,7 @@ def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
     """
     low, high = sorted((line.begin, line.end))
     lowest = float(task.area.lower[Z])
-    for half, bottom in _body(task):
+    for half, bottom in body(task):
         along, aside = half[line.axis] + task.clearance_threshold, half[line.aside] + task.clearance_threshold
         near = (points[:, line.axis] > low - along) & (points[:, line.axis] < high + along)
         near &= np.abs(points[:, line.aside] - line.place) < aside
@@ -197,7 +203,7 @@ def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
     return min(lowest, float(task.area.upper[Z]))
 
 
-def _body(task: Task) -> list[tuple[np.ndarray, float]]:
+def body(task: Task) -> list[tuple[np.ndarray, float]]:
     """What stands above the stick of an upright probe: how far it reaches along x and y, and how high its bottom is."""
     body = []
     for link in task.probe.links:
