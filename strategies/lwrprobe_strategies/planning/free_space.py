@@ -132,7 +132,7 @@ class FreeSpace:
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
         """Back the way the upright probe came, to the latest place at the height of `place` (3,) within `reach` m of it.
 
-        None where the probe leans now or leaned on the way, where that is too far back, or where a piece is not known.
+        None where the probe leans or has leaned, where that is too far back, or where a piece of the way is not known.
         """
         rows = self._table()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
