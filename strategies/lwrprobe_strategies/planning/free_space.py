@@ -130,7 +130,7 @@ class FreeSpace:
         return self._along(places)
 
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
-        """Back the way the upright probe came, to the latest place at the height of `place` (3,) within `reach` m of it.
+        """Back the way the upright probe came, to the latest place as high as `place` (3,) within `reach` m of it.
 
         None where the probe leans or has leaned, where that is too far back, or where a piece of the way is not known.
         """
