@@ -187,7 +187,8 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, tip.speeds(tip.rotation))
+        speeds, clear = tip.speeds(tip.rotation), self.task.clear
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
         return transit(tip, retraction + path, before)
 
     def along_line(self) -> Procedure:
