@@ -20,8 +20,8 @@ def tall_task():
     return task(area=TALL, links=(LinkShape("body", "cylinder", (BODY, 0.1), pose),))
 
 
-def post(height=TOP):
-    """What lines at HEIGHT make of a square post: free up to it, and contacts over it."""
+def post(height=TOP, tread=0.01):
+    """What lines at HEIGHT make of a square post: free up to it, and contacts over it and at its foot."""
     memory = ContactMemory()
     for x in XS:
         for y in np.arange(-0.06, 0.0601, 0.001):
@@ -30,6 +30,10 @@ def post(height=TOP):
             else:
                 point = np.array([x, y, height])
                 memory.add(point + np.array([0.0, 0.0, 0.005]), point, np.array([0.0, 0.0, 1.0]), x)
+    if tread is not None:
+        for x, y in ((-0.018, -0.018), (-0.018, 0.018), (0.018, -0.018), (0.018, 0.018)):
+            point = np.array([x, y, tread])
+            memory.add(point + np.array([0.0, 0.0, 0.005]), point, np.array([0.0, 0.0, 1.0]), np.nan)
     return memory
 
 
@@ -39,6 +43,7 @@ def lines_of(memory):
 
 def test_nothing_is_passed_again_where_nothing_was_touched_or_all_was_passed_low():
     assert lines_of(ContactMemory()) == []
+    assert lines_of(post(tread=None)) == [], "nothing says that there is anything low"
     memory = post()
     for x in XS:
         for y in np.arange(-0.06, 0.0601, 0.001):

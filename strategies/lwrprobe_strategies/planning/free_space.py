@@ -27,6 +27,10 @@ CHORD = 0.0003
 """m by which a path that is driven back may cut its corners."""
 BROKEN = 0.01
 """m between two places in a row, above which nobody saw how the probe came from one to the other."""
+SHORT = 0.15
+"""m along the axes, as far as the way back may be the quicker one."""
+HOLLOW = 0.3 * LIFT * SPACING
+"""m^2, change of the place off the surface against the way: there the surface is hollow."""
 FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
 BORDER = 0.001
@@ -132,7 +136,8 @@ class FreeSpace:
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
         """Back the way the upright probe came, to the latest place as high as `place` (3,) within `reach` m of it.
 
-        None where the probe leans or has leaned, where that is too far back, or where a piece of the way is not known.
+        None where the probe leans or has leaned, where that is too far back, where a piece of the way is not known, and
+        where it leads through an inner edge: off one of its faces the sphere still touches the other.
         """
         rows = self._table()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
@@ -141,7 +146,13 @@ class FreeSpace:
         if not len(found):
             return None
         way = rows[found[-1] :]
-        if not way[:, 10].all() or np.abs(np.diff(way[:, :3], axis=0)).max(initial=0.0) > BROKEN:
+        steps = np.diff(way[:, :3], axis=0)
+        if not way[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
+            return None
+        off = way[:, 3:6] - way[:, :3]
+        touching = off.any(axis=1)
+        bends = (np.diff(off, axis=0) * steps).sum(axis=1)[touching[1:] & touching[:-1]]
+        if len(bends) and bends.min() < -HOLLOW:
             return None
         first = len(self._rows) - len(rows)
         return self._along(list(range(len(self._rows) - 1, first + int(found[-1]) - 1, -1)))

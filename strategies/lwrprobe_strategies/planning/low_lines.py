@@ -1,4 +1,4 @@
-"""Lines below those of the grid, where these met nothing, or were given up: beside the object something low may be.
+"""Lines below those of the grid, where these met nothing near a lower tread, or were given up.
 
 Over a tall object the grid is driven so high that the body behind the stick clears whatever may be there. Once it is
 known what is there, the probe may go lower beside it.
@@ -22,6 +22,8 @@ LOWER = 0.005
 """m that are gained at least: the radius of the sphere, down to which a pass shows that nothing is there."""
 NEIGHBOURS = 2.5
 """Line spacings from what was touched, within which more of the object is looked for."""
+UPWARDS = 0.7
+"""Share of the normal along z, from which on a touch is one of a tread, which may go on lower beside the object."""
 STEP = 0.005
 """m by which the lowest height may change within one line."""
 
@@ -47,8 +49,11 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
         passed = _least(trail[own, Y], trail[own, Z], ys)
         mine = np.abs(contacts[:, X] - x) < NEAR
         touched = np.isfinite(_least(contacts[mine, Y], contacts[mine, Z], ys))
-        object_near = np.isfinite(_least(beside[:, 4], beside[:, 5], ys, NEIGHBOURS * pitch))
-        wanted = (passed > lowest + LOWER) & ~touched & object_near
+        near = np.isfinite(_least(beside[:, 4], beside[:, 5], ys, NEIGHBOURS * pitch))
+        upwards = beside[beside[:, 8] > UPWARDS]
+        tread = _least(upwards[:, 4], upwards[:, 5], ys, NEIGHBOURS * pitch)
+        promising = (tread < passed - LOWER) | ~np.isfinite(passed)
+        wanted = (passed > lowest + LOWER) & ~touched & near & promising
         for begin, end in _runs(wanted, lowest):
             if ys[end] - ys[begin] < pitch:
                 continue

@@ -54,7 +54,7 @@ class LineScheduler:
         self._given_up: list[Line] = []
         self._raised: list[Line] = []
         gaps = (
-            (low, self._low_lines), (near_sides, self._near_sides), (across, self._lines_across), (ends, self._outlines)
+            (near_sides, self._near_sides), (low, self._low_lines), (across, self._lines_across), (ends, self._outlines)
         )  # fmt: skip
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
 
