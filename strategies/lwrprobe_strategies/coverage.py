@@ -272,7 +272,7 @@ class Coverage(SkillStrategy):
         """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
         line, here = self.frame.line, self.tip.here
         self.tip.overhangs.stick_met(here)
-        if line.fallback is not None:
+        if line.fallback is not None or line.low:
             return self.give_up()
         self.back = self.options.retreat
         height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)
