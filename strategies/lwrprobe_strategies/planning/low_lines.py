@@ -53,12 +53,13 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
         tread = _least(upwards[:, 4], upwards[:, 5], ys, NEIGHBOURS * pitch)
         promising = (tread < passed - LOWER) | ~np.isfinite(passed)
         wanted = (passed > lowest + LOWER) & ~touched & near & promising
-        for side, sign in ((low, 1), (high, -1)):  # from the border, where nothing stands above the probe
-            wants, needs, above = (values[::sign] for values in (wanted, lowest, passed))
+        nearer = ys - low <= high - ys
+        # From the nearer border: nothing stands above the probe there.
+        for side, sign, half in ((low, 1, nearer), (high, -1, ~nearer)):
+            wants, needs, above = (values[::sign] for values in (wanted & half, lowest, passed))
             last = _farthest(wants, needs, above)
             if last is None or np.count_nonzero(wants[: last + 1]) * step < pitch:
                 continue
-            wants[: last + 1] = False
             height = float(needs[: last + 1].max())
             lines.append(Line(Y, x, side, side + sign * last * step, height, low=True))
     return lines
