@@ -238,9 +238,8 @@ def _untouched(
     if surface is None:
         return []
     pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
-    stage = ClearanceStage(
-        pipeline.probe.links, pipeline.surface, scene.clearance.threshold, scene.clearance.stick_threshold
-    )
+    keeps = scene.clearance.threshold, scene.clearance.stick_threshold
+    stage = ClearanceStage(pipeline.probe.links, pipeline.voxels, pipeline.surface, *keeps)
 
     def meets(centre: np.ndarray) -> bool:
         pose[:3, 3] = centre
