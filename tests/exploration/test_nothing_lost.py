@@ -169,7 +169,7 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path):
     assert lp.open_run(run).summary.status == "cut off"
     again = resume(run)
     assert again["status"] == "done", again["reason"]
-    unbroken = lp.explore("block", seed=7, out=whole, progress=False).summary
+    unbroken = lp.explore("sphere", seed=5, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
     assert again["coverage"] > unbroken.coverage - 0.02
     assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
