@@ -115,16 +115,6 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 
-@pytest.mark.parametrize(("compliance", "slower"), [(1.5e-5, True), (5e-5, False), (5e-4, False)])
-def test_the_first_batch_of_presses_can_only_make_the_probe_slower(compliance, slower):
-    force, _ = stage()
-    force.begin(0.0135)
-    before = force.touch_speed
-    press(force, compliance=compliance, seconds=0.15)
-    assert force.report()["stiffness_found"] is None
-    assert (force.touch_speed < 0.5 * before) if slower else (force.touch_speed == before)
-
-
 def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
     (light, _), (heavy, _) = stage(), stage()
     light.begin(0.0135)

@@ -35,7 +35,7 @@ SPEED_STEPS = 20
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
 AGREED = 2
-"""Batches of presses after which the speeds follow the stiffness; the first one can only make them slower."""
+"""Batches of presses after which the speeds follow the stiffness."""
 TOUCHES_AGREED = 3
 """Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
 APART = 3.0
@@ -243,12 +243,10 @@ class ForceStage:
         Raises TouchRefused where no speed is safe.
         """
         stated, found = 1.0 / self._contact.stiffness, self._press.value
+        if self._press.batches < AGREED:
+            return
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
-        if self._press.batches < AGREED:
-            # A single batch may be wrong. It makes the probe slower, and nothing else.
-            self._of_stiffness = min(share, self._at_first)
-            return
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
             law = touch_law(self._scene, self._delay, self._tip_mass, found)
