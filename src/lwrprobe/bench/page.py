@@ -204,8 +204,10 @@ SUMMARIES = {
         ("scene", "world", "status", "peak N", "contact median mm", "contact p95 mm", "mesh mean mm", "coverage"),
         "The same explorations were run in two simulated worlds, `sim` and MuJoCo's.",
         lambda f: (
-            f"With a light arm in MuJoCo's world: {f.measured('status done')} done, {f.measured('true peak')} with at "
-            "most 3 N. An arm with its own mass presses harder when it meets a surface."
+            f"With a light arm in MuJoCo's world: {f.measured('status done: mujoco, arm of 1 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 1 kg')} with at most 3 N. With an arm of 16 kg: "
+            f"{f.measured('status done: mujoco, arm of 16 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 16 kg')} with at most 3 N."
         ),
     ),
     "calibration": Summary(

@@ -47,9 +47,6 @@ COLUMN_PLAY = 0.0005
 THROWN_OFF = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
-CAREFUL = 0.6
-"""Share of the approach speed along the stick, where the stick may be met beside the sensor: nothing bends there but
-the arm, which is stiffer in some directions than in others."""
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
 
@@ -73,7 +70,7 @@ class ContourControl:
     Attributes
     ----------
     normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
-    careful_speed : m/s, where the stick may be met anywhere
+    careful_speed : m/s, where the stick may be met anywhere, and close to the sensor nothing bends but the arm
     column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
         the sphere's flank
     """
@@ -104,7 +101,7 @@ class ContourControl:
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
         gentle = THROWN_OFF * task.force_target / np.maximum(struck, 1e-9)
         self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
-        self.careful_speed = CAREFUL * self._approach(1.0)
+        self.careful_speed = self._approach(1.0)
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
