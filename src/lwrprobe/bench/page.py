@@ -218,7 +218,7 @@ SUMMARIES = {
     ),
     "shapes": Summary(
         "The ",
-        ("no.", "object", "strategy", "status", "mesh mm", "times the best", "coverage", "fails"),
+        ("no.", "object", "strategy", "mesh mm", "times the best", "coverage", "times bound", "what went wrong"),
         "Random objects were explored that no setting was tuned for, and judged with distances made by trimesh.",
         lambda f: (
             f"Done: {f.measured('done')} runs; mesh no worse than the best other method by more than a tenth: "
