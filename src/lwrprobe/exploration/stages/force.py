@@ -199,6 +199,8 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        if self.excess <= 0.0 and self._of_stiffness == 1.0:
+            return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
             share = late * self._share_along(motion.pose[:3, 3] - self._place, motion.speed)
