@@ -7,8 +7,9 @@ import time
 import numpy as np
 
 from lwrprobe.contracts import HealthCheck
-from lwrprobe.control import ForceLaw, choose_force_law
+from lwrprobe.control import ForceLaw
 from lwrprobe.exploration.stages.pipeline import reaction_delay
+from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene
 
@@ -84,20 +85,10 @@ def _described(late: np.ndarray) -> str:
 
 def _speed(scene: Scene, cycle: float, latency: float, stall: float) -> HealthCheck:
     """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
-    contact = scene.contact
-    axial = float(scene.probe.as_probe().compliance[2])
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     speeds = []
     for seconds in (delay, delay + stall):
-        law = choose_force_law(
-            1.0 / (1.0 / contact.stiffness + axial),
-            seconds,
-            contact.target,
-            contact.limit,
-            force_threshold=contact.threshold,
-            braking=scene.motion.acceleration,
-            max_speed=1.0,
-        )
+        law = touch_law(scene, seconds, max_speed=1.0)
         speeds.append(1e3 * law.approach_speed if isinstance(law, ForceLaw) else 0.0)
     return HealthCheck(
         "speed along the stick",
