@@ -19,7 +19,7 @@ from typing import Any
 
 from lwrprobe.bags.bag_file import read_bag
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table
+from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.evaluation.run_folder import read_run
