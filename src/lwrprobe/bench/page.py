@@ -250,6 +250,21 @@ SUMMARIES = {
         "Whole explorations ran over real sockets while the host was kept busy, or processes were halted.",
         lambda f: f"Runs that came to their end: {f.count('What became of each run', 'status', 'done')}.",
     ),
+    "kills": Summary(
+        "Resumed",
+        (),
+        "Recorded runs were killed at random times, their folders recovered and read, and some of them resumed.",
+        lambda f: (
+            f"Folders that could not be read: {f.measured('no folder')}; runs that were done after they were resumed: "
+            f"{f.measured('resumed runs')}."
+        ),
+    ),
+    "endurance": Summary(
+        "The process",
+        (),
+        "Explorations ran back to back in one process.",
+        lambda f: f"Explorations that were done: {f.measured('all explorations')}.",
+    ),
     "loop": Summary(
         "Compute, jitter",
         (),
