@@ -196,10 +196,6 @@ class SampleStep:
         centre = place
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
-        measured = wrench
-        if pipeline.torque is not None:
-            wrench = pipeline.torque.corrected(measured)
-            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
         velocity = self._arm.history.measured_velocity(sample.time)
         measured = wrench
         if pipeline.torque is not None:
