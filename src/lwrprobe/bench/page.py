@@ -208,6 +208,15 @@ SUMMARIES = {
             "most 3 N. An arm with its own mass presses harder when it meets a surface."
         ),
     ),
+    "budget": Summary(
+        "Share inside",
+        (),
+        "The contacts of one run were moved by the departures of many drawn worlds, and held against the error budget.",
+        lambda f: (
+            f"Inside the stated 95 % region: {f.measured('absolute')} of the errors, and {f.measured('after')} after "
+            "alignment."
+        ),
+    ),
     "calibration": Summary(
         "All draws",
         (),
