@@ -69,6 +69,25 @@ def test_depth_times_stiffness_is_felt(scene, descent):
     assert not world.refused
 
 
+def test_a_record_is_of_its_own_instant_and_waits_until_the_world_has_come_there(scene, descent):
+    before = time.monotonic()
+    world = SimulatedWorld(scene, 1, descent[0])
+    assert world.measured_at(before) == before
+    for begin, end in itertools.pairwise(descent):
+        ended = time.monotonic()
+        world.advance(begin, end, CYCLE)
+    first, last = ended - CYCLE + 0.001, ended
+    forces = [-world.record(number, instant)[2] for number, instant in enumerate(np.linspace(first, last, 10))]
+    # 5 mm/s onto 2000 N/m: 10 N/s, and the sensor's noise
+    assert np.diff(forces).mean() == pytest.approx(0.01, abs=0.005)
+    touches = world.contacts(0, 10)
+    assert [touch[6] for touch in touches] == pytest.approx(forces, abs=0.05)
+    assert (np.diff([touch[6] for touch in touches]) > 0.005).all(), "one touch for each millisecond"
+    later = time.monotonic()
+    assert later < world.measured_at(later) < later + CYCLE * 10
+    assert (world.record(20, later) == world.wrench(later)).all()
+
+
 def test_set_point_that_the_world_cannot_follow_is_named_and_not_followed(scene, descent):
     world = SimulatedWorld(scene, 1, descent[0])
     world.advance(descent[0], descent[0] + 1.0, 0.002)
@@ -118,7 +137,7 @@ def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene,
         world.advance(before, after, CYCLE)
     control = free_address()
     device = load("emulator", "ati").build("127.0.0.1:0", "127.0.0.1:0", "1", {}, 0.0)
-    device.set_load(1, lambda now: world.record(device.sequence))
+    device.set_load(1, lambda instant: world.record(device.sequence, instant), world.measured_at)
     console = OperatorConsole({"ati": device, "world": GroundTruth(world)}, control, stdin=False)
     ati = load("driver", "ati")
     with Reactor([device, console]):

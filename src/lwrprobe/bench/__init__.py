@@ -19,6 +19,7 @@ BENCHES: dict[str, str] = {
     "loop": "lwrprobe.bench.loop",
     "faults": "lwrprobe.bench.faults",
     "stalls": "lwrprobe.bench.stalls",
+    "kills": "lwrprobe.bench.kills",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
     "start": "lwrprobe.bench.start",

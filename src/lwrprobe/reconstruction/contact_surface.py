@@ -58,8 +58,8 @@ class ContactSurface:
         Attributes
         ----------
         pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
-        step : m, edge of the grid's cells; None takes 0.4 radii, or less where a wall is thinner, or more where the
-            object is so large that the grid would have more than 3 000 000 nodes
+        step : m, edge of the grid's cells; None takes 0.4 radii. Less where a wall is thinner, more where the object is
+            so large that the grid would have more than 3 000 000 nodes
         """
 
         pitch: float | None = None
@@ -130,7 +130,7 @@ class _Work:
         feet = clusters.points - touches.radius * clusters.normals
         # A node within each wall, as far as walls are thicker than what is known of them.
         thin = max(thinnest_wall(clusters, feet, 0.5 * pitch), 2.0 * touches.noise)
-        step = self.config.step or min(0.4 * touches.radius, thin)
+        step = min(self.config.step or 0.4 * touches.radius, thin)
         lower, upper = clusters.points.min(axis=0) - 1.1 * pitch, clusters.points.max(axis=0) + 1.1 * pitch
         if touches.table is not None:
             lower[2] = touches.table - touches.radius

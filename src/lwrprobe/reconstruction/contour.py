@@ -15,8 +15,7 @@ SHARPNESS = 0.1
 """Share of the largest eigenvalue from which on a second or third direction of the tangent planes counts as an edge."""
 
 _APART = 1e-4
-"""Of a cell's edge: how far a vertex keeps from the faces of its cell, where those of its neighbours may lie as well.
-As a share: how far it is drawn to the mean of its crossings, which another sheet in the cell does not have."""
+"""Of a cell's edge: how far a vertex that has the place of another moves into its own cell."""
 
 Hermite = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 """Fills positions (m, 3) in units of the grid and unit normals (m, 3) for crossed edges (m, 4)."""
@@ -34,7 +33,7 @@ def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None) -> T
     surface = topology(values < 0.0)
     positions, normals = np.empty((2, len(surface.edges), 3))
     (hermite or _interpolation(values))(surface.edges, positions, normals)
-    vertices = _meet(surface, positions, normals)
+    vertices = _apart(_meet(surface, positions, normals), surface, positions, grid)
     corners = vertices[surface.quads]
     faces = split(surface.quads, _flatness(corners) < _flatness(np.roll(corners, -1, axis=1)))
     return TriangleMesh(grid.origin + grid.step * vertices, faces)
@@ -77,8 +76,7 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.n
     """The vertices (n, 3) in units of the grid: where the tangent planes of a cell's crossings meet, in the cell.
 
     A vertex minimises the squared distances to the planes; directions whose eigenvalue is below `SHARPNESS` of the
-    largest are taken from the crossings' mean. No two vertices have the same place, which a file without indices such
-    as STL would make one: edges with four faces.
+    largest are taken from the crossings' mean.
     """
     middle = surface.means(positions)
     planes = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 1, 9)
@@ -88,9 +86,23 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.n
     values, vectors = np.linalg.eigh(matrix)
     sharp = values > SHARPNESS * values[:, -1:]
     along = np.einsum("nij,ni->nj", vectors, right) * sharp / np.where(sharp, values, 1.0)
-    vertices = middle + np.einsum("nij,nj->ni", vectors, along)
-    vertices = np.clip(vertices, surface.cells + _APART, surface.cells + 1 - _APART)
-    return vertices + _APART * (middle - vertices)
+    return np.clip(middle + np.einsum("nij,nj->ni", vectors, along), surface.cells, surface.cells + 1)
+
+
+def _apart(vertices: np.ndarray, surface: Topology, positions: np.ndarray, grid: Grid) -> np.ndarray:
+    """The vertices (n, 3), those that share their place with another one moved into their own cells.
+
+    A file without indices such as STL would make one vertex of them: edges with four faces. Two sheets of one cell
+    have different means of their crossings.
+    """
+    places = (grid.origin + grid.step * vertices).astype(np.float32)
+    _, place, uses = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    shared = np.flatnonzero(uses[place.ravel()] > 1)
+    if len(shared):
+        middle, cell = surface.means(positions)[shared], surface.cells[shared]
+        moved = np.clip(vertices[shared], cell + _APART, cell + 1 - _APART)
+        vertices[shared] = moved + _APART * (middle - moved)
+    return vertices
 
 
 def _flatness(corners: np.ndarray) -> np.ndarray:

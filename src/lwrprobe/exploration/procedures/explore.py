@@ -39,6 +39,7 @@ from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
+from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
 
@@ -165,6 +166,8 @@ class Exploration:
         with ExitStack() as stack:
             stack.enter_context(settled_memory())
             stack.enter_context(self._devices)
+            if self._devices.ground_truth is None:
+                stack.enter_context(real_time_priority(LOOP))
             with collector_paused():
                 self._make_ready()
             self._stack = stack.pop_all()

@@ -19,7 +19,8 @@ from lwrprobe.contact import (
     WrenchConditioner,
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
-from lwrprobe.control import Refusal, choose_force_law
+from lwrprobe.control import Refusal
+from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
 FREE_WINDOW = 0.5
@@ -66,12 +67,11 @@ class ForceStage:
     def __init__(
         self, scene: Scene, probe: Probe, conditioner: WrenchConditioner, estimator: Estimator, rate: float
     ) -> None:
-        self._contact = scene.contact
-        self._braking = scene.motion.acceleration
+        self._scene, self._contact = scene, scene.contact
         self._approach = scene.motion.approach_speed
         self.excess = 0.0
         """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
-        self._delay = 0.0
+        self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
@@ -93,18 +93,19 @@ class ForceStage:
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
-    def begin(self, delay: float, stated: float | None = None) -> None:
+    def begin(self, delay: float, stated: float | None = None, tip_mass: float = 0.0) -> None:
         """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe.
 
-        `delay` is the loop's in s, `stated` what scene and devices say of it, where it was measured to be longer.
+        `delay` is the loop's in s, `stated` what scene and devices say of it, where it was measured to be longer;
+        `tip_mass` kg is the arm's as its tip shows it.
         """
         c = self._contact
         series = 1.0 / (1.0 / c.stiffness + self._axial)
-        law = choose_force_law(
-            series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
-        )
+        law = touch_law(self._scene, delay, tip_mass, max_speed=1.0)
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
-        self._delay = delay
+        if tip_mass > 0.0:
+            self._report["arm_mass_at_tip_kg"] = round(tip_mass, 3)
+        self._delay, self._tip_mass = delay, tip_mass
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
@@ -242,11 +243,7 @@ class ForceStage:
         share = (found + self._axial) / (stated + self._axial)
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
-            c = self._contact
-            law = choose_force_law(
-                1.0 / (found + self._axial), self._delay, c.target, c.limit, force_threshold=c.threshold,
-                braking=self._braking,
-            )  # fmt: skip
+            law = touch_law(self._scene, self._delay, self._tip_mass, found)
             if isinstance(law, Refusal):
                 raise TouchRefused(f"touch refused: {law.reason}")
         if abs(found - stated) > APART * self._press.sigma:
