@@ -185,7 +185,7 @@ def _deviations(
     scatter = max(1.0, float(np.median(np.abs(found.fun[:contacts]))) / 0.6745)
     normal = found.jac.T @ found.jac
     covariance = np.linalg.pinv(normal, rcond=1e-12)
-    # The solver has scaled its Jacobian by the square root of the loss' second derivative; so has a change of residuals.
+    # The solver has scaled its Jacobian by the root of the loss' second derivative; a change of residuals likewise.
     weight = (1.0 + (found.fun[:contacts] / _LOSS_SCALE) ** 2) ** -0.75
     moved = covariance @ found.jac[:contacts].T @ (weight[:, None] * shared)
     out = {}
