@@ -210,6 +210,15 @@ SUMMARIES = {
             f"{f.measured('true peak force <= 3 N: mujoco, arm of 16 kg')} with at most 3 N."
         ),
     ),
+    "budget": Summary(
+        "Share inside",
+        (),
+        "The contacts of one run were moved by the departures of many drawn worlds, and held against the error budget.",
+        lambda f: (
+            f"Inside the stated 95 % region: {f.measured('absolute')} of the errors, and {f.measured('after')} after "
+            "alignment."
+        ),
+    ),
     "calibration": Summary(
         "All draws",
         (),

@@ -30,7 +30,7 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
-from lwrprobe.exploration.recording.error_budget import recorded_budget
+from lwrprobe.exploration.recording.error_budget import expect_mesh_errors, fitted_shapes, recorded_budget
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -259,6 +259,11 @@ class Exploration:
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
+        if budget is not None:
+            table_height = 1e-3 * scene.uncertainty.sigma("table_height_mm")
+            summary.fits = fitted_shapes(budget, self.record, table_height)
+            if self.surface is not None:
+                summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
