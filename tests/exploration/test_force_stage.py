@@ -127,19 +127,6 @@ def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
     assert heavy.report()["stiffness_found"] is None
 
 
-def test_a_motion_as_slow_as_the_stick_needs_is_slowed_in_every_direction():
-    """Close to the sensor the stick does not bend: arm and object count across it as well."""
-    force, _ = stage()
-    force.begin(0.0135)
-    free = wrench(0.0, (0, 0, 0))
-    force.update(free, np.block([[DOWN, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), None)
-    careful, fast = VelocityCommand(np.array([0.005, 0.0, 0.0])), VelocityCommand(np.array([0.02, 0.0, 0.0]))
-    assert force.limit(careful, free, 1.0).velocity[0] < 0.0045
-    assert force.limit(fast, free, 1.0).velocity[0] == 0.02
-    press(force, compliance=5e-5)
-    assert force.limit(careful, free, 1.0).velocity[0] == 0.005
-
-
 def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_on():
     force, _ = stage()
     force.begin(0.0135)

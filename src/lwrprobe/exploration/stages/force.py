@@ -45,8 +45,6 @@ DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
-CAREFUL = 1.1
-"""Share of the speed of a touch along the stick, up to which a motion counts as one that may meet the stick."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -199,12 +197,14 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        if self.excess <= 0.0 and self._of_stiffness == 1.0:
+            return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            share = late * self._share_along(motion.pose[:3, 3] - self._place, motion.speed)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place)
             return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            share = late * self._share_along(motion.velocity, math.sqrt(float(motion.velocity @ motion.velocity)))
+            share = late * self._share_along(motion.velocity)
             if share == 1.0:
                 return motion
             leaving = np.zeros(3)
@@ -213,16 +213,13 @@ class ForceStage:
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _share_along(self, path: np.ndarray, speed: float) -> float:
-        """Share of the `speed` m/s along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+    def _share_along(self, path: np.ndarray) -> float:
+        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
 
-        Across it the probe gives way so much that the stiffness of arm and object does not count, unless the motion is
-        so slow because the stick may be met close to the sensor.
+        Across it the probe gives way so much that the stiffness of arm and object does not count.
         """
         if self._of_stiffness == 1.0:
             return 1.0
-        if speed <= CAREFUL * self._touch_speed:
-            return self._of_stiffness
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
             return self._of_stiffness
         along = abs(float(path @ self._axis))
