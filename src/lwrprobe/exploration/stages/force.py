@@ -160,7 +160,8 @@ class ForceStage:
             self._cycle.reset()
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
-        if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
+        changed = self._touch.update(wrench, pose, contact)
+        if changed and self._touch.agreed >= TOUCHES_AGREED and self._touch.certain:
             self._adopt(self._touch.compliance)
         if not certain:
             self._forget_presses()
