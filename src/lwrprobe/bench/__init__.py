@@ -20,6 +20,7 @@ BENCHES: dict[str, str] = {
     "faults": "lwrprobe.bench.faults",
     "stalls": "lwrprobe.bench.stalls",
     "kills": "lwrprobe.bench.kills",
+    "endurance": "lwrprobe.bench.endurance",
     "simulation": "lwrprobe.bench.simulation",
     "stability": "lwrprobe.bench.stability",
     "start": "lwrprobe.bench.start",

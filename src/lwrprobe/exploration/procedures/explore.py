@@ -373,6 +373,8 @@ def reconstruct_surface(record: TouchRecord, pipeline: Pipeline) -> tuple[Recons
     if len(record.points) == 0:
         return None, [{"stage": "reconstruction", "why": "no contact"}]
     try:
-        return pipeline.reconstructor.reconstruct(record), []
+        surface = pipeline.reconstructor.reconstruct(record)
+        why = surface.report.get("instead_of_contact_surface")
+        return surface, [{"stage": "contact_surface", "why": why}] if why else []
     except LwrprobeError as error:
         return None, [{"stage": "reconstruction", "why": str(error)}]

@@ -38,7 +38,7 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.untouched import untouched
-from lwrprobe.exploration.stages.clearance import STICK
+from lwrprobe.exploration.stages.clearance import STICK, ClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 from lwrprobe.scene.solid import Solid
@@ -97,7 +97,7 @@ def summarise(
         slowed_cycles=outcome.slowed_cycles,
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
-        untouched=_untouched(points, normals, surface, pitch, pipeline),
+        untouched=_untouched(scene, points, normals, surface, pitch, pipeline),
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
@@ -231,11 +231,25 @@ def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
 
 
 def _untouched(
-    points: np.ndarray, normals: np.ndarray, surface: Reconstruction | None, pitch: float, pipeline: Pipeline
+    scene: Scene,
+    points: np.ndarray,
+    normals: np.ndarray,
+    surface: Reconstruction | None,
+    pitch: float,
+    pipeline: Pipeline,
 ) -> list[dict[str, object]]:
     if surface is None:
         return []
-    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area)
+    pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
+    stage = ClearanceStage(
+        pipeline.probe.links, pipeline.surface, scene.clearance.threshold, scene.clearance.stick_threshold
+    )
+
+    def meets(centre: np.ndarray) -> bool:
+        pose[:3, 3] = centre
+        return stage.threatens(pose)
+
+    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area, meets)
     return [place.as_dict() for place in places]
 
 

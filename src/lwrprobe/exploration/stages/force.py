@@ -35,7 +35,7 @@ SPEED_STEPS = 20
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
 AGREED = 2
-"""Batches of presses after which the speeds follow the stiffness."""
+"""Batches of presses after which the speeds follow the stiffness; the first one can only make them slower."""
 TOUCHES_AGREED = 3
 """Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
 APART = 3.0
@@ -45,6 +45,8 @@ DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
+CAREFUL = 1.1
+"""Share of the speed of a touch along the stick, up to which a motion counts as one that may meet the stick."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -164,7 +166,8 @@ class ForceStage:
             self._adopt(self._touch.compliance)
         if not certain:
             self._forget_presses()
-        elif self._press.update(wrench, pose, contact):
+        elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact):
+            # An arm with mass hardly moves while the force changes: its quick presses show the object alone.
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
@@ -196,12 +199,14 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        if self.excess <= 0.0 and self._of_stiffness == 1.0:
+            return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            share = late * self._share_along(motion.pose[:3, 3] - self._place)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place, motion.speed)
             return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            share = late * self._share_along(motion.velocity)
+            share = late * self._share_along(motion.velocity, math.sqrt(float(motion.velocity @ motion.velocity)))
             if share == 1.0:
                 return motion
             leaving = np.zeros(3)
@@ -210,13 +215,16 @@ class ForceStage:
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _share_along(self, path: np.ndarray) -> float:
-        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+    def _share_along(self, path: np.ndarray, speed: float) -> float:
+        """Share of the `speed` m/s along a path (3,): 1 where nothing can be met, or is touched, along the stick.
 
-        Across it the probe gives way so much that the stiffness of arm and object does not count.
+        Across it the probe gives way so much that the stiffness of arm and object does not count, unless the motion is
+        so slow because the stick may be met close to the sensor.
         """
         if self._of_stiffness == 1.0:
             return 1.0
+        if speed <= CAREFUL * self._touch_speed:
+            return self._of_stiffness
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
             return self._of_stiffness
         along = abs(float(path @ self._axis))
@@ -237,10 +245,12 @@ class ForceStage:
         Raises TouchRefused where no speed is safe.
         """
         stated, found = 1.0 / self._contact.stiffness, self._press.value
-        if self._press.batches < AGREED:
-            return
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
+        if self._press.batches < AGREED:
+            # A single batch may be wrong. It makes the probe slower, and nothing else.
+            self._of_stiffness = min(share, self._at_first)
+            return
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
             law = touch_law(self._scene, self._delay, self._tip_mass, found)
