@@ -95,20 +95,24 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        spacing = self.options.step
-        self.lines = LineScheduler(
-            self.task, self.tip.memory, spacing, self.options.first_line,
-            near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
-        )  # fmt: skip
+        self.lines = self.scheduler()
         self.upright = self.tip.rotation
         self.rest, self.back = False, np.inf
-        self.shaft = ShaftMemory(BESIDE * spacing)
+        self.shaft = ShaftMemory(BESIDE * self.options.step)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)
             retraction = self.retraction()
         yield from transit(self.tip, retraction, self.begun)
         return Done("area covered")
+
+    def scheduler(self) -> LineScheduler:
+        """Which line comes next."""
+        options = self.options
+        return LineScheduler(
+            self.task, self.tip.memory, options.step, options.first_line,
+            near_sides=options.near_sides, across=options.across, ends=options.find_ends,
+        )  # fmt: skip
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
