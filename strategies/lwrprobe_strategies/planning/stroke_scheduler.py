@@ -44,7 +44,7 @@ class StrokeScheduler(LineScheduler):
         speeds: Speeds,
         aim: float,
     ) -> None:
-        super().__init__(task, memory, spacing, "middle", near_sides=False, across=False, ends=False)
+        super().__init__(task, memory, spacing, "middle", low=False, near_sides=False, across=False, ends=False)
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
         self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE))
         self.touched: np.ndarray | None = None

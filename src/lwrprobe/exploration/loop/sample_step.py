@@ -196,15 +196,11 @@ class SampleStep:
         centre = place
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
-        measured = wrench
-        if pipeline.torque is not None:
-            wrench = pipeline.torque.corrected(measured)
-            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
         velocity = self._arm.history.measured_velocity(sample.time)
         measured = wrench
         if pipeline.torque is not None:
-            wrench = pipeline.torque.corrected(measured)
-            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
+            wrench, lever_error = pipeline.torque.corrected(measured)
+            pipeline.estimator.set_lever_error(lever_error)
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
         if pipeline.torque is not None:
             pipeline.torque.learn(measured, rotation, velocity)
@@ -217,7 +213,7 @@ class SampleStep:
         # A light touch says little: the error of its normal goes with one over the force.
         settled = self._touch_age > SETTLED and size >= self._light
         if contact.trust >= TRUSTED and settled and pipeline.force.settled:
-            pipeline.voxels.insert_point(contact.point)
+            pipeline.add_point(contact.point)
             clock.lap("map")
             self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))
             clock.lap("record")
