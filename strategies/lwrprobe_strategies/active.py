@@ -102,8 +102,10 @@ class Active(GridVersion):
         return line.free_end
 
     def _end_found(self) -> bool:
-        """An outline ends where it has come around."""
-        return self.outline.closed(self.tip.here)
+        """An outline ends where it has come around, or leads on under something."""
+        contact = self.tip.seen.contact
+        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        return self.outline.ends(self.tip.here, self.tip.control.normal, reliable)
 
     @property
     def line_spacing(self) -> float | None:

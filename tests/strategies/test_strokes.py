@@ -143,8 +143,17 @@ def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
 def test_an_outline_ends_where_it_began():
     watch = OutlineWatch()
     angles = np.linspace(0.0, 2.0 * np.pi, 400)
-    closed = [watch.closed(np.array([0.03 * np.cos(a), 0.03 * np.sin(a), 0.01])) for a in angles]
-    assert closed.index(True) > 370
+    around = np.stack([np.cos(angles), np.sin(angles), np.zeros(400)], axis=1)
+    ends = [watch.ends(0.03 * normal, normal, reliable=True) for normal in around]
+    assert ends.index(True) > 370
+
+
+@pytest.mark.parametrize(("lean", "reliable"), [(-0.4, True), (0.0, False)])
+def test_an_outline_under_an_overhang_is_given_up(lean, reliable):
+    watch, normal = OutlineWatch(), np.array([np.sqrt(1.0 - lean**2), 0.0, lean])
+    ways = np.arange(0.0, 0.02, 0.0005)
+    ends = [watch.ends(np.array([0.0, way, 0.01]), normal, reliable) for way in ways]
+    assert 0.005 < ways[ends.index(True)] < 0.008
 
 
 @pytest.mark.parametrize("aim", [0.0, -1.0, np.nan, 0.5])

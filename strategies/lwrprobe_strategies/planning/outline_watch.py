@@ -1,4 +1,4 @@
-"""When an outline has come around to where it began."""
+"""When an outline has come around to where it began, or leads on under something."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ CLOSED = 0.004
 """m from its beginning, within which an outline has come around."""
 FAR = 0.04
 """m of way after which it may have."""
+OVERHANG = -0.15
+"""Share of the normal along z, below which the surface stands out over the sphere: the stick is about to touch it."""
+BENEATH = 0.006
+"""m of way under it, or without a reliable contact, after which the outline is given up."""
 
 
 class OutlineWatch:
@@ -18,15 +22,22 @@ class OutlineWatch:
     def __init__(self) -> None:
         self._begin: np.ndarray | None = None
         self._last: np.ndarray | None = None
-        self._way = 0.0
+        self._way = self._beneath = 0.0
 
-    def closed(self, here: np.ndarray) -> bool:
-        """Whether the outline has come around with the tip at `here` (3,); called with every sample in contact."""
+    def ends(self, here: np.ndarray, normal: np.ndarray, reliable: bool) -> bool:
+        """Whether the outline ends with the tip at `here` (3,); called with every sample.
+
+        `normal` (3,) is the tracked one; the contact is `reliable`, or maybe one of the stick.
+        """
         if self._begin is None or self._last is None:
             self._begin = self._last = here.copy()
             return False
         step = here - self._last
-        self._way += hypot(*step.tolist())
+        way = hypot(*step.tolist())
+        self._way += way
+        under = normal.item(2) < OVERHANG or not reliable
+        self._beneath = self._beneath + way if under else 0.0
         self._last = here.copy()
         away = here - self._begin
-        return self._way > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
+        closed = self._way > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
+        return closed or self._beneath > BENEATH
