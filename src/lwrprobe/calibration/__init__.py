@@ -3,10 +3,10 @@
 A scene reads the file of a calibration; the kernels of the solver are imported only by who uses it.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lwrprobe.calibration.calibration_file import Calibration, Quantity, read_calibration, write_calibration
+from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
     from lwrprobe.calibration.free_readings import Load, identify_load
@@ -50,9 +50,4 @@ _MODULES = {
     "tool_shift_rows": "quantities",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    return value
+__getattr__ = imported_on_use(__name__, _MODULES)
