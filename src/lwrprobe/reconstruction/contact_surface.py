@@ -39,7 +39,7 @@ _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may r
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
-"""Told the stage and its share done, 0..1; may raise to interrupt."""
+"""Called with the stage and its share done, 0..1; may raise to interrupt."""
 
 
 class ContactSurface:
