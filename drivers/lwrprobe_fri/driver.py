@@ -45,6 +45,7 @@ class FriArm:
     def __init__(self, config: FriConfig) -> None:
         self.config = config
         self.cycle = config.cycle or 0.01
+        self.mass = config.mass
         self._line: Connection | None = None
         self._seen = -1
         self._before: Arrival | None = None

@@ -53,6 +53,7 @@ class MujocoArm:
 
     def __init__(self, world: World, sensor: MujocoSensor, realtime: bool) -> None:
         self.cycle: float = world.config.cycle
+        self.mass: float = world.config.arm_mass
         self._world = world
         self._sensor = sensor
         self._realtime = realtime

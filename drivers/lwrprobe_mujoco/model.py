@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from lwrprobe.contracts import LinkShape
-from lwrprobe.kinematics import Robot
+from lwrprobe.kinematics import LinkInertia, Robot, link_inertias
 from lwrprobe.scene import Scene
 from lwrprobe_mujoco.config import MujocoConfig
 from lwrprobe_mujoco.solids import Piece, pieces
@@ -17,7 +17,7 @@ from lwrprobe_mujoco.solids import Piece, pieces
 TOUCHED, TOUCHING = 1, 2
 """Collision bits of what stands around, and of what moves."""
 LEAST_RADIUS = 0.05
-"""m, of a link whose shape is not known."""
+"""m, of a body that counts for nothing."""
 NEAR = 0.002
 """m, at which the steps become short."""
 LARGEST_STIFFNESS = 0.5
@@ -137,29 +137,23 @@ def _add_arm(spec: Any, robot: Robot, config: MujocoConfig) -> Any:
     shapes: list[list[LinkShape]] = [[] for _ in range(robot.n + 1)]
     for link in robot.links:
         shapes[int(link.carrier)].append(link)
-    moving = [link for link in robot.links if int(link.carrier) > 0]
-    volume = sum(_volume(link) for link in moving)
     count = 0
     parent, place = spec.worldbody, robot.base
-    for i in range(robot.n):
+    for i, inertia in enumerate(link_inertias(robot, config.arm_mass)):
         before, after = _halves(robot, i)
         pose = place @ before
         body = parent.add_body(name=f"arm {i}", pos=pose[:3, 3], quat=_quaternion(pose))
         kind = mujoco.mjtJoint.mjJNT_SLIDE if robot.prismatic[i] else mujoco.mjtJoint.mjJNT_HINGE
         body.add_joint(name=f"arm {i}", type=kind, axis=[0.0, 0.0, 1.0])
         body.gravcomp = 1.0  # the controller carries the arm's own weight
-        if moving:
-            mass = config.arm_mass * sum(_volume(link) for link in shapes[i + 1]) / volume
-            _set_inertia(body, mass, [(_volume(link), after @ link.pose, link) for link in shapes[i + 1]])
-        else:
-            _set_rod_inertia(body, config.arm_mass / robot.n, after[:3, 3])
+        _set_inertia(body, inertia, after)
         for link in shapes[i + 1]:
             if i + 1 > 1:
                 _add_link(body, f"link {count}", link, after @ link.pose)
                 count += 1
         parent, place = body, after
     frame = parent.add_body(name="flange", pos=place[:3, 3], quat=_quaternion(place))
-    _set_rod_inertia(frame, 1e-4, np.zeros(3))
+    _set_small_inertia(frame, 1e-4)
     return frame
 
 
@@ -177,38 +171,20 @@ def _halves(robot: Robot, i: int) -> tuple[np.ndarray, np.ndarray]:
     return turn, move @ along @ twist
 
 
-def _volume(link: LinkShape) -> float:
-    if link.kind == "box":
-        return float(np.prod(link.size))
-    radius, length = link.size
-    ball = 4.0 / 3.0 * np.pi * radius**3 if link.kind == "capsule" else 0.0
-    return float(np.pi * radius**2 * length + ball)
-
-
-def _set_inertia(body: Any, mass: float, parts: list[tuple[float, np.ndarray, LinkShape]]) -> None:
-    if not parts:
-        _set_rod_inertia(body, 1e-3, np.zeros(3))
-        return
-    total = sum(volume for volume, _, _ in parts)
-    centre = sum(volume * pose[:3, 3] for volume, pose, _ in parts) / total
-    tensor = np.zeros((3, 3))
-    for volume, pose, link in parts:
-        share = mass * volume / total
-        x, y, z = link.size if link.kind == "box" else (np.sqrt(3.0) * link.size[0],) * 2 + (link.size[1],)
-        own = share / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
-        r = pose[:3, 3] - centre
-        tensor += pose[:3, :3] @ own @ pose[:3, :3].T + share * (r @ r * np.eye(3) - np.outer(r, r))
+def _set_inertia(body: Any, link: LinkInertia, pose: np.ndarray) -> None:
+    """Give a body a link's inertia, whose frame stands at `pose` (4, 4) in the body's."""
+    turn = pose[:3, :3]
+    tensor = turn @ link.tensor @ turn.T
     body.explicitinertial = True
-    body.mass, body.ipos = mass, centre
+    body.mass, body.ipos = link.mass, turn @ link.centre + pose[:3, 3]
     body.fullinertia = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _set_rod_inertia(body: Any, mass: float, end: np.ndarray) -> None:
-    """A link of unknown shape: its mass half way to the next joint."""
-    length = float(np.linalg.norm(end))
+def _set_small_inertia(body: Any, mass: float) -> None:
+    """A body that counts for nothing, but that MuJoCo needs an inertia of."""
     body.explicitinertial = True
-    body.mass, body.ipos = mass, 0.5 * end
-    body.inertia = np.full(3, mass * (length**2 / 12.0 + 0.4 * LEAST_RADIUS**2))
+    body.mass, body.ipos = mass, np.zeros(3)
+    body.inertia = np.full(3, mass * 0.4 * LEAST_RADIUS**2)
 
 
 def _add_link(body: Any, name: str, link: LinkShape, pose: np.ndarray) -> None:
@@ -234,7 +210,7 @@ def _add_probe(spec: Any, flange: Any, robot: Robot, scene: Scene, config: Mujoc
     behind[2, 3] = -length
     pose = robot.tool @ behind
     mount = flange.add_body(name="mount", pos=pose[:3, 3], quat=_quaternion(pose))
-    _set_rod_inertia(mount, 1e-6, np.zeros(3))
+    _set_small_inertia(mount, 1e-6)
     mount.add_site(name="sensor")
     for name, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="sensor")

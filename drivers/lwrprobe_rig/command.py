@@ -83,7 +83,7 @@ def rig(
     # The world's sensor brings its own noise.
     loads = {transducer: world.wrench}
     sensor = load("emulator", "ati").build(telnet, udp, str(transducer), loads, 0.0, faults=ati_faults, seed=seed)
-    sensor.set_load(transducer, lambda now: world.record(sensor.sequence))
+    sensor.set_load(transducer, lambda instant: world.record(sensor.sequence, instant), world.measured_at)
     greeting = (
         f"{loaded.name}: FRI at {bind} every {cycle_ms:g} ms, answers expected from {remote}; "
         f"ATI console at {telnet}, data at {udp}, transducer {transducer}"

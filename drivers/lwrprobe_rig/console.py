@@ -15,6 +15,7 @@ import numpy as np
 from lwrprobe.contracts import ConnectionLost, InputError, LwrprobeError, UnknownNameError
 from lwrprobe.contracts.address import as_address
 from lwrprobe.help_page import Command
+from lwrprobe.real_time import ANSWERS, real_time_priority
 from lwrprobe_rig.reactor import Device, Reactor
 
 
@@ -134,7 +135,9 @@ def serve(devices: Mapping[str, Device], greeting: str, control: str = "", secon
     gc.freeze()
     print(greeting, flush=True)
     try:
-        reactor.run(seconds)
+        # A device keeps its own time, whatever else this host does.
+        with real_time_priority(ANSWERS):
+            reactor.run(seconds)
     except KeyboardInterrupt:
         return 0
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ SENSOR_RATE = 1000.0
 
 _LONGEST = 7200.0
 """s for which memory for the truth is reserved at the start; enlarging it would keep the controller waiting."""
+
+_PATIENCE = 0.05
+"""s after which a record is measured although the world has not come to its instant: the controller pauses."""
 
 # What the line does to the samples is up to the emulated device.
 _IDEAL_LINE = {"latency": 0.0, "late_share": 0.0, "loss": 0.0, "saturation": False}
@@ -41,8 +45,8 @@ class SimulatedWorld:
         self.ground_truth.reserve(round(_LONGEST * SENSOR_RATE))
         self._arm.open()
         self._sensor.open()
-        self._wrench = np.zeros(6)
-        self._sample = 0
+        self._lately: list[tuple[int, np.ndarray]] = [(0, np.zeros(6))]
+        self._now = 0.0
         self._records: dict[int, int] = {}
         self._joints = self._arm.read().q
         self.elapsed = 0.0
@@ -61,17 +65,19 @@ class SimulatedWorld:
         return self._joints.copy()
 
     def advance(self, begin: np.ndarray, end: np.ndarray, seconds: float) -> None:
-        """Let time pass at the simulator's own cycle while the set point moves evenly."""
+        """Let time pass at the simulator's own cycle while the set point moves evenly; it ends now."""
+        lately = []
         steps = max(1, round(seconds / self._arm.cycle))
         for step in range(1, steps + 1):
             self._command(begin + (step / steps) * (end - begin))
             self._joints = self._arm.read().q
             for sample in self._sensor.read():
-                self._wrench[:3], self._wrench[3:] = sample.force, sample.torque
-                self._sample = sample.sequence
+                lately.append((sample.sequence, np.concatenate([sample.force, sample.torque])))
                 touch = self.ground_truth.contact_at(sample.sequence)
                 self.force = 0.0 if touch is None else touch.force
                 self.peak_since = max(self.peak_since, self.force)
+        # Now, and not when the steps began: the measurement of these joints leaves now, and its arrival dates it.
+        self._lately, self._now = lately or self._lately, time.monotonic()
         self.elapsed += seconds
 
     def mark(self) -> None:
@@ -92,10 +98,16 @@ class SimulatedWorld:
             "refused": self.refused,
         }
 
-    def record(self, number: int) -> np.ndarray:
-        """`wrench` for the sensor's record of that number, which is remembered for `contacts`."""
-        self._records[number] = self._sample
-        return self._wrench
+    def measured_at(self, instant: float) -> float:
+        """When a record of that instant can be measured: once the world has come there, on `time.monotonic`."""
+        return instant if instant <= self._now else instant + _PATIENCE
+
+    def record(self, number: int, instant: float) -> np.ndarray:
+        """(6,) N and N·m at an instant, for the sensor's record of that number, which is remembered for `contacts`."""
+        back = round((self._now - instant) * SENSOR_RATE)
+        sample, wrench = self._lately[-1 - min(max(back, 0), len(self._lately) - 1)]
+        self._records[number] = sample
+        return wrench
 
     def contacts(self, first: int, count: int) -> list[list[float] | None]:
         """True contacts of the sensor's records from `first` on: point m, normal, force N; None where it was free."""
@@ -107,7 +119,7 @@ class SimulatedWorld:
 
     def wrench(self, now: float) -> np.ndarray:
         """(6,) N and N·m on the probe in the sensor frame, the latest."""
-        return self._wrench
+        return self._lately[-1][1]
 
     def _command(self, q: np.ndarray) -> None:
         try:

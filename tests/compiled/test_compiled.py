@@ -162,3 +162,14 @@ def test_without_locks_of_the_system_a_file_left_behind_stops_nobody(tmp_path, m
     index = IndexFile(str(tmp_path), "kernel", 1)
     index.save("key", b"code")
     assert index.load("key") == b"code"
+
+
+def test_a_forked_process_takes_locks_of_its_own(tmp_path):
+    index = IndexFile(str(tmp_path), "kernel", 1)
+    index.save("key", b"code")
+    child = os.fork() if hasattr(os, "fork") else None
+    if child is None:
+        return  # there is nothing to inherit a lock by
+    if not child:
+        os._exit(0 if index.load("key") == b"code" else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

@@ -273,6 +273,26 @@ def test_a_noisier_sensor_is_still_when_its_noise_is_stated():
     assert WrenchConditioner(Probe(), RATE, noise=noise).take_bias(loud, np.eye(3)).taken
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_louder_sensor_is_still_and_a_vibrating_one_of_the_same_spread_is_not(seed):
+    rng = np.random.default_rng(seed)
+    loud = 6 * STEP * rng.normal(size=(100, 6))
+    assert WrenchConditioner(Probe(), RATE).take_bias([sample(k, row) for k, row in enumerate(loud)], np.eye(3)).taken
+    swing = 6 * np.sqrt(2.0) * STEP * np.sin(2 * np.pi * 3.0 * np.arange(100) / RATE + seed)[:, None]
+    rows = swing + STEP * rng.normal(size=(100, 6))
+    moving = WrenchConditioner(Probe(), RATE).take_bias([sample(k, row) for k, row in enumerate(rows)], np.eye(3))
+    assert moving.reason == "not still"
+
+
+def test_the_error_of_a_mean_falls_with_the_root_of_the_samples():
+    rng = np.random.default_rng(4)
+    conditioner = WrenchConditioner(Probe(), RATE)
+    errors = [conditioner.mean_error(noisy(rng, np.zeros(6), n)) for n in (100, 400)]
+    assert errors[0] == pytest.approx(0.1, rel=0.25)
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.25)
+    assert conditioner.mean_error([sample(0)]) == np.inf
+
+
 def test_bias_against_an_expected_one_is_refused_beyond_the_touch_force():
     rng = np.random.default_rng(4)
     conditioner = WrenchConditioner(Probe(), RATE)

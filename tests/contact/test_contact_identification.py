@@ -16,8 +16,9 @@ STICK = np.array([1 / 2.5e3, 1 / 2.5e3, 1 / 1.3e6])
 class Place:
     """A probe that touches something until it has been moved away `leaves_after` times."""
 
-    def __init__(self, force, leaves_after):
+    def __init__(self, force, leaves_after, louder=1.0):
         self.force, self.leaves_after, self.retreats = np.array(force), leaves_after, 0
+        self.louder, self.rests = louder, 0
         self.random = np.random.default_rng(1)
 
     def listen(self):
@@ -25,7 +26,8 @@ class Place:
         if self.retreats < self.leaves_after:
             touch[:3] = self.force / (1 + self.retreats)
             touch[3:] = np.cross([0.0, 0.0, 0.05], touch[:3])
-        noise = np.repeat([3e-3, 1.6e-5], 3)
+        noise = self.louder * np.repeat([3e-3, 1.6e-5], 3)
+        self.rests += 1
         rows = OFFSET + touch + noise * self.random.normal(size=(100, 6))
         return [WrenchSample(k / 125.0, row[:3], row[3:], k) for k, row in enumerate(rows)]
 
@@ -41,6 +43,17 @@ def test_the_bias_is_that_of_free_space_whatever_was_touched_at_first(force, lea
     assert found.touched == (leaves_after > 0)
     assert found.retreats == place.retreats == leaves_after + 1
     np.testing.assert_allclose(conditioner.bias, OFFSET, atol=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_louder_sensor_is_listened_to_for_longer(seed):
+    place, conditioner = Place((0, 0, 0), 0, louder=4.0), WrenchConditioner(Probe(), 125.0)
+    place.random = np.random.default_rng(seed)
+    found = agreed_bias(conditioner, place.listen, place.retreat, DOWN)
+    assert found.outcome.taken
+    assert found.retreats == 1
+    assert 6 <= place.rests <= 8  # 0.25 of one reading's noise take 16^2 / 100 rests at each place
+    np.testing.assert_allclose(conditioner.bias[:3], OFFSET[:3], atol=4 * 0.25 * 3.3e-3)
 
 
 def test_a_touch_that_does_not_end_gives_no_bias():

@@ -1,5 +1,6 @@
 """Speeds and forces of a contour: never faster than what the hardest surface ahead allows."""
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lwrprobe.control import run_on
 from lwrprobe.control.contour_control import FORCE_RESERVE, ContourControl
 from strategy_task import DOWN, task
 
@@ -34,6 +36,27 @@ def test_no_surface_ahead_is_hit_harder_than_the_room_allows(direction, stiffnes
     force = t.force_threshold + hardest * (speed * t.delay + speed**2 / (2.0 * t.acceleration))
     assert force <= FORCE_RESERVE * t.force_limit * 1.02
     assert force >= 0.8 * FORCE_RESERVE * t.force_limit, "and no slower than that asks for"
+
+
+@pytest.mark.parametrize("mass", [0.5, 3.2, 16.0])
+def test_no_surface_ahead_is_struck_harder_by_an_arm_with_mass(mass):
+    """K (v (tau + T) + v^2 / 2a) over all normals stays within the room, with the run-on T of each normal."""
+    arm = 2.2e4
+    t, light = replace(task(), arm_mass=mass, arm_stiffness=arm), ContourControl(task())
+    control, random = ContourControl(t), np.random.default_rng(2)
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    for direction in random.normal(size=(20, 3)):
+        d = direction / np.linalg.norm(direction)
+        speed, back = control.approach_speed(d, DOWN), control.return_speed(d, DOWN)
+        for n in normals[normals @ d > 0.05]:
+            k = stiffness_along(t, n)
+            late, depth = t.delay + run_on(mass, k, arm), float(n @ d)
+            force = t.force_threshold + k * depth * (speed * late + speed**2 / (2.0 * t.acceleration))
+            assert force <= FORCE_RESERVE * t.force_limit * 1.02
+            assert k * depth * back * run_on(mass, k, arm) <= 0.5 * t.force_target * 1.02
+        assert back <= speed < light.approach_speed(d, DOWN)
+        assert light.return_speed(d, DOWN) == light.approach_speed(d, DOWN)
 
 
 def test_a_task_may_ask_for_less():

@@ -14,6 +14,7 @@ from lwrprobe.control import (
     choose_force_law,
     contour_speed,
     peak_force,
+    run_on,
     sideways_force_limit,
 )
 from lwrprobe.control.force_law import NO_OVERSHOOT
@@ -100,6 +101,32 @@ def test_speeds_fall_with_stiffness_and_delay():
     assert contours == sorted(contours, reverse=True)
     with_impact = choose_force_law(1e6, 0.0005, TARGET, LIMIT, tip_mass=0.1)
     assert with_impact.approach_speed <= 0.8 * LIMIT / math.sqrt(1e6 * 0.1) + 1e-12
+
+
+@pytest.mark.parametrize("mass", [0.5, 4.3, 16.0])
+@pytest.mark.parametrize("contact", [2.5e3, 1e5, 1.3e6])
+def test_a_driven_mass_presses_with_what_the_run_on_says(mass, contact):
+    """Twin: m x'' + (k_a + k_c) x = k_a v t, integrated; the force of the contact stays below K v (t + run-on)."""
+    arm, speed, step = 2e4, 0.01, 2e-6
+    series = arm * contact / (arm + contact)
+    place, rate, excess = 0.0, speed, 0.0
+    for k in range(int(4.0 * math.sqrt(mass / (arm + contact)) / step)):
+        rate += step * (arm * speed * k * step - (arm + contact) * place) / mass
+        place += step * rate
+        excess = max(excess, contact * place - series * speed * k * step)
+    assert excess == pytest.approx(series * speed * run_on(mass, series, arm), rel=0.01)
+    assert run_on(mass, series, arm) <= math.sqrt(mass * contact) / series  # a free mass at the same speed presses more
+    assert run_on(mass, contact) == pytest.approx(math.sqrt(mass / contact))
+
+
+def test_a_heavy_arm_touches_a_hard_surface_slowly_and_a_soft_stick_as_fast_as_before():
+    stiff, soft = 1.0 / (5e-5 + 7.7e-7), 1.0 / (5e-5 + 4e-4)
+    light, heavy = (choose_force_law(stiff, 0.0156, TARGET, LIMIT, tip_mass=m, arm_stiffness=2.2e4) for m in (0.0, 4.3))
+    assert heavy.approach_speed < 0.5 * light.approach_speed
+    assert heavy.damping == light.damping
+    light, heavy = (choose_force_law(soft, 0.0156, TARGET, LIMIT, tip_mass=m, arm_stiffness=2.2e4) for m in (0.0, 4.3))
+    assert heavy.approach_speed > 0.85 * light.approach_speed
+    assert run_on(4.3, stiff, math.inf) == 0.0
 
 
 def test_a_given_damping_is_judged_by_its_stability_number():

@@ -168,10 +168,7 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path):
     assert found.bag[0].messages > 0
     assert lp.open_run(run).summary.status == "cut off"
     again = resume(run)
-    if again["status"] != "done":  # where the run was cut off beside a wall, the way back may be blocked
-        assert "stands in the way back" in again["reason"]
-        assert again["contacts"] >= found.contacts
-        return
+    assert again["status"] == "done", again["reason"]
     unbroken = lp.explore("block", seed=7, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
     assert again["coverage"] > unbroken.coverage - 0.02

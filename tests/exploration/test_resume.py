@@ -18,8 +18,9 @@ from lwrprobe.contracts import (
     Task,
     VelocityCommand,
 )
-from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, read_log
+from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, Past, read_log
 from lwrprobe.exploration.recording.resume import Resumed
+from lwrprobe.exploration.recording.return_path import return_path
 
 pytestmark = pytest.mark.slow
 
@@ -63,11 +64,12 @@ class Room:
     """Stands in for the pipeline and the recorder."""
 
     sweep = object_motion = None
+    touch_speed = 0.005
 
     def __init__(self) -> None:
-        self.voxels, self.contacts, self.inserted = self, [], []
+        self.voxels, self.force, self.contacts, self.inserted = self, self, [], []
 
-    def insert_point(self, point: np.ndarray) -> None:
+    def add_point(self, point: np.ndarray) -> None:
         self.inserted.append(point)
 
 
@@ -136,13 +138,14 @@ def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_
     again.start(a_task())
     top = again.step(seen(0))
     assert isinstance(top, Goal)
-    assert top.pose[:3, 3] == pytest.approx([0.0, 0.039, 0.06])
+    assert top.pose[:3, 3] == pytest.approx([0.0, 0.0, 0.06]), "above where it began"
     assert top.speed == 0.1
-    there = seen(39, goal_reached=True)
-    above = replace(there, pose=top.pose)
-    down = again.step(above)
-    assert down.pose[:3, 3] == pytest.approx(there.pose[:3, 3])
+    down = again.step(replace(seen(0, goal_reached=True), pose=top.pose))
+    assert down.pose[:3, 3] == pytest.approx(seen(0).pose[:3, 3])
     assert down.speed == 0.02
+    along = again.step(seen(0, goal_reached=True))
+    assert along.pose[:3, 3] == pytest.approx(seen(39).pose[:3, 3]), "as it came"
+    there = seen(39, goal_reached=True)
     assert again.step(there).velocity[0] == 40.0  # what it had answered last
     assert again.step(there).velocity[0] == 41.0
     assert len(strategy.shown) == 41
@@ -166,6 +169,52 @@ def test_what_stands_in_the_way_back_ends_the_run(cut_off, tmp_path):
     assert isinstance(answer, Done)
     assert not answer.complete
     assert "stands in the way" in answer.reason
+
+
+def test_a_surface_that_was_touched_before_is_left_and_the_return_goes_on(cut_off, tmp_path):
+    again, _, _ = resumed(tmp_path)
+    again._touched = np.array([[1.0, 2.0, 3.0]])
+    aside = again.step(replace(touching(3), blocked=""))
+    assert aside.pose[:3, 3] == pytest.approx(touching(3).pose[:3, 3] + 0.002 * touching(3).contact.normal)
+    assert again.step(replace(touching(3), blocked="")).pose == pytest.approx(aside.pose)
+    back = again.step(replace(seen(3, goal_reached=True), pose=aside.pose))
+    assert back.pose[:3, 3] == pytest.approx([0.0, 0.0, 0.06]), "on to where it was going"
+    for _ in range(20):
+        again.step(seen(3))
+        answer = again.step(replace(touching(3), blocked=""))
+    assert isinstance(answer, Done), "not for ever"
+
+
+def rows_of(observations):
+    """A past with these observations and nothing else."""
+    rows = np.zeros((len(observations), WIDTH))
+    rows[:, 0] = 1.0
+    for row, one in zip(rows, observations, strict=True):
+        row[2:14] = one.pose[:3].ravel()
+        if one.contact is not None:
+            row[22], row[24], row[28:31] = 1.0, one.contact.trust, one.contact.normal
+    return Past(np.eye(3), NOTHING, 0.0, rows, [""], len(rows) - 1)
+
+
+def at(x, y, z, contact=None):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.diag([1.0, -1.0, -1.0]), (x, y, z)
+    return Observation(0.0, pose, NOTHING, NOTHING, contact)
+
+
+def test_under_a_bulge_the_probe_returns_the_way_it_came_without_its_loops():
+    area = a_task().area
+    wall = Contact(0.0, NOTHING, np.array([0.0, -1.0, 0.0]), NOTHING, NOTHING, 1.0)
+    on_border = [at(-0.05, -0.1, z) for z in np.arange(0.06, 0.02, -0.001)]
+    inward = [at(-0.05, y, 0.02) for y in np.arange(-0.1, -0.02, 0.001)]
+    around = [at(0.02 * np.sin(a) - 0.05, -0.02 * np.cos(a), 0.02) for a in np.linspace(0.0, 2.0 * np.pi, 100)]
+    up = [at(-0.05, -0.02, z, wall) for z in np.arange(0.02, 0.04, 0.001)]
+    path = np.array([pose[:3, 3] for pose in return_path(rows_of([*on_border, *inward, *around, *up]), area)])
+    assert path[0] == pytest.approx([-0.05, -0.1, 0.06])
+    assert path[1] == pytest.approx([-0.05, -0.1, 0.021], abs=0.0021), "straight down where nothing stands"
+    assert (np.abs(path[:, 0] + 0.05) < 0.0012).all(), "without the loop"
+    assert path[-1] == pytest.approx([-0.05, -0.021, 0.039]), "off the wall"
+    assert len(path) < 9
 
 
 def test_a_finished_run_and_a_run_that_never_moved_freely_cannot_be_taken_up(cut_off, tmp_path):

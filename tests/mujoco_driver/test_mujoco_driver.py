@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from lwrprobe.contracts import DeviceRefused, DriverContext, DriverError, InputError
-from lwrprobe.kinematics import robot_by_name
+from lwrprobe.kinematics import link_inertias, mass_matrix, robot_by_name
 from lwrprobe.scene import load_scene
 from lwrprobe_mujoco import MujocoConfig, MujocoDriver
 from lwrprobe_mujoco.solids import SKIN, pieces
@@ -84,6 +85,20 @@ def test_the_sphere_is_where_the_robot_says(name):
     world = driver._world
     centre = world._d.geom_xpos[world.model.sphere]
     np.testing.assert_allclose(centre, robot.fk(start).A[:3, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lwr4", "ur5e", "panda", "puma560"])
+def test_the_arm_has_the_mass_that_the_force_law_counts_with(name):
+    """MuJoCo's own mass matrix, less what the flange carries, is that of `kinematics.mass_matrix`."""
+    scene = load_scene("empty", [f"arm.robot={name}", "truth.profile=ideal", "probe.mass=0"])
+    robot = robot_by_name(name, scene.arm.tool.matrix(), scene.arm.base.matrix())
+    start = 0.3 * robot.lower + 0.7 * robot.upper if name != "ur5e" else np.linspace(-1.0, 1.0, 6)
+    driver, arm, _ = opened(MujocoDriver, MujocoConfig(**QUIET), scene, start)
+    world = driver._world
+    found = np.zeros((world._m.nv, world._m.nv))
+    mujoco.mj_fullM(world._m, world._d, found)
+    ours = mass_matrix(robot, link_inertias(robot, arm.mass), start)
+    np.testing.assert_allclose(found[: robot.n, : robot.n], ours, rtol=0.01, atol=1e-3)
 
 
 def test_at_rest_the_sensor_feels_the_weight_alone():

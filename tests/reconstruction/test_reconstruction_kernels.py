@@ -151,7 +151,7 @@ def test_a_box_keeps_its_sharp_edges():
 
     mesh = contour((np.abs(grid.nodes()) - half).max(axis=-1), grid, exact)
     assert np.abs(np.abs(mesh.vertices).max(axis=0) - half).max() < 1e-9
-    assert naive.volume(mesh) == pytest.approx(8 * np.prod(half), rel=3e-5)
+    assert naive.volume(mesh) == pytest.approx(8 * np.prod(half), rel=1e-9)
 
 
 def test_a_smooth_ball_by_interpolation_alone():

@@ -10,12 +10,15 @@ from gantry_rig import CLEAN, Rig, gantry
 import lwrprobe_sim.driver as sim_driver
 from lwrprobe.contracts import DriverContext, SceneError
 from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import load_scene, write_scene
 from lwrprobe.scene.actual_scene import actual_scene
+from lwrprobe.scene.table import Pose
 from lwrprobe.scene.truth import PROFILES, QUANTITIES, Kind, TruthTable
 from lwrprobe_sim import SimConfig, SimDriver, sensor_kernels
 from lwrprobe_sim import world_kernels as kernels
 from lwrprobe_sim.actual_world import actual_world
+from lwrprobe_sim.start import start_joints
 from lwrprobe_sim.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -418,6 +421,29 @@ def test_the_area_holds_the_object_wherever_it_may_be(scene):
         assert (lower[:2] - np.array(area.lower)[:2] >= 2 * radius).all()
         assert (np.array(area.upper)[:2] - upper[:2] >= 2 * radius).all()
         assert area.upper[2] - upper[2] >= radius
+
+
+@pytest.mark.parametrize("profile", ["lab", "datasheet"])
+def test_the_sphere_stays_off_the_table_as_the_arm_sees_it(profile):
+    """At the area's floor, for draws of table, base and arm: 99 % of the corners of the area are clear of the table."""
+    told, clear = load_scene("block", [f"truth.profile={profile}"]), []
+    area, believed = told.area, robot_by_name("lwr4", told.arm.tool.matrix(), told.arm.base.matrix())
+    solver, down = IKSolver(believed), Pose(rpy_deg=told.arm.tip_rpy_deg).matrix()
+    start = start_joints(told, believed, None)
+    corners = [(x, y, area.lower[2]) for x in (area.lower[0], area.upper[0]) for y in (area.lower[1], area.upper[1])]
+    joints = []
+    for corner in corners:
+        pose = down.copy()
+        pose[:3, 3] = corner
+        joints.append(solver.solve(pose, start).q)
+    for seed in range(1, 61):
+        world = actual(f"profile={profile}", seed=seed)
+        plane, radius = world.scene.table.plane(), world.scene.probe.radius
+        for q in joints:
+            clear.append(float(world.robot.fk(q).A[:3, 3] @ plane[:3] - plane[3]) > radius)
+    assert np.mean(clear) > 0.99
+    assert area.lower[2] < 0.012
+    assert load_scene("block", ["truth.object_turn_deg=10"]).area.lower[2] == load_scene("block").area.lower[2]
 
 
 def test_what_moves_nothing_leaves_the_area():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import selectors
 import socket
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -78,6 +78,7 @@ class AtiEmulator:
         self._left = 0
         self._booted = 0.0
         self._next = float("inf")
+        self._measured_at: Callable[[float], float] = lambda instant: instant
         self._bundle: list[bytes] = []
         self._freezing = False
         self._last = b""
@@ -103,9 +104,14 @@ class AtiEmulator:
     def streaming(self) -> bool:
         return self._streaming
 
-    def set_load(self, transducer: int, wrench: Wrench) -> None:
-        """Where the transducer's force and torque come from, in N and N·m."""
-        self.transducers[transducer].load = wrench
+    def set_load(
+        self, transducer: int, wrench: Wrench, measured_at: Callable[[float], float] = lambda instant: instant
+    ) -> None:
+        """Where the transducer's force and torque come from, in N and N·m.
+
+        `measured_at` says when the load of an instant is known; a record waits for that, and keeps its stamp.
+        """
+        self.transducers[transducer].load, self._measured_at = wrench, measured_at
 
     # --- as a device of the reactor ---
 
@@ -120,7 +126,7 @@ class AtiEmulator:
         self._booted = time.monotonic()
 
     def due(self) -> float:
-        return min(self._next, self._out.due(), self._in.due(), self.console.due())
+        return min(self._measured_at(self._next), self._out.due(), self._in.due(), self.console.due())
 
     def work(self, now: float) -> None:
         self.console.work(now)
@@ -130,7 +136,7 @@ class AtiEmulator:
             skipped = int((now - self._next) * self.settings.rate)
             self._sequence += skipped
             self._next += skipped / self.settings.rate
-        while self._next <= now:
+        while self._measured_at(self._next) <= now:
             self._measure(self._next)
             self._next += 1.0 / self.settings.rate
         for data in self._out.arrived(now):

@@ -5,7 +5,14 @@ A scene reads the file of a calibration; the kernels of the solver are imported 
 
 from typing import TYPE_CHECKING
 
-from lwrprobe.calibration.calibration_file import Calibration, Quantity, read_calibration, write_calibration
+from lwrprobe.calibration.calibration_file import (
+    Calibration,
+    Quantity,
+    previous_path,
+    read_calibration,
+    write_calibration,
+)
+from lwrprobe.calibration.drift import Drift, drifts
 from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
@@ -19,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Calibration",
     "CalibrationRefused",
+    "Drift",
     "FreeReading",
     "Load",
     "Parameters",
@@ -27,8 +35,10 @@ __all__ = [
     "Solution",
     "Touch",
     "Touches",
+    "drifts",
     "force_to_torque",
     "identify_load",
+    "previous_path",
     "read_calibration",
     "solve",
     "tool_shift_rows",

@@ -11,6 +11,7 @@ nothing, and a change in a callee compiles its callers again.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,6 +80,10 @@ class IndexFile(IndexDataCacheFile):
 @cache
 def _lock(folder: str) -> FileLock:
     return FileLock(Path(folder, LOCK_NAME))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_lock.cache_clear)  # a lock belongs to the process that has made it
 
 
 @contextmanager

@@ -18,6 +18,8 @@ _BAD_RUN_LIMIT = 3
 _GOOD_SHARE = 0.8
 _SPIKE_SPREAD = 16.0  # standard deviations off the median
 _STILL_SPREAD = 4.0  # standard deviations; a still sensor has one
+_LOUDEST = 8.0  # standard deviations: a sensor that much louder than stated cannot be told from a moving one
+_WHITE = 1.5  # of the noise between neighbouring readings: a spread below that is not motion
 _FEWEST = 4
 _FROZEN_TIME = 0.2  # s of equal values; with noise on six axes that never happens by chance
 
@@ -195,8 +197,7 @@ class WrenchConditioner:
         unknown offset can hide a touch all the same: take the bias, retreat a little, and take it again with the
         first one as `expected`, until two agree.
         """
-        values = np.array([np.concatenate([s.force, s.torque]) for s in samples], dtype=np.float64).reshape(-1, 6)
-        values, reason = self._cleaned(values)
+        values, reason = self._cleaned(samples)
         if reason:
             return BiasOutcome(False, reason, np.zeros(6), np.zeros(6), np.zeros(6))
         payload = Payload(self._mass, self._com, np.zeros(6))
@@ -210,8 +211,17 @@ class WrenchConditioner:
             self._adopt(bias, noise)
         return outcome
 
-    def _cleaned(self, values: np.ndarray) -> tuple[np.ndarray, str]:
-        """The readings without bad ones and spikes, or the reason why too few are left."""
+    def mean_error(self, samples: Sequence[WrenchSample]) -> float:
+        """Standard error of the mean of samples at rest, over the noise of one reading: the largest of the six axes.
+
+        Infinite where too few of the samples are readings.
+        """
+        values, reason = self._cleaned(samples)
+        return np.inf if reason else float((values.std(axis=0) / self._sigma).max() / np.sqrt(len(values)))
+
+    def _cleaned(self, samples: Sequence[WrenchSample]) -> tuple[np.ndarray, str]:
+        """The readings (n, 6) without bad ones and spikes, or the reason why too few are left."""
+        values = np.array([np.concatenate([s.force, s.torque]) for s in samples], dtype=np.float64).reshape(-1, 6)
         if len(values) < _FEWEST:
             return values, "too few samples"
         good = (np.abs(values) < self._params[k.P_RANGE : k.P_RANGE + 6]).all(axis=1)  # false for NaN
@@ -221,11 +231,17 @@ class WrenchConditioner:
         return values[quiet] if quiet.mean() >= _GOOD_SHARE else values[good], ""
 
     def _moved(self, values: np.ndarray) -> bool:
-        """Noise far above the sensor's, or a first half that differs from the second."""
+        """Noise far above the sensor's, or a first half that differs from the second.
+
+        The noise of neighbouring readings is independent, motion is not (von Neumann's ratio): a sensor that is louder
+        than stated is still.
+        """
         half = len(values) // 2
         trend = np.abs(values[:half].mean(axis=0) - values[half:].mean(axis=0))
+        jitter = np.sqrt(0.5 * np.mean(np.diff(values, axis=0) ** 2, axis=0))
         allowed = _STILL_SPREAD * self._sigma
-        return bool((values.std(axis=0) > allowed).any() or (trend > allowed).any())
+        loud = np.maximum(allowed, np.minimum(_WHITE * jitter, _LOUDEST * self._sigma))
+        return bool((values.std(axis=0) > loud).any() or (trend > allowed).any())
 
     def _touching(self, bias: Vector, expected: Vector | None, touch_force: float) -> bool:
         if expected is not None:

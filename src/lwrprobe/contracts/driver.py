@@ -102,6 +102,18 @@ class SteppedArm(Arm, Protocol):
 
 
 @runtime_checkable
+class MassiveArm(Arm, Protocol):
+    """An arm that says how heavy it is; optional, and found by its attribute. Any other arm counts as without mass.
+
+    What moves on while the loop reacts presses harder, so that a run with such an arm touches more slowly.
+    """
+
+    @property
+    def mass(self) -> float:
+        """kg of all moving links, as on the arm's data sheet; 0 = none. A plain attribute will do."""
+
+
+@runtime_checkable
 class RestartableArm(Arm, Protocol):
     """An arm that can take set points again after it has stopped by itself; optional, and found by its method.
 

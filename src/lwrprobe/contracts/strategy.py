@@ -64,6 +64,8 @@ class Task:
     clearance_threshold : m, distance of a link to what was touched, below which a collision threatens
     stiffness : N/m, of object and arm in series as far as known, else an upper bound; the probe's comes on top
     delay : s, from a force at the sphere to the arm's reaction
+    arm_mass : kg, of the arm as its tip shows it to what it strikes; 0 = an arm without mass
+    arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
         within its joint limits and without a jump
@@ -84,6 +86,8 @@ class Task:
     clearance_threshold: float
     stiffness: float
     delay: float
+    arm_mass: float = 0.0
+    arm_stiffness: float = np.inf
     options: Any = None
     reachable: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
     clear: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True

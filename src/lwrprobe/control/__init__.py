@@ -10,6 +10,7 @@ from lwrprobe.control.force_law import (
     damping_without_overshoot,
     normal_velocity,
     peak_force,
+    run_on,
     sideways_force_limit,
 )
 
@@ -23,5 +24,6 @@ __all__ = [
     "damping_without_overshoot",
     "normal_velocity",
     "peak_force",
+    "run_on",
     "sideways_force_limit",
 ]

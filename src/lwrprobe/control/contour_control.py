@@ -16,7 +16,7 @@ from math import acos, cos, e, sin, sqrt
 import numpy as np
 
 from lwrprobe.contracts import InputError, Task
-from lwrprobe.control.force_law import approach_speed, damping_without_overshoot, normal_velocity
+from lwrprobe.control.force_law import approach_speed, damping_without_overshoot, normal_velocity, run_on
 
 MAX_INWARD = 0.01
 """m/s towards the surface. More would only deepen a contact that is about to return."""
@@ -44,9 +44,12 @@ FORCE_RESERVE = 0.85
 """Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
 COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
+THROWN_OFF = 0.5
+"""Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
+from a blow."""
 CAREFUL = 0.6
-"""Share of the approach speed along the stick, where the stick may be met beside the sensor: nothing bends there but
-the arm, which is stiffer in some directions than in others."""
+"""Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
+directions than in others."""
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
 
@@ -70,7 +73,6 @@ class ContourControl:
     Attributes
     ----------
     normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
-    careful_speed : m/s, where the stick may be met anywhere
     column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
         the sphere's flank
     """
@@ -86,17 +88,28 @@ class ContourControl:
         # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet. It grows with the share
         # of d along the stick, so that the end of each step counts.
         axial = np.arccos(np.linspace(0.0, 1.0, DIRECTIONS + 1))
-        hardest = (np.cos(axial[:, None] - NORMALS) / (1.0 / task.stiffness + give)).max(axis=1)
+        soft = 1.0 / task.stiffness + give
+        hard = np.cos(axial[:, None] - NORMALS) / soft
+        hardest = hard.max(axis=1)
+        # A moving mass presses along each normal with its part of the speed, as a longer delay would.
+        longer = np.array([run_on(task.arm_mass, k, task.arm_stiffness) for k in (1.0 / soft).tolist()])
+        struck = (hard * longer).max(axis=1)
+        late = task.delay + struck / hardest
         room = FORCE_RESERVE * task.force_limit - task.force_threshold
         if room <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
-        safe = [approach_speed(room, k, task.delay, task.acceleration) for k in hardest.tolist()]
+        self._room = room
+        pairs = zip(hardest.tolist(), late.tolist())
+        safe = [approach_speed(room, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
-        self.careful_speed = CAREFUL * self._approach(1.0)
+        gentle = THROWN_OFF * task.force_target / np.maximum(struck, 1e-9)
+        self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
-        series = (np.cos(NORMALS) / (1.0 / task.stiffness + give))[flank <= NORMALS].max()
-        self.column_speed = min(approach_speed(room, float(series), task.delay, task.acceleration), task.approach_speed)
+        beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
+        met = int(np.argmax(beside))
+        delay = task.delay + float(longer[flank <= NORMALS][met])
+        self.column_speed = min(approach_speed(room, float(beside[met]), delay, task.acceleration), task.approach_speed)
 
     def begin(self, normal: np.ndarray) -> None:
         """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""
@@ -151,10 +164,31 @@ class ContourControl:
     def approach_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a first touch met along `direction` (unit) stays below `FORCE_RESERVE` of the force limit.
 
-        F = F_threshold + K (v tau + v^2 / (2 a)), solved for v, with the K of whatever surface would be met hardest;
-        never above the task's approach speed. `rotation` (3, 3) is the tip's.
+        F = F_threshold + K (v tau + v^2 / (2 a)), solved for v, with the K of whatever surface would be met hardest,
+        and with a tau that the arm's mass makes longer (`force_law.run_on`); never above the task's approach speed.
+        `rotation` (3, 3) is the tip's.
         """
         return self._approach(float(rotation[:, 2] @ direction))
+
+    def stick_speed(self, reach: float) -> float:
+        """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
+
+        The stick is a beam that is clamped at the sensor: its compliance falls with the third power of the distance
+        from there (Euler and Bernoulli). The task's approach speed is never exceeded.
+        """
+        probe, (series, lateral, _) = self.task.probe, self._compliance
+        left = min(max(1.0 - reach / probe.sensor_distance, 0.0), 1.0)
+        stiffness = 1.0 / (series + lateral * left**3)
+        delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
+        safe = approach_speed(self._room, stiffness, delay, self.task.acceleration)
+        return min(CAREFUL * safe, self.task.approach_speed)
+
+    def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
+        """m/s at which a contact that was just lost is sought again along `direction` (unit).
+
+        As `approach_speed`, and so slow that an arm with mass does not strike hard enough to be thrown off again.
+        """
+        return self._gentle[self._step(float(rotation[:, 2] @ direction))]
 
     def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
         """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""
@@ -170,7 +204,11 @@ class ContourControl:
 
     def _approach(self, axial: float) -> float:
         """`approach_speed` by the share of the direction along the stick."""
-        return self._safe[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
+        return self._safe[self._step(axial)]
+
+    @staticmethod
+    def _step(axial: float) -> int:
+        return min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)
 
     def _stiffness(self, axial: float) -> float:
         """N/m of object, arm and probe in series, by the share of the normal along the stick."""

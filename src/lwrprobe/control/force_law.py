@@ -102,6 +102,7 @@ def choose_force_law(
     turn: float = 0.5 * math.pi,
     slope: float = math.radians(10.0),
     tip_mass: float = 0.0,
+    arm_stiffness: float | None = None,
     min_speed: float = 2e-4,
     max_speed: float = 0.05,
     reserve: float = 0.8,
@@ -109,7 +110,7 @@ def choose_force_law(
     """Damping and speeds that keep the force below the limit, or the reason why there are none.
 
     Damping: B = e K tau (S = 1/e) unless given. Approach: `approach_speed` on the force left between threshold and
-    limit, and the impact floor `v sqrt(K m)`. Contour: `contour_speed`. A given damping is kept; S above 1/e is
+    limit, with what a moving mass adds (`run_on`). Contour: `contour_speed`. A given damping is kept; S above 1/e is
     warned of, above 1 refused.
 
     Parameters
@@ -122,6 +123,7 @@ def choose_force_law(
     turn : rad, sharpest concave corner expected while contouring (a right angle)
     slope : rad, steepest steady misdirection of the tangent that must not break the contact
     tip_mass : kg, what strikes before the loop can act
+    arm_stiffness : N/m, of the spring that drives `tip_mass`, part of `stiffness`; None = the mass moves on freely
     min_speed, max_speed : m/s, below the first a touch is of no use and is refused; the second caps
     reserve : share of the room up to the limit that is planned with
 
@@ -146,9 +148,8 @@ def choose_force_law(
     if s > REFUSED_ABOVE:
         return Refusal(f"stability number K tau / B = {s:.3g} is above {REFUSED_ABOVE:g}: the force would swing", s)
     room = reserve * (force_limit - force_threshold)
-    approach = min(approach_speed(room, stiffness, delay, braking), max_speed)
-    if tip_mass > 0.0:
-        approach = min(approach, room / math.sqrt(stiffness * tip_mass))
+    late = delay + run_on(tip_mass, stiffness, arm_stiffness)
+    approach = min(approach_speed(room, stiffness, late, braking), max_speed)
     if approach < min_speed:
         return Refusal(
             f"the force would pass {force_limit:g} N at any useful speed: with {stiffness:.3g} N/m and a delay of "
@@ -162,6 +163,29 @@ def choose_force_law(
     if contour < min_speed:
         warnings.append(f"contouring at {1e3 * contour:.3g} mm/s only: stiff surface, long delay")
     return ForceLaw(stiffness, delay, b, approach, contour, force_target, force_limit, tuple(warnings))
+
+
+def run_on(mass: float, stiffness: float, arm_stiffness: float | None = None) -> float:
+    """s by which a mass that strikes at any speed v seems to add to the delay: it presses with K v times this.
+
+    A mass m at speed v is driven through a spring k_a whose far end keeps that speed, and meets a spring k_c:
+    m x'' + (k_a + k_c) x = k_a v t gives F = K v t + v (k_c / (k_a + k_c))^(3/2) sqrt(k_c m) sin(w t), with K of both
+    springs in series. Without k_a that is v sqrt(k_c m).
+
+    Parameters
+    ----------
+    mass : kg
+    stiffness : N/m, K, of all that gives way in series
+    arm_stiffness : N/m, k_a, more than K; None = nothing drives the mass, and K is k_c
+    """
+    if mass <= 0.0:
+        return 0.0
+    if arm_stiffness is None:
+        return math.sqrt(mass / stiffness)
+    if not stiffness < arm_stiffness < math.inf:
+        return 0.0
+    met = 1.0 / (1.0 / stiffness - 1.0 / arm_stiffness)
+    return met / arm_stiffness * math.sqrt(mass / (arm_stiffness + met))
 
 
 def approach_speed(room: float, stiffness: float, delay: float, braking: float) -> float:

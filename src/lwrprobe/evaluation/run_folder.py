@@ -49,7 +49,7 @@ class RunFolder:
     @property
     def duration(self) -> float:
         """s, to the last thing that was noted."""
-        return max(0.0, *self.trace[-1:, 0].tolist(), *self.times[-1:].tolist())
+        return max((0.0, *self.trace[-1:, 0].tolist(), *self.times[-1:].tolist()))
 
 
 def read_run(folder: str | Path) -> RunFolder:

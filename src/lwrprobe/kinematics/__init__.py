@@ -1,5 +1,6 @@
 """Serial arms: forward kinematics, Jacobians, inverse kinematics, straight paths and workspaces."""
 
+from lwrprobe.kinematics.inertia import LinkInertia, apparent_mass, link_inertias, mass_matrix
 from lwrprobe.kinematics.models import iiwa14, lwr4, panda, puma560, robot_by_name, ur5e
 from lwrprobe.kinematics.path import FollowReport, follow, straight_line
 from lwrprobe.kinematics.preference import Preference
@@ -15,16 +16,20 @@ __all__ = [
     "IKResult",
     "IKSolver",
     "IKStatus",
+    "LinkInertia",
     "Preference",
     "Reachability",
     "Robot",
     "Workspace",
+    "apparent_mass",
     "dexterity",
     "follow",
     "from_roboticstoolbox",
     "from_urdf",
     "iiwa14",
+    "link_inertias",
     "lwr4",
+    "mass_matrix",
     "panda",
     "puma560",
     "reachable",

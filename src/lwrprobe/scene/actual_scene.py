@@ -14,6 +14,11 @@ from lwrprobe.scene.truth import TruthTable
 
 _MOVES = ("object_turn_deg", "object_shift_mm", "table_height_mm", "table_tilt_deg")
 _OF_THE_PROBE = ("probe_length_mm", "sphere_radius_mm")
+_LENGTHS = (
+    "table_height_mm", "base_shift_mm", "probe_length_mm", "sphere_radius_mm", "dh_a_mm", "dh_d_mm",
+)  # fmt: skip
+_TURNS = ("base_turn_deg", "dh_offset_deg", "dh_twist_deg")
+"""What raises or lowers the table as the arm sees it: by itself, and by its lever from the arm's base."""
 _BESIDE, _ABOVE = 3.0, 1.2
 """Radii from the objects to the border of the area within which the sphere's centre moves."""
 Drawn = dict[str, np.ndarray]
@@ -40,8 +45,10 @@ def actual_scene(scene: Scene) -> Scene:
 
 
 def with_room(scene: Scene) -> Scene:
-    """The scene with its area widened so that it holds the objects wherever `[truth]` may put them.
+    """The scene with its area widened so that it holds the objects wherever `[truth]` may put them, and off the table.
 
+    The area's floor rises to where the sphere stays off the table by three standard deviations of all that raises the
+    table as the arm sees it, but not above the objects' middle: nobody lets the area of a probe reach into the table.
     What may be drawn counts, not what is drawn: the area says no more of the truth than its profile does. An area
     that is wide enough is kept.
     """
@@ -61,11 +68,27 @@ def with_room(scene: Scene) -> Scene:
         raised = 1e-3 * reach.get("table_height_mm", 0.0)
         raised += np.tan(np.radians(reach.get("table_tilt_deg", 0.0))) * float(np.hypot(*half))
         top = max(top, float(upper[2]) + _ABOVE * scene.probe.radius + raised)
-    return scene.model_copy(
-        update={
-            "area": AreaTable(lower=_corner(least[0], least[1], float(low[2])), upper=_corner(most[0], most[1], top))
-        }
+    floor = max(
+        float(low[2]), min(_off_the_table(scene, middle, half), 0.5 * (lower[2] + upper[2]) + scene.probe.radius)
     )
+    return scene.model_copy(
+        update={"area": AreaTable(lower=_corner(least[0], least[1], floor), upper=_corner(most[0], most[1], top))}
+    )
+
+
+def _off_the_table(scene: Scene, middle: np.ndarray, half: np.ndarray) -> float:
+    """m, lowest height of the sphere's centre at which it stays off the table wherever `[truth]` may put that.
+
+    `middle` and `half` (2,) m are those of what may be explored.
+    """
+    if not scene.table.present:
+        return -np.inf
+    lever = float(np.linalg.norm(middle[:2] - scene.arm.base.matrix()[:2, 3]))
+    scales = dict.fromkeys(_LENGTHS, 1e-3) | dict.fromkeys(_TURNS, np.radians(1.0) * lever)
+    scales["table_tilt_deg"] = np.radians(1.0) * float(np.hypot(*half))
+    given = ((scale, scene.truth.departure(name)) for name, scale in scales.items())
+    raised = [scale * departure.reach() for scale, departure in given if departure is not None]
+    return scene.table.height + scene.probe.radius + float(np.sqrt(np.sum(np.square(raised))))
 
 
 def _corner(x: float, y: float, z: float) -> tuple[float, float, float]:

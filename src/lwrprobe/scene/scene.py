@@ -226,6 +226,9 @@ class ContactTable(Table):
     """s, total reaction delay of the loop; left out, it is put together from sensor, cycle and jerk."""
     stiffness: Length = 20_000.0
     """N/m, of object and arm as far as known beforehand, else an upper bound; the stick's is the probe's own."""
+    object_stiffness: Length = 220_000.0
+    """N/m, of the stiffest object that may be met: what an arm with a mass strikes. Wood under a 5 mm sphere at 1 N
+    (Hertz)."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

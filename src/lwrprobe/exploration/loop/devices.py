@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import DRIVER_CONTRACT, Arm, Driver, DriverContext, GroundTruth, InputError, LeftOut, Sensor
+from lwrprobe.contracts import (
+    DRIVER_CONTRACT,
+    Arm,
+    Driver,
+    DriverContext,
+    GroundTruth,
+    InputError,
+    LeftOut,
+    MassiveArm,
+    Sensor,
+)
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.options import configure
@@ -24,11 +34,13 @@ class Devices:
     ----------
     arm, sensor : closed until the `with` block is entered
     drivers : by name, the one or two that were made
+    arm_mass : kg, of the arm's moving links; 0 for an arm that states none
     """
 
     arm: Arm
     sensor: Sensor
     drivers: dict[str, Driver]
+    arm_mass: float = 0.0
 
     @classmethod
     def assemble(cls, scene: Scene, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
@@ -49,7 +61,8 @@ class Devices:
         calibration, face = calibration_of(scene), sensor.sensor()
         if calibration is not None:
             face = CalibratedSensor(face, calibration)
-        return cls(arm.arm(), face, drivers)
+        hand = arm.arm()
+        return cls(hand, face, drivers, float(hand.mass) if isinstance(hand, MassiveArm) else 0.0)
 
     def __enter__(self) -> Devices:
         try:

@@ -37,6 +37,7 @@ from lwrprobe.exploration.safety.motion_guard import MotionStop
 from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
 from lwrprobe.exploration.stages.object_motion import ObjectMoved
 from lwrprobe.exploration.stages.pipeline import Pipeline, reaction_delay
+from lwrprobe.exploration.stages.touch_law import arm_stiffness, tip_mass
 from lwrprobe.scene import Scene
 
 STAGES = (
@@ -187,10 +188,10 @@ class Explorer:
         self.arm.guard.confine(area.lower - margin, area.upper + margin)
         task, sensor = self.task(), self._devices.sensor
         stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate)
-        self._pipeline.force.begin(task.delay, stated)
+        self._pipeline.force.begin(task.delay, stated, task.arm_mass)
         self._sample.zero_time = self.arm.time - elapsed
         if self._recorder.bag is not None:
-            self._recorder.bag.begin(self._sample.zero_time, elapsed, self._pipeline.trajectory.pose, task.delay)
+            self._recorder.bag.begin(self._sample.zero_time, elapsed, self._pipeline.trajectory.pose, task)
         try:
             self._pipeline.strategy.start(task)
             self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
@@ -204,7 +205,8 @@ class Explorer:
         sensor = self._devices.sensor
         delay = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay)
         reachable, clear = self._answered(self._request.reachable), self._answered(self._request.clear)
-        return make_task(self._scene, self._pipeline, delay, reachable, clear)
+        mass = tip_mass(self._pipeline.robot, self._devices.arm_mass, self.arm.q)
+        return make_task(self._scene, self._pipeline, delay, reachable, clear, mass)
 
     def _answered(self, ask: Question) -> Question:
         """The question with its answers in the bag, where one is recorded."""
@@ -339,8 +341,13 @@ class Explorer:
         return now
 
 
-def make_task(scene: Scene, pipeline: Pipeline, delay: float, reachable: Question, clear: Question) -> Task:
-    """What is to be done, from where the generator has the tip; `delay` s from a force to the arm's reaction."""
+def make_task(
+    scene: Scene, pipeline: Pipeline, delay: float, reachable: Question, clear: Question, arm_mass: float = 0.0
+) -> Task:
+    """What is to be done, from where the generator has the tip.
+
+    `delay` is s from a force to the arm's reaction, `arm_mass` kg of the arm as its tip shows it.
+    """
     pose = pipeline.trajectory.pose
     return Task(
         area=pipeline.area,
@@ -357,6 +364,8 @@ def make_task(scene: Scene, pipeline: Pipeline, delay: float, reachable: Questio
         clearance_threshold=scene.clearance.threshold,
         stiffness=scene.contact.stiffness,
         delay=delay,
+        arm_mass=arm_mass,
+        arm_stiffness=arm_stiffness(scene),
         options=pipeline.options,
         reachable=reachable,
         clear=clear,

@@ -42,7 +42,7 @@ def warm_up(scene: Scene, choices: Choices, cycle: float, rate: float, pose: np.
         sample = WrenchSample(1.0 + i / rate, np.array([0.0, force, 0.0]), np.zeros(3), 16 + i)
         wrench = pipe.conditioner.condition(sample, rotation)
         contact = pipe.estimator.estimate(wrench, pose[:3, 3], rotation, np.zeros(3))
-    pipe.voxels.insert_point(contact.point)
+    pipe.add_point(contact.point)
     if pipe.sweep is not None:
         for _ in range(2):
             pipe.sweep.move_to(pose[:3, 3])

@@ -213,7 +213,7 @@ class SampleStep:
         # A light touch says little: the error of its normal goes with one over the force.
         settled = self._touch_age > SETTLED and size >= self._light
         if contact.trust >= TRUSTED and settled and pipeline.force.settled:
-            pipeline.voxels.insert_point(contact.point)
+            pipeline.add_point(contact.point)
             clock.lap("map")
             self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))
             clock.lap("record")

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts.driver import HealthCheck
-from lwrprobe.control.force_law import Refusal, choose_force_law
+from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.stages.pipeline import reaction_delay, robot_of
+from lwrprobe.exploration.stages.touch_law import tip_mass, touch_law
 from lwrprobe.scene import Scene
 
 _NEAR = np.radians(5.0)  # of a joint limit
@@ -45,24 +46,24 @@ def dry_run(scene: Scene, message: Callable[[str], None] = lambda text: None) ->
     """
     devices = Devices.assemble(scene, scene.run.seed, False)
     cycle, latency = devices.arm.cycle, devices.sensor.latency
-    readings = [*_posture(scene), stability(scene, cycle, latency)]
+    readings = [*_posture(scene), stability(scene, cycle, latency, devices.arm_mass)]
     summary = explore(_simulated(scene, cycle, latency), message=message)
     return DryRun(readings + _driven(scene, summary), summary)
 
 
-def stability(scene: Scene, cycle: float, latency: float) -> HealthCheck:
-    """S = K tau / B of the stiffest direction, and how fast it may be touched (see `control.force_law`)."""
+def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0) -> HealthCheck:
+    """S = K tau / B of the stiffest direction, and how fast it may be touched (see `control.force_law`).
+
+    `arm_mass` is kg of the arm's moving links.
+    """
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     probe, contact = scene.probe.as_probe(), scene.contact
     soft = 1.0 / contact.stiffness + probe.compliance.min()
-    law = choose_force_law(
-        1.0 / soft,
-        delay,
-        contact.target,
-        contact.limit,
-        force_threshold=contact.threshold,
-        braking=scene.motion.acceleration,
-    )
+    mass = 0.0
+    if arm_mass > 0.0:
+        robot = robot_of(scene)
+        mass = tip_mass(robot, arm_mass, start_posture(scene, robot)[1])
+    law = touch_law(scene, delay, mass)
     facts = f"K {1.0 / soft:.3g} N/m, delay {1e3 * delay:.1f} ms"
     if isinstance(law, Refusal):
         return HealthCheck("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)

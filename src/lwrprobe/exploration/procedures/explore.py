@@ -31,7 +31,7 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
-from lwrprobe.exploration.recording.error_budget import recorded_budget
+from lwrprobe.exploration.recording.error_budget import expect_mesh_errors, fitted_shapes, recorded_budget
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -40,6 +40,7 @@ from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
+from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
 
@@ -169,6 +170,8 @@ class Exploration:
         with ExitStack() as stack:
             stack.enter_context(settled_memory())
             stack.enter_context(self._devices)
+            if self._devices.ground_truth is None:
+                stack.enter_context(real_time_priority(LOOP))
             with collector_paused():
                 self._make_ready()
             self._stack = stack.pop_all()
@@ -260,6 +263,11 @@ class Exploration:
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
+        if budget is not None:
+            table_height = 1e-3 * scene.uncertainty.sigma("table_height_mm")
+            summary.fits = fitted_shapes(budget, self.record, table_height)
+            if self.surface is not None:
+                summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
@@ -369,6 +377,8 @@ def reconstruct_surface(record: TouchRecord, pipeline: Pipeline) -> tuple[Recons
     if len(record.points) == 0:
         return None, [{"stage": "reconstruction", "why": "no contact"}]
     try:
-        return pipeline.reconstructor.reconstruct(record), []
+        surface = pipeline.reconstructor.reconstruct(record)
+        why = surface.report.get("instead_of_contact_surface")
+        return surface, [{"stage": "contact_surface", "why": why}] if why else []
     except LwrprobeError as error:
         return None, [{"stage": "reconstruction", "why": str(error)}]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 
 import numpy as np
 
 from lwrprobe.contracts import HealthCheck
-from lwrprobe.control import ForceLaw, choose_force_law
+from lwrprobe.control import ForceLaw
 from lwrprobe.exploration.stages.pipeline import reaction_delay
+from lwrprobe.exploration.stages.touch_law import touch_law
+from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene
 
 CYCLES_MS = (1, 2, 4, 5, 10, 20, 50, 100)
@@ -21,7 +20,6 @@ MISSED = 1e-3
 the arm."""
 TICK = 0.001
 """s between two wake-ups."""
-PRIORITY = 80
 
 _QUIETER = (
     "real-time priority (`- rtprio 99` and `- memlock unlimited` in /etc/security/limits.conf), a core of its own "
@@ -48,25 +46,6 @@ def smallest_cycle(late: np.ndarray) -> float | None:
     return None
 
 
-@contextmanager
-def preferred() -> Iterator[bool]:
-    """Real-time priority while the block runs; whether the system permits it."""
-    if not hasattr(os, "sched_setscheduler"):
-        yield False
-        return
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except OSError:
-        yield False
-        return
-    try:
-        yield True
-    finally:
-        with suppress(OSError):
-            os.sched_setscheduler(0, *before)
-
-
 def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> list[HealthCheck]:
     """Idle for some seconds, half of them with real-time priority where that is permitted, and evaluate it.
 
@@ -76,18 +55,18 @@ def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> l
     latency : s, of the sensor
     """
     ordinary = stalls(0.5 * seconds)
-    with preferred() as permitted:
-        answering = stalls(0.5 * seconds) if permitted else ordinary
-    allowed = smallest_cycle(answering)
+    with real_time_priority(LOOP) as permitted:
+        preferred = stalls(0.5 * seconds) if permitted else ordinary
+    allowed = smallest_cycle(preferred)
     enough = allowed is not None and allowed <= cycle + 1e-9
     text = "none: it is too busy" if allowed is None else f"{1e3 * allowed:g} ms or longer"
     checks = [
         HealthCheck("host stalls", _described(ordinary), True, {"longest_ms": 1e3 * float(ordinary.max())}),
         HealthCheck(
             "real-time priority",
-            f"permitted; then {_described(answering)}" if permitted else f"not permitted; better: {_QUIETER}",
+            f"permitted; then {_described(preferred)}" if permitted else f"not permitted; better: {_QUIETER}",
             True,
-            {"permitted": permitted, "longest_ms": 1e3 * float(answering.max())},
+            {"permitted": permitted, "longest_ms": 1e3 * float(preferred.max())},
         ),
         HealthCheck(
             "cycle allowed",
@@ -96,7 +75,7 @@ def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> l
             {"cycle_ms": None if allowed is None else 1e3 * allowed},
         ),
     ]
-    return [*checks, _speed(scene, cycle, latency, float(np.quantile(ordinary, 0.999)))]
+    return [*checks, _speed(scene, cycle, latency, float(np.quantile(preferred, 0.999)))]
 
 
 def _described(late: np.ndarray) -> str:
@@ -106,20 +85,10 @@ def _described(late: np.ndarray) -> str:
 
 def _speed(scene: Scene, cycle: float, latency: float, stall: float) -> HealthCheck:
     """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
-    contact = scene.contact
-    axial = float(scene.probe.as_probe().compliance[2])
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     speeds = []
     for seconds in (delay, delay + stall):
-        law = choose_force_law(
-            1.0 / (1.0 / contact.stiffness + axial),
-            seconds,
-            contact.target,
-            contact.limit,
-            force_threshold=contact.threshold,
-            braking=scene.motion.acceleration,
-            max_speed=1.0,
-        )
+        law = touch_law(scene, seconds, max_speed=1.0)
         speeds.append(1e3 * law.approach_speed if isinstance(law, ForceLaw) else 0.0)
     return HealthCheck(
         "speed along the stick",

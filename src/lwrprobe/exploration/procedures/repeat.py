@@ -25,11 +25,12 @@ from lwrprobe.contracts import (
     VelocityCommand,
 )
 from lwrprobe.contracts.samples import Vector
-from lwrprobe.control.force_law import Refusal, choose_force_law
+from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import WatchFunction
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.stages.pipeline import choose, reaction_delay
+from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
 STANDOFF = 0.005
@@ -208,18 +209,9 @@ def repeat(
 
 def safe_speed(scene: Scene, cycle: float, latency: float) -> float:
     """m/s at which the stiffest direction may be touched."""
-    contact, delay = scene.contact, reaction_delay(scene, cycle, latency, scene.sensor.rate)
-    stiffness = 1.0 / (1.0 / contact.stiffness + scene.probe.as_probe().compliance.min())
-    law = choose_force_law(
-        stiffness,
-        delay,
-        contact.target,
-        contact.limit,
-        force_threshold=contact.threshold,
-        braking=scene.motion.acceleration,
-    )
+    law = touch_law(scene, reaction_delay(scene, cycle, latency, scene.sensor.rate))
     if isinstance(law, Refusal):
-        raise InputError("contact.stiffness", contact.stiffness, f"something that may be touched: {law.reason}")
+        raise InputError("contact.stiffness", scene.contact.stiffness, f"something that may be touched: {law.reason}")
     return min(law.approach_speed, scene.motion.approach_speed)
 
 

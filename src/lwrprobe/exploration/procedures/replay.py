@@ -281,7 +281,7 @@ class Replay:
         pipeline.trajectory = cast(Any, tip)
         self._take_bias(tip.pose[:3, :3].copy())
         task = self._task(tip)
-        pipeline.force.begin(task.delay)
+        pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         try:
             pipeline.strategy.start(task)
             pipeline.line_spacing = pipeline.strategy.line_spacing
@@ -297,7 +297,8 @@ class Replay:
         delay = recording.delay
         if delay is None or not (self._same or self.scene.contact.delay is None):
             delay = reaction_delay(self.scene, recording.cycle, recording.latency, recording.rate)
-        return make_task(self.scene, self.pipeline, delay, self._request.reachable, self._request.clear)
+        ask = self._request
+        return make_task(self.scene, self.pipeline, delay, ask.reachable, ask.clear, recording.arm_mass)
 
     def _take_bias(self, rotation: np.ndarray) -> None:
         conditioner, pauses = self.pipeline.conditioner, self._recording.pauses()

@@ -35,6 +35,7 @@ class Recording:
     poses : (n, 4, 4) of the tip where the bag has no joint values, None where it has
     cycle, rate, latency : of the devices: s, Hz, s
     zero, delay : s, the arm's clock at the run's start, and the task's delay; None where the bag does not say it
+    arm_mass : kg, the task's
     start : (4, 4) tip pose where the strategy took over, None likewise
     scene : the scene's text, empty likewise
     answers : to the strategy's questions
@@ -52,6 +53,7 @@ class Recording:
     latency: float = 0.0
     zero: float = 0.0
     delay: float | None = None
+    arm_mass: float = 0.0
     start: np.ndarray | None = None
     scene: str = ""
     answers: list[bool] = field(default_factory=list)
@@ -143,8 +145,8 @@ def _own(path: Path, parts: dict[str, list[tuple[int, Any]]]) -> Recording:
 def _about(found: Recording, text: str) -> None:
     try:
         about = json.loads(text)
-        for name in ("cycle", "rate", "latency", "zero", "delay"):
-            value = float(about[name])
+        for name in ("cycle", "rate", "latency", "zero", "delay", "arm_mass"):
+            value = float(about.get(name, 0.0) if name == "arm_mass" else about[name])
             if not math.isfinite(value):
                 raise ValueError(name)
             setattr(found, name, value)

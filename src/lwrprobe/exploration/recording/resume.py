@@ -2,26 +2,34 @@
 
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts and the memory of
 where the sphere has been are restored the same way: an object that was moved in the meantime is noticed at the first
-touch that contradicts. The probe goes over the top of the area to where it was, and down where its stick has been;
-from there on the strategy continues as if nothing had happened.
+touch that contradicts. The probe goes over the top of the area to the last place above which nothing is, and from there
+back the way it came; then the strategy continues as if nothing had happened.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from lwrprobe.contracts import Done, Goal, Motion, Observation, PluginError, Progress, Strategy, Task
+from lwrprobe.contracts import Contact, Done, Goal, Motion, Observation, PluginError, Progress, Strategy, Task
 from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.return_path import return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
 
 ARRIVED = 2e-4
 """m"""
-KNOWN = 0.002
-"""m from where the run was cut off, within which a touch on the return is of the surface that is known there."""
+KNOWN = 0.003
+"""m from the path that was driven, within which a touch on the return is of the surface that was touched there."""
+ASIDE = 0.002
+"""m off such a surface, before the return goes on."""
+DIVE = 0.3
+"""Share of a step along the stick, from which on a touch there is one along the stick."""
+TOUCHES = 8
+"""Touches of known surfaces, after which the return is given up."""
 
 
 class Resumed(Logged):
@@ -42,7 +50,9 @@ class Resumed(Logged):
         self._motion: Motion | None = None
         self._old_steps = 0
         self._path: list[np.ndarray] = []
-        self._speeds = (0.0, 0.0)
+        self._touched = np.empty((0, 3))
+        self._touches, self._leaving = 0, False
+        self._speeds: list[float] = []
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
@@ -63,7 +73,7 @@ class Resumed(Logged):
             for k in np.flatnonzero(past.rows[:, 0] == SEEN):
                 seen = past.observation(int(k))
                 while coming is not None and coming.time <= seen.time + 1e-6:
-                    pipeline.voxels.insert_point(coming.point)
+                    pipeline.add_point(coming.point)
                     coming = next(contacts, None)
                 _remember(pipeline, seen)
                 if k <= past.last:
@@ -74,8 +84,12 @@ class Resumed(Logged):
             raise PluginError("the strategy does not do again what it did: it has come to an end")
         self._recalling = False
         self._old_steps = len(super().trace)
-        self._speeds = task.free_speed, task.approach_speed
-        self._path = _path_back(past.observation(past.last).pose, float(task.area.upper[2]))
+        self._path = return_path(past, task.area)
+        self._speeds = [task.free_speed, task.approach_speed]
+        for here, there in pairwise(self._path[1:]):
+            dives = _dives(here, there)
+            self._speeds.append(pipeline.force.touch_speed if dives else task.approach_speed)
+        self._touched = np.array([contact.point for contact in recorder.contacts]).reshape(-1, 3)
 
     def start(self, task: Task) -> None:
         """The strategy has started long ago."""
@@ -84,20 +98,39 @@ class Resumed(Logged):
         """The return first; then what the strategy answers."""
         if not self._path:
             return super().step(seen)
-        here = seen.pose[:3, 3]
-        known = np.abs(here - self._path[-1][:3, 3]).max() < KNOWN
-        if seen.contact is not None and not (known and len(self._path) == 1):
-            return Done("something stands in the way back to where the run was cut off", complete=False)
         if seen.blocked:
             return Done(f"no way back to where the run was cut off: {seen.blocked}", complete=False)
-        there = np.abs(here - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached
-        if there or seen.contact is not None:
-            self._path.pop(0)
-            if not self._path:
-                assert self._motion is not None
-                return self._motion
-        speed = self._speeds[len(self._path) == 1]
-        return Goal(self._path[0], speed, "back to where the run was cut off")
+        self._leaving = self._leaving and seen.contact is not None
+        if seen.contact is not None and not self._goes_on(seen, seen.contact):
+            return Done("something stands in the way back to where the run was cut off", complete=False)
+        if np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached:
+            self._next()
+        if not self._path:
+            assert self._motion is not None
+            return self._motion
+        return Goal(self._path[0], self._speeds[0], "back to where the run was cut off")
+
+    def _next(self) -> None:
+        self._path.pop(0)
+        self._speeds.pop(0)
+
+    def _goes_on(self, seen: Observation, contact: Contact) -> bool:
+        """Whether the return goes on with a contact: the surface was touched there before, and the probe leaves it."""
+        if len(self._path) == 1 and np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < KNOWN:
+            self._next()  # as near as the surface allows
+            return True
+        if self._leaving:
+            return True
+        self._touches += 1
+        known = np.abs(self._touched - contact.point).max(axis=1).min(initial=np.inf) < KNOWN
+        if not known or self._touches > TOUCHES:
+            return False
+        aside = seen.pose.copy()
+        aside[:3, 3] += ASIDE * contact.normal
+        self._path.insert(0, aside)
+        self._speeds.insert(0, self._speeds[0])
+        self._leaving = True
+        return True
 
     def progress(self) -> Progress:
         """The strategy's own, or that the probe returns."""
@@ -109,12 +142,10 @@ class Resumed(Logged):
         return bool(next(self._answers, 0.0)) if self._recalling else super().asked(ask, poses)
 
 
-def _path_back(pose: np.ndarray, top: float) -> list[np.ndarray]:
-    """Poses (4, 4): above the place, along the stick, at the area's top; then the place."""
-    above, axis = pose.copy(), pose[:3, 2]
-    if axis[2] < 0.0 and pose[2, 3] < top:
-        above[:3, 3] += (top - pose[2, 3]) / axis[2] * axis
-    return [above, pose]
+def _dives(here: np.ndarray, there: np.ndarray) -> bool:
+    """Whether a step between two poses (4, 4) leads along the stick towards its tip, in which direction it is stiff."""
+    step = there[:3, 3] - here[:3, 3]
+    return float(step @ here[:3, 2]) > DIVE * float(np.linalg.norm(step))
 
 
 def _remember(pipeline: Pipeline, seen: Observation) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from lwrprobe.bags import messages
 from lwrprobe.bags.bag_writer import BagWriter
-from lwrprobe.contracts import Clearance, Contact, Goal, Motion, Observation, Progress, Sensor, WrenchSample
+from lwrprobe.contracts import Clearance, Contact, Goal, Motion, Observation, Progress, Sensor, Task, WrenchSample
 from lwrprobe.kinematics import Robot
 from lwrprobe.mapping import VoxelMap
 
@@ -82,14 +82,15 @@ class RunBag:
         for sample in samples:
             self._row(self._listened, sample, 0.0, 0.0, False, "", (0.0,) * 6, q)
 
-    def begin(self, zero: float, elapsed: float, start: np.ndarray, delay: float) -> None:
+    def begin(self, zero: float, elapsed: float, start: np.ndarray, task: Task) -> None:
         """The strategy takes over at a tip pose (4, 4): time `zero` on the arm's clock is 0 s of the run.
 
-        `elapsed` s are those of an earlier part of the run, `delay` s that of the task.
+        `elapsed` s are those of an earlier part of the run.
         """
         self._zero, self._now = zero, elapsed
         self._epoch = time_ns() - int(1e9 * elapsed)
-        about = self._about | {"zero": zero, "elapsed": elapsed, "delay": delay, "start": start.tolist()}
+        loop = {"delay": task.delay, "arm_mass": task.arm_mass}
+        about = self._about | {"zero": zero, "elapsed": elapsed, "start": start.tolist()} | loop
         self._send(RUN, messages.text(json.dumps(about | {"columns": SAMPLE_COLUMNS, "scene": self._scene})))
         self.log("the strategy begins" if elapsed == 0.0 else f"the run goes on after {elapsed:.1f} s")
         self._flush()

@@ -19,7 +19,8 @@ from lwrprobe.contact import (
     WrenchConditioner,
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
-from lwrprobe.control import Refusal, choose_force_law
+from lwrprobe.control import Refusal
+from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
 FREE_WINDOW = 0.5
@@ -34,7 +35,7 @@ SPEED_STEPS = 20
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
 AGREED = 2
-"""Batches of presses after which the speeds follow the stiffness."""
+"""Batches of presses after which the speeds follow the stiffness; the first one can only make them slower."""
 TOUCHES_AGREED = 3
 """Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
 APART = 3.0
@@ -44,6 +45,8 @@ DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
+CAREFUL = 1.1
+"""Share of the speed of a touch along the stick, up to which a motion counts as one that may meet the stick."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -66,12 +69,11 @@ class ForceStage:
     def __init__(
         self, scene: Scene, probe: Probe, conditioner: WrenchConditioner, estimator: Estimator, rate: float
     ) -> None:
-        self._contact = scene.contact
-        self._braking = scene.motion.acceleration
+        self._scene, self._contact = scene, scene.contact
         self._approach = scene.motion.approach_speed
         self.excess = 0.0
         """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
-        self._delay = 0.0
+        self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
@@ -93,18 +95,19 @@ class ForceStage:
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
-    def begin(self, delay: float, stated: float | None = None) -> None:
+    def begin(self, delay: float, stated: float | None = None, tip_mass: float = 0.0) -> None:
         """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe.
 
-        `delay` is the loop's in s, `stated` what scene and devices say of it, where it was measured to be longer.
+        `delay` is the loop's in s, `stated` what scene and devices say of it, where it was measured to be longer;
+        `tip_mass` kg is the arm's as its tip shows it.
         """
         c = self._contact
         series = 1.0 / (1.0 / c.stiffness + self._axial)
-        law = choose_force_law(
-            series, delay, c.target, c.limit, force_threshold=c.threshold, braking=self._braking, max_speed=1.0
-        )
+        law = touch_law(self._scene, delay, tip_mass, max_speed=1.0)
         self._report = {"delay_s": round(delay, 6), "stiffness_along_stick": round(series, 1)}
-        self._delay = delay
+        if tip_mass > 0.0:
+            self._report["arm_mass_at_tip_kg"] = round(tip_mass, 3)
+        self._delay, self._tip_mass = delay, tip_mass
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
@@ -163,7 +166,8 @@ class ForceStage:
             self._adopt(self._touch.compliance)
         if not certain:
             self._forget_presses()
-        elif self._press.update(wrench, pose, contact):
+        elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact):
+            # An arm with mass hardly moves while the force changes: its quick presses show the object alone.
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
@@ -199,10 +203,10 @@ class ForceStage:
             return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            share = late * self._share_along(motion.pose[:3, 3] - self._place)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place, motion.speed)
             return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            share = late * self._share_along(motion.velocity)
+            share = late * self._share_along(motion.velocity, math.sqrt(float(motion.velocity @ motion.velocity)))
             if share == 1.0:
                 return motion
             leaving = np.zeros(3)
@@ -211,13 +215,16 @@ class ForceStage:
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _share_along(self, path: np.ndarray) -> float:
-        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+    def _share_along(self, path: np.ndarray, speed: float) -> float:
+        """Share of the `speed` m/s along a path (3,): 1 where nothing can be met, or is touched, along the stick.
 
-        Across it the probe gives way so much that the stiffness of arm and object does not count.
+        Across it the probe gives way so much that the stiffness of arm and object does not count, unless the motion is
+        so slow because the stick may be met close to the sensor.
         """
         if self._of_stiffness == 1.0:
             return 1.0
+        if speed <= CAREFUL * self._touch_speed:
+            return self._of_stiffness
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
             return self._of_stiffness
         along = abs(float(path @ self._axis))
@@ -238,17 +245,15 @@ class ForceStage:
         Raises TouchRefused where no speed is safe.
         """
         stated, found = 1.0 / self._contact.stiffness, self._press.value
-        if self._press.batches < AGREED:
-            return
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
+        if self._press.batches < AGREED:
+            # A single batch may be wrong. It makes the probe slower, and nothing else.
+            self._of_stiffness = min(share, self._at_first)
+            return
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
-            c = self._contact
-            law = choose_force_law(
-                1.0 / (found + self._axial), self._delay, c.target, c.limit, force_threshold=c.threshold,
-                braking=self._braking,
-            )  # fmt: skip
+            law = touch_law(self._scene, self._delay, self._tip_mass, found)
             if isinstance(law, Refusal):
                 raise TouchRefused(f"touch refused: {law.reason}")
         if abs(found - stated) > APART * self._press.sigma:

@@ -43,6 +43,8 @@ CLOSE = 1.0 + 2.0 * cos(0.1)
 """Trace of the turn between two orientations below which the arm is not yet asked for the second."""
 UNNOTICED = 0.001
 """s by which the loop may be slower than stated: the reserve of the force limit covers it."""
+SURFACE = 0.0005
+"""m, edge of the cubes from which the links keep their distance; the contacts of a contour are 0.2 mm apart."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the way off a joint limit begins."""
 
@@ -62,6 +64,8 @@ class Pipeline:
     force: ForceStage
     object_motion: ObjectMotionMonitor | None
     voxels: VoxelMap
+    surface: VoxelMap
+    """What the links keep their distance from; finer than the map, whose cubes reach beyond the surface."""
     sweep: SweptSphere | None
     clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
@@ -79,6 +83,11 @@ class Pipeline:
             self.trajectory.reset(q)
         else:
             self.trajectory.reset(pose)
+
+    def add_point(self, point: np.ndarray) -> None:
+        """Something was touched at a point (3,)."""
+        self.voxels.insert_point(point)
+        self.surface.insert_point(point)
 
     def ik_status(self, pose: np.ndarray, q: np.ndarray, out: np.ndarray) -> int:
         """An IKStatus: whether the arm, at q, can go to a pose (4, 4); CONVERGED where it is too early to say."""
@@ -152,6 +161,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     probe, area = scene.probe.as_probe(), scene.area.as_area()
     robot = robot_of(scene)
     voxels = VoxelMap(scene.map.resolution)
+    surface = VoxelMap(min(scene.map.resolution, SURFACE))
     deflection, no_deflection = _deflection(scene, probe)
     motion = scene.motion
     limits = CartesianLimits(
@@ -165,7 +175,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
     null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
     solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
-    clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels)
+    clearance, no_clearance = _clearance(scene, probe, robot, solver, surface)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner = WrenchConditioner(probe, rate)
     estimator = make_estimator(scene.contact.estimator, probe, estimator_settings(scene))
@@ -181,6 +191,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         force=ForceStage(scene, probe, conditioner, estimator, rate),
         object_motion=_object_motion(scene, probe),
         voxels=voxels,
+        surface=surface,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
         strategy=choices.strategy(),
