@@ -173,8 +173,8 @@ class ForceStage:
         """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
-        A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
-        is found by the force.
+        A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
+        touch on the way is found by the force.
         """
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
