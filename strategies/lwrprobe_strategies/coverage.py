@@ -99,14 +99,10 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        spacing = self.options.step
-        self.lines = LineScheduler(
-            self.task, self.tip.memory, spacing, self.options.first_line, low=self.options.low_lines,
-            near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
-        )  # fmt: skip
+        self.lines = self.scheduler()
         self.upright = self.tip.rotation
         self.rest, self.back = False, np.inf
-        self.beside = BESIDE * spacing
+        self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
@@ -114,6 +110,14 @@ class Coverage(SkillStrategy):
             retraction = self.retraction()
         yield from transit(self.tip, retraction, self.begun)
         return Done("area covered")
+
+    def scheduler(self) -> LineScheduler:
+        """Which line comes next."""
+        options = self.options
+        return LineScheduler(
+            self.task, self.tip.memory, options.step, options.first_line, low=options.low_lines,
+            near_sides=options.near_sides, across=options.across, ends=options.find_ends,
+        )  # fmt: skip
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
