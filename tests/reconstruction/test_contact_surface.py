@@ -5,8 +5,9 @@ from dataclasses import replace
 import naive_reconstruction as naive
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from lwrprobe.bench.sampled_lines import sample_lines, voxelised
+from lwrprobe.bench.sampled_lines import NOISE, NORMAL_NOISE, sample_lines, voxelised
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.reconstruction.clusters import cluster, supported
@@ -15,6 +16,7 @@ from lwrprobe.reconstruction.convex_hull import convex_hull
 from lwrprobe.reconstruction.touches import line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.mesh_distance import MeshDistance
 from lwrprobe.scene.shape import Box
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
@@ -362,3 +364,35 @@ def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     assert np.median(normals[:, 2]) < -0.98
     for name in ("block", "polystyrene_1", "jaw_chuck"):
         assert len(inferred(name)[1]) == 0
+
+
+@pytest.mark.parametrize("name", ["polystyrene_1", "cylinder_horizontal", "random:bumps:2"])
+def test_denser_lines_make_it_no_worse(scenes, name):
+    errors = []
+    for pitch in (0.02, 0.01, 0.005):
+        solid, record = scenes(name, pitch)
+        errors.append(error(surface(record, pitch=pitch).mesh, solid).mean)
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("name", ["block", "random:bumps:2"])
+def test_three_times_the_noise_costs_no_more_than_three_times_the_error(scenes, name):
+    solid, record = scenes(name)
+    random = np.random.default_rng(3)
+    more = np.sqrt(3.0**2 - 1.0)  # on top of the record's own
+    normals = record.normals + more * NORMAL_NOISE * random.normal(size=record.normals.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    noisy = replace(record, points=record.points + more * NOISE * random.normal(size=normals.shape), normals=normals)
+    errors = [error(surface(given, pitch=0.01).mesh, solid).mean for given in (record, noisy)]
+    assert errors[1] <= 3.0 * errors[0]
+
+
+def test_a_smooth_overhang_goes_on_inwards(scenes):
+    """What a stick keeps the sphere from, under the widest place: an upright wall is farther off."""
+    solid, record = scenes("random:organic:15")
+    mesh = surface(record, pitch=0.01).mesh
+    points, normals = solid.sample_surface(6000, 1)
+    gap = cKDTree(record.points).query(points)[0]
+    under = (normals[:, 2] < -0.3) & (gap > 0.006) & (gap < 0.012) & (points[:, 2] > ABOVE)
+    assert under.sum() > 100
+    assert MeshDistance(mesh).distance(points[under]).mean() < 1.9e-3

@@ -143,9 +143,9 @@ def _bound(
     `place` (n, 3) and `deviation` (n,) are changed in place.
     """
     trusted = known.deviations(place) < _TRUSTED * deviation
-    sure = np.flatnonzero(trusted & _between(known, place, direction))
+    kept = ~(trusted & _under(known, place, direction))
+    sure = np.flatnonzero(trusted & kept & _between(known, place, direction))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
-    kept = np.ones(len(place), dtype=bool)
     kept[sure[(at_start <= 0.0) & (at_end >= 0.0)]] = False
     beyond = sure[(at_start <= 0.0) & (at_end < 0.0)]
     place[beyond] = end[beyond]
