@@ -189,7 +189,7 @@ def test_what_was_touched_survives_a_kill(tmp_path):
     assert all(len(row) == 9 for row in rows[:-1])
 
 
-@pytest.mark.parametrize("strategy", ["orientation_change"])
+@pytest.mark.parametrize("strategy", ["grid_version", "orientation_change"])
 def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end(strategy, tmp_path):
     changes = ["run.seed=7", "truth.profile=ideal", f"strategy.name={strategy}", "strategy.step=0.02"]
     summary = explore(load_scene("overhang", changes), tmp_path / strategy)

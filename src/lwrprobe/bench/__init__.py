@@ -13,6 +13,7 @@ BENCHES: dict[str, str] = {
     "exploration": "lwrprobe.bench.exploration",
     "physics": "lwrprobe.bench.physics",
     "reality": "lwrprobe.bench.reality",
+    "budget": "lwrprobe.bench.budget",
     "calibration": "lwrprobe.bench.calibration",
     "shapes": "lwrprobe.bench.shapes",
     "loop": "lwrprobe.bench.loop",

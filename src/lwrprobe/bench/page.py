@@ -204,8 +204,19 @@ SUMMARIES = {
         ("scene", "world", "status", "peak N", "contact median mm", "contact p95 mm", "mesh mean mm", "coverage"),
         "The same explorations were run in two simulated worlds, `sim` and MuJoCo's.",
         lambda f: (
-            f"With a light arm in MuJoCo's world: {f.measured('status done')} done, {f.measured('true peak')} with at "
-            "most 3 N. An arm with its own mass presses harder when it meets a surface."
+            f"With a light arm in MuJoCo's world: {f.measured('status done: mujoco, arm of 1 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 1 kg')} with at most 3 N. With an arm of 16 kg: "
+            f"{f.measured('status done: mujoco, arm of 16 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 16 kg')} with at most 3 N."
+        ),
+    ),
+    "budget": Summary(
+        "Share inside",
+        (),
+        "The contacts of one run were moved by the departures of many drawn worlds, and held against the error budget.",
+        lambda f: (
+            f"Inside the stated 95 % region: {f.measured('absolute')} of the errors, and {f.measured('after')} after "
+            "alignment."
         ),
     ),
     "calibration": Summary(
@@ -216,7 +227,7 @@ SUMMARIES = {
     ),
     "shapes": Summary(
         "The ",
-        ("no.", "object", "strategy", "status", "mesh mm", "times the best", "coverage", "fails"),
+        ("no.", "object", "strategy", "mesh mm", "times the best", "coverage", "times bound", "what went wrong"),
         "Random objects were explored that no setting was tuned for, and judged with distances made by trimesh.",
         lambda f: (
             f"Done: {f.measured('done')} runs; mesh no worse than the best other method by more than a tenth: "

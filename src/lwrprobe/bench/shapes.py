@@ -43,7 +43,10 @@ _CONTACTS = 5000  # contacts that are measured, of many
 _FALSE = 1.5e-3  # m from every link to the object, at which a collision threat is a false alarm
 _SAME_WAY = 0.5  # cosine between a contact's normal and the surface's, for the contact to count there
 
+_FACES = 0.5  # of a normal's z: a top or an underside
+
 _PICTURE = 260, 195  # pixels
+_LIMIT_FORCE = 3.0  # N
 _LIMIT = 0.002  # m of deviation at which a picture's colours saturate
 
 
@@ -84,7 +87,7 @@ class Criterion:
 CRITERIA = (
     Criterion("done", "status", lambda v: v == "done", 0.98),
     Criterion("no link collision", "collisions", lambda v: v == 0, 1.0),
-    Criterion("largest force <= 3 N", "peak", lambda v: v <= 3.0, 0.99),
+    Criterion("largest force <= 3 N", "peak", lambda v: v <= _LIMIT_FORCE, 0.99),
     Criterion("largest force <= 4.5 N", "peak", lambda v: v <= 4.5, 1.0),
     Criterion("coverage of what an upright probe reaches >= 0.95", "coverage", lambda v: v >= 0.95, 0.95),
     Criterion("mesh no worse than the best other method by 10 %", "over_best", lambda v: v <= 1.1, 0.95),
@@ -106,6 +109,7 @@ COLUMNS = {
     "coverage": "coverage",
     "peak N": "peak",
     "times bound": "ratio",
+    "what went wrong": "wrong",
     "fails": "fails",
     "contact mm": "contact",
     "reachable mesh mm": "mesh_reachable",
@@ -171,7 +175,22 @@ def _judged(job: Job) -> dict[str, Any]:
 def _record(job: Job, judged: dict[str, Any]) -> dict[str, Any]:
     """One row: the run, what became of it, and the criteria that it fails."""
     found = {"object": job.name, "strategy": job.strategy, "seed": job.seed, "profile": job.profile} | judged
-    return found | {"fails": ", ".join(c.requirement for c in CRITERIA if not _holds(c, found))}
+    fails = [c.requirement for c in CRITERIA if not _holds(c, found)]
+    return found | {"fails": ", ".join(fails), "wrong": _wrong(found)}
+
+
+def _wrong(found: dict[str, Any]) -> str:
+    """What went wrong in a run, in words; the place of the largest error where nothing else did."""
+    said = []
+    if found["status"] != "done":
+        said.append(f"{found['status']}: {found['reason']}")
+    if (found.get("peak") or 0.0) > _LIMIT_FORCE:
+        said.append(f"pressed with {found['peak']:.1f} N")
+    if found.get("collisions"):
+        said.append(f"{found['collisions']} collisions of links")
+    if found.get("where"):
+        said.append(found["where"])
+    return "; ".join(said)
 
 
 def _holds(criterion: Criterion, found: dict[str, Any]) -> bool:
@@ -229,6 +248,7 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) ->
         mesh = read_mesh(file)
         mean, largest = mesh_errors(mesh, true, points, lowest)
         found |= {"mesh": 1e3 * mean, "mesh_max": 1e3 * largest, "manifold": edges_of_two(mesh)}
+        found["where"] = _where(mesh, record, true, points, normals, reached)
         found["mesh_reachable"] = 1e3 * mesh_errors(mesh, true, points[reached], lowest)[0]
         others = {method: _other(method, record, true, points, lowest) for method in METHODS}
         found |= others
@@ -236,6 +256,27 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) ->
         found["over_best"] = found["mesh"] / best if best else None
         found["picture"] = _picture(mesh, actual)
     return found
+
+
+def _where(
+    mesh: TriangleMesh,
+    record: TouchRecord,
+    true: TrueMesh,
+    points: np.ndarray,
+    normals: np.ndarray,
+    reached: np.ndarray,
+) -> str:
+    """What lies farthest from the mesh, of surface points (n, 3): which way it faces, and how near a contact is."""
+    from scipy.spatial import cKDTree
+
+    from lwrprobe.bench.true_mesh import TrueMesh
+
+    off = TrueMesh(mesh.vertices, mesh.faces).distance(points)
+    worst = int(off.argmax())
+    gap = cKDTree(record.points).query(points[worst])[0]
+    side = "top" if normals[worst, 2] > _FACES else "underside" if normals[worst, 2] < -_FACES else "side"
+    reach = "reachable" if reached[worst] else "not reachable upright"
+    return f"{side}, {reach}, is {1e3 * off[worst]:.1f} mm off, {1e3 * gap:.0f} mm from a contact"
 
 
 def _probe_points(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,8 @@ def reconstruct(
         return
     typer.echo(f"{path}: {report['faces']} triangles, {'closed' if report['watertight'] else 'open'}")
     typer.echo(f"{len(record.points)} points, {report['seconds']:.2f} s")
+    if report.get("instead_of_contact_surface"):
+        typer.echo(f"not contact_surface: {report['instead_of_contact_surface']}")
     if report.get("unreachable_share"):
         typer.echo(f"{report['unreachable_share']:.1%} of the vertices lie where no sphere of this size can touch")
     if report["without"]:

@@ -16,8 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.reconstruction.choice import better_method
 from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
+from lwrprobe.reconstruction.convex_hull import ConvexHull
 from lwrprobe.reconstruction.distance_kernels import (
     corner_lists,
     crowding,
@@ -25,9 +27,10 @@ from lwrprobe.reconstruction.distance_kernels import (
     eroded_crossings,
     feet_of,
 )
-from lwrprobe.reconstruction.evidence import Evidence, Walls, WallSettings, find_walls, gather
+from lwrprobe.reconstruction.evidence import LEANING, Evidence, Walls, WallSettings, find_walls, gather
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
+from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -36,10 +39,13 @@ _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
+_NEAR = 0.9  # of the pitch: how far from data the field is taken
+_NEAR_OVERHANG = 1.8  # the same under data that lean down, where nothing else is known
+_HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
-"""Told the stage and its share done, 0..1; may raise to interrupt."""
+"""Called with the stage and its share done, 0..1; may raise to interrupt."""
 
 
 class ContactSurface:
@@ -49,6 +55,9 @@ class ContactSurface:
     where no contact is near, walls are put between touched and free space (see `evidence`). `unreachable` of the
     result is a mask (n,) over the mesh's vertices: parts that no sphere of this size can touch, or that lie under
     its lowest height. They close the mesh and are not claimed as surface.
+
+    Where the contacts lie off this surface and `convex_hull` or `hermite_rbf` predicts held-out contacts better, the
+    result is that method's: its report names it, and says why under `instead_of_contact_surface`.
     """
 
     @dataclass(slots=True, frozen=True)
@@ -60,10 +69,12 @@ class ContactSurface:
         pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
         step : m, edge of the grid's cells; None takes 0.4 radii. Less where a wall is thinner, more where the object is
             so large that the grid would have more than 3 000 000 nodes
+        compare : take another method's mesh where contacts lie off this one's and it predicts held-out contacts better
         """
 
         pitch: float | None = None
         step: float | None = None
+        compare: bool = True
 
         def __post_init__(self) -> None:
             for name in ("pitch", "step"):
@@ -79,6 +90,23 @@ class ContactSurface:
 
     def reconstruct(self, record: TouchRecord) -> Reconstruction:
         """Raises InputError for contacts that span no solid or have no normals."""
+        begin = time.perf_counter()
+        found = self._own(record)
+        if not self.config.compare:
+            return found
+        pitch = found.report["pitch"]
+        others = {
+            "convex_hull": ConvexHull().reconstruct,
+            "hermite_rbf": HermiteRbf(HermiteRbf.Config(pitch=pitch)).reconstruct,
+        }
+        better = better_method(record, found, self._own, others, pitch)
+        if better is None:
+            return found
+        seconds = time.perf_counter() - begin
+        better.surface.report |= {"seconds": seconds, "instead_of_contact_surface": better.why}
+        return better.surface
+
+    def _own(self, record: TouchRecord) -> Reconstruction:
         work = _Work(self.config, self.progress or (lambda stage, share: None))
         touches = work.run("prepare", lambda: prepare(record, 0.5 * (self.config.step or 0.004)))
         pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
@@ -225,15 +253,16 @@ def _outer_field(
 ) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
-    nearest = grid.nearest(process.data.points, 0.9 * pitch)
-    near = nearest >= 0
+    data = process.data
+    nearest = grid.nearest(data.points, _NEAR_OVERHANG * pitch)
+    near = (grid.nearest(data.points, _NEAR * pitch) >= 0) | (data.normals[nearest, 2] < LEANING) & (nearest >= 0)
     source, values = nearest[near], evidence.bound.copy()
     # Away from the surface only the sign counts: the nearest tangent plane has it.
-    offset = grid.origin + grid.step * np.argwhere(near) - process.data.points[source]
-    values[near] = np.einsum("ij,ij->i", offset, process.data.normals[source])
+    offset = grid.origin + grid.step * np.argwhere(near) - data.points[source]
+    values[near] = np.einsum("ij,ij->i", offset, data.normals[source])
     near &= np.abs(values) < max(_BAND * pitch, 2.0 * grid.step)
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
-    overhung = grid.nearest(below.points, 0.9 * pitch) >= 0
+    overhung = grid.nearest(below.points, _NEAR * pitch) >= 0
     near[:, :, :first] &= overhung[:, :, :first]
     found = process.values(grid, near)
     values = np.where(np.isfinite(found), found, values)
@@ -268,7 +297,7 @@ class _Shrunk:
             heights = grid.origin[2] + grid.step * np.arange(grid.shape[2])
             np.maximum(self.values, touches.table - heights, out=self.values)
         self._drop_untouched(touches)
-        self.mesh = contour(self.values, grid, self._crossings)
+        self.mesh = contour(self.values, grid, self._crossings, _HEIGHT)
 
     def _drop_untouched(self, touches: Touches) -> None:
         """Islands that no contact lies on come from contradictory data, not from an object."""
@@ -298,7 +327,7 @@ def _judge(
     _, foot = cKDTree(hull.vertices).query(vertices)
     sample = hull.vertices[::_EVERY]
     deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
-    common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.data.value_sd])
+    common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.deviation])
     _, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
     feet, crowd = np.empty_like(vertices), np.full(len(vertices), np.inf)

@@ -21,11 +21,13 @@ Hermite = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 """Fills positions (m, 3) in units of the grid and unit normals (m, 3) for crossed edges (m, 4)."""
 
 
-def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None) -> TriangleMesh:
+def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None, height: float = 1.0) -> TriangleMesh:
     """Closed manifold where `values` (nx, ny, nz) change sign, negative inside; `values` is mended in place.
 
-    `hermite` gives better crossings of the edges than linear interpolation, and their normals. Raises
-    InputError when nothing is inside or the inside reaches the grid's border.
+    `hermite` gives better crossings of the edges than linear interpolation, and their normals. On a smooth surface the
+    tangent planes meet as far above it as the mean of the crossings lies below: a vertex has this share `height` of
+    the way between them. 0.5 puts vertices on the surface and 1 the middles of edges. Raises InputError when nothing is
+    inside or the inside reaches the grid's border.
     """
     _check_border(values)
     while compose(values, 1e-6 * grid.step):
@@ -33,7 +35,7 @@ def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None) -> T
     surface = topology(values < 0.0)
     positions, normals = np.empty((2, len(surface.edges), 3))
     (hermite or _interpolation(values))(surface.edges, positions, normals)
-    vertices = _apart(_meet(surface, positions, normals), surface, positions, grid)
+    vertices = _apart(_meet(surface, positions, normals, height), surface, positions, grid)
     corners = vertices[surface.quads]
     faces = split(surface.quads, _flatness(corners) < _flatness(np.roll(corners, -1, axis=1)))
     return TriangleMesh(grid.origin + grid.step * vertices, faces)
@@ -72,11 +74,11 @@ def _slopes(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return slopes
 
 
-def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray, height: float) -> np.ndarray:
     """The vertices (n, 3) in units of the grid: where the tangent planes of a cell's crossings meet, in the cell.
 
     A vertex minimises the squared distances to the planes; directions whose eigenvalue is below `SHARPNESS` of the
-    largest are taken from the crossings' mean.
+    largest are taken from the crossings' mean. Where one direction is left the surface is smooth.
     """
     middle = surface.means(positions)
     planes = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 1, 9)
@@ -86,6 +88,7 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray) -> np.n
     values, vectors = np.linalg.eigh(matrix)
     sharp = values > SHARPNESS * values[:, -1:]
     along = np.einsum("nij,ni->nj", vectors, right) * sharp / np.where(sharp, values, 1.0)
+    along[sharp.sum(axis=1) == 1] *= height
     return np.clip(middle + np.einsum("nij,nj->ni", vectors, along), surface.cells, surface.cells + 1)
 
 

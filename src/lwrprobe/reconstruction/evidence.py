@@ -7,7 +7,8 @@ edge (the sphere rolls over it: an arc of its own radius) or a rounding has begu
 
 Such a guess is worth less than contacts on both sides of it that face the same way. Where they say with a deviation
 not much larger than the guess's that the surface passes between solid and free, the guess is dropped; where they say
-that it passes where the sphere has been, the guess goes to the border of that space.
+that it passes where the sphere has been, the guess goes to the border of that space. Beside contacts whose normals lean
+down the surface goes on inwards, below what the stick lets the sphere reach: there a guess is dropped as well.
 """
 
 from __future__ import annotations
@@ -31,8 +32,13 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 _CURVATURE_NOISE = 1.2e-4  # m, of the drop between two lines
 _EVIDENCE_FLOOR = 3e-4  # m, no extrapolation is better than this
 _WALL_NORMAL_SD = 0.2  # rad
+_THIN = 0.8  # of the pitch: guesses are that far apart
+_TOGETHER = 2.5
+"""Times the deviation of a guess: that squared, as many lie within a correlation length of the field and err alike."""
 _BESIDE = 1.0  # of the reach: contacts on the lines on either side of a guess are that near
 _ALIKE = 0.8  # cosine between a guess's direction and the normals of contacts that the surface leads on
+LEANING = -0.15  # z of the normals of contacts under which the surface goes on inwards; less is noise
+_TOWARDS = 0.3  # cosine between such a normal and the direction of a guess that it makes needless
 _TRUSTED = 4.0
 """Times a guess's deviation that the contacts' own may have: the guesses beside one another err the same way."""
 
@@ -91,10 +97,12 @@ class Walls:
 
     Attributes
     ----------
-    data : Hermite data, its `value_sd` from the width of what is possible
+    data : Hermite data, its `value_sd` such that guesses beside one another weigh no more than one
+    deviation : (n,) m, of each guess, from the width of what is possible
     """
 
     data: HermiteData
+    deviation: np.ndarray
 
     def __len__(self) -> int:
         return len(self.data.points)
@@ -110,14 +118,16 @@ def find_walls(evidence: Evidence, known: HermiteField, contacts: np.ndarray, se
     """
     centres, normals = known.data.points, known.data.normals
     start, direction, gap, contact = _unsupported(evidence, centres, settings)
-    start, direction, gap, contact = _thin(start, direction, gap, contact, 0.8 * settings.pitch)
+    start, direction, gap, contact = _thin(start, direction, gap, contact, _THIN * settings.pitch)
     place, facing = start + 0.5 * gap[:, None] * direction, direction.copy()
     deviation = gap / np.sqrt(12.0)
     for rows, arcs in _arcs(direction, centres, normals, settings):
         for row in rows:
             _refine(row, arcs, start, direction, gap, contacts[contact[row]], settings, place, facing, deviation)
     kept = _bound(known, start, start + gap[:, None] * direction, place, direction, deviation)
-    return Walls(HermiteData(place[kept], facing[kept], deviation[kept], np.full(kept.sum(), _WALL_NORMAL_SD)))
+    place, facing, deviation = place[kept], facing[kept], deviation[kept]
+    normal_sd = np.full(len(place), _WALL_NORMAL_SD)
+    return Walls(HermiteData(place, facing, _TOGETHER * deviation, normal_sd), deviation)
 
 
 def _bound(
@@ -141,6 +151,16 @@ def _bound(
     place[beyond] = end[beyond]
     deviation[beyond] = np.minimum(deviation[beyond], _EVIDENCE_FLOOR)
     return kept
+
+
+def _under(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(n,) bool: the contacts nearest to places (n, 3) lean down, and not against `direction` (n, 3)."""
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(known.data.points).query(place)
+    normals = known.data.normals[nearest]
+    towards = np.einsum("ij,ij->i", normals, direction) > _TOWARDS
+    return (normals[:, 2] < LEANING) & towards & (distance < known.reach)
 
 
 def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from lwrprobe.reconstruction.touches import Touches
 _DOWN = -0.2  # of the normal across the chord: less is noise
 _APART = 0.15  # how far both ends must face outwards
 _TURN = 0.2  # rad that the normal must turn over an edge
+_SURE = 2.5  # times the scatter of normals, which a turn over an edge exceeds
 _SHARP = 2.0  # radii of the sphere: an edge is rounded less than that
 _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degrees
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
@@ -36,7 +37,9 @@ def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> Hermi
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     feet = clusters.points - touches.radius * clusters.normals
     ends, normals = touches.points[low], touches.normals[low]
-    sharp = _over_edge(ends, normals, feet, clusters.normals, _SHARP * touches.radius)
+    sharp = _over_edge(
+        ends, normals, feet, clusters.normals, _SHARP * touches.radius, _SURE * _scatter(touches, clusters)
+    )
     places, facing, deviation = _chords(ends, normals, sharp, pitch, touches.noise)
     kept = _inside(places, feet, touches.visited, touches.radius, pitch)
     if not kept.any():
@@ -49,6 +52,12 @@ def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> He
     return HermiteData(centres, normals, deviation, np.full(len(centres), _NORMAL_SD))
 
 
+def _scatter(touches: Touches, clusters: Clusters) -> float:
+    """rad: median angle between a contact's normal and that of its cluster."""
+    cosine = np.einsum("ij,ij->i", touches.normals, clusters.normals[clusters.label])
+    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
 def _towards(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Level distance (m, m) and direction (m, m, 3) from each end to each other."""
     run = ends[None, :, :2] - ends[:, None, :2]
@@ -59,11 +68,12 @@ def _towards(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _over_edge(
-    ends: np.ndarray, normals: np.ndarray, feet: np.ndarray, facing: np.ndarray, radius: float
+    ends: np.ndarray, normals: np.ndarray, feet: np.ndarray, facing: np.ndarray, radius: float, noise: float
 ) -> np.ndarray:
     """(m, m) bool: the first of the ends (m, 3) is on an edge of a face that looks away from the second.
 
     The face shows in feet (k, 3) that are `facing` (k, 3) that way; the edge is rounded by less than `radius` m.
+    A turn of `noise` rad may be chance.
     """
     from scipy.spatial import cKDTree
 
@@ -72,7 +82,7 @@ def _over_edge(
     for i, rows in enumerate(cKDTree(feet).query_ball_point(ends, 0.7 * radius)):
         away = np.arccos(np.clip(-unit[i] @ facing[rows].T, -1.0, 1.0))
         own = np.arccos(np.clip(-unit[i] @ normals[i], -1.0, 1.0))
-        turn = own[:, None] - away
+        turn = own[:, None] - away - noise
         sharp[i] = ((turn > _TURN) & (turn * radius > np.linalg.norm(feet[rows] - ends[i], axis=1))).any(axis=1)
     return sharp
 

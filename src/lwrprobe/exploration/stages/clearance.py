@@ -47,6 +47,10 @@ class ClearanceStage:
         """The most urgent pair at a tip pose (4, 4), held by joints q (n,); `required` says how far that link keeps."""
         return self._watch.nearest(pose)
 
+    def threatens(self, pose: np.ndarray) -> bool:
+        """Whether a link is nearer than it may be at a tip pose (4, 4), wherever the tip is now."""
+        return any(query.nearest(pose).distance < keep for query, keep in self._queries)
+
     def clear(self, path: Sequence[np.ndarray], q: np.ndarray) -> bool:
         """Whether the links keep their distance straight along tip poses (4, 4), the first of them held by q (n,).
 

@@ -1,0 +1,112 @@
+"""When another method's mesh is taken, and that it says so."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.reconstruction import reconstruct
+from lwrprobe.reconstruction.choice import better_method, offsets
+from lwrprobe.reconstruction.contact_surface import ContactSurface
+from lwrprobe.scene.mesh_distance import MeshDistance
+
+RADIUS = 0.03
+SPHERE = 0.005
+
+
+def ball(lines=12, every=0.002, noise=5e-5, seed=1):
+    """Contacts on lines over the upper half of a ball on a table, as an upright probe makes them."""
+    random = np.random.default_rng(seed)
+    pitch = 2.0 * RADIUS / lines
+    points = []
+    for x in (np.arange(lines) + 0.5) * pitch - RADIUS:
+        reach = np.sqrt(RADIUS**2 - x**2)
+        angle = np.arange(0.0, np.pi, every / reach)
+        points.append(np.column_stack([np.full(len(angle), x), reach * np.cos(angle), reach * np.sin(angle)]))
+    points = np.concatenate(points)
+    normals = points / RADIUS
+    points = points + noise * random.normal(size=points.shape)
+    return TouchRecord(
+        points,
+        normals=normals,
+        probe_radius=SPHERE,
+        table=0.0,
+        lowest=SPHERE,
+        pitch=pitch,
+        times=np.arange(len(points)),
+    )
+
+
+def with_false_contacts(record, share, seed=2):
+    """The record with a share of its contacts turned to face inwards: what a wrong sign of the wrench would do."""
+    random = np.random.default_rng(seed)
+    normals = record.normals.copy()
+    turned = random.random(len(normals)) < share
+    normals[turned] = -normals[turned]
+    return TouchRecord(
+        record.points, normals=normals, probe_radius=SPHERE, table=0.0, lowest=SPHERE, pitch=record.pitch
+    )
+
+
+def error(mesh):
+    """m, mean distance of the mesh's upper vertices from the ball."""
+    upper = mesh.vertices[:, 2] > SPHERE
+    return float(np.abs(np.linalg.norm(mesh.vertices[upper], axis=1) - RADIUS).mean())
+
+
+def test_good_contacts_keep_the_surface_of_the_centres():
+    report = reconstruct(ball()).report
+    assert report["method"] == "contact_surface"
+    assert "instead_of_contact_surface" not in report
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_offsets_are_the_distances_to_the_mesh_with_the_side(seed):
+    random = np.random.default_rng(seed)
+    mesh = reconstruct(ball(), "convex_hull").mesh
+    points = mesh.vertices[random.integers(0, len(mesh.vertices), 400)] * random.uniform(0.9, 1.1, (400, 1))
+    found = offsets(mesh, points)
+    off = np.abs(np.abs(found) - MeshDistance(mesh).distance(points))
+    assert off.mean() < 2e-5
+    assert np.percentile(off, 95) < 1e-4
+    inside = MeshDistance(mesh).contains(points[:, :2], points[:, 2:])[:, 0]
+    clear = np.abs(found) > 1e-4
+    assert np.array_equal(found[clear] < 0.0, inside[clear])
+
+
+def scaled(record, factor):
+    """A reconstruction that is the true half ball times a factor."""
+    mesh = reconstruct(record, "convex_hull").mesh
+    return Reconstruction(TriangleMesh(factor * mesh.vertices, mesh.faces), {"method": "scaled"})
+
+
+def test_another_method_is_taken_where_it_predicts_held_out_contacts_better():
+    record = ball()
+    wrong, right = (lambda given, f=f: scaled(given, f) for f in (1.05, 1.0))
+    found = better_method(record, wrong(record), wrong, {"right": right, "worse": lambda r: scaled(r, 0.9)}, 0.005)
+    assert found.name == "right"
+    assert 0.0 < found.score < found.instead_of
+    assert "right predicts" in found.why
+
+
+@pytest.mark.parametrize(("factor", "other"), [(1.001, 1.0), (1.01, 1.006), (1.01, 0.9)])
+def test_a_method_stays_where_it_fits_or_nothing_fits_twice_as_well(factor, other):
+    record = ball()
+    own = lambda given: scaled(given, factor)  # noqa: E731
+    assert better_method(record, own(record), own, {"other": lambda given: scaled(given, other)}, 0.005) is None
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+def test_the_default_is_never_much_worse_than_the_best_other_method(share):
+    record = with_false_contacts(ball(), share)
+    default = error(reconstruct(record).mesh)
+    others = [error(reconstruct(record, name).mesh) for name in ("convex_hull", "hermite_rbf")]
+    assert default <= 1.1 * min(others)
+
+
+def test_the_choice_is_stated():
+    record = with_false_contacts(ball(), 0.45)
+    own = ContactSurface(ContactSurface.Config(compare=False)).reconstruct(record).report
+    assert own["method"] == "contact_surface"
+    report = reconstruct(record).report
+    assert report["method"] in ("convex_hull", "hermite_rbf")
+    assert report["method"] in report["instead_of_contact_surface"]
