@@ -83,8 +83,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     _tables(report, kills, taken_up, whole)
     _requirements(report, kills, taken_up, whole)
     report.notes = [
-        f"in real time: {scene} on a small area, killed in the first {_LONGEST:g} s, {_UNPREPARED:.0%} of the runs while "
-        "they are prepared",
+        f"in real time: {scene} on a small area, killed in the first {_LONGEST:g} s, {_UNPREPARED:.0%} of the runs "
+        "also while they are prepared",
         "lost: between the last contact that the run knew when it was killed and the last one on disk",
         f"resumed: {scene} as it is, faster than real time, killed at a random time of the whole run",
     ]
