@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "src" / "lwrprobe"
 
 LEVELS = [
-    {"errors"},
+    {"errors", "lazy"},
     {"contracts"},
     {"bags", "compiled", "control", "help_page", "options", "real_time"},
     {"kinematics", "trajectory"},

@@ -1,4 +1,4 @@
-"""One simulated world behind two emulated devices: the arm's set points move it, the sensor feels it."""
+"""One simulated world behind two emulated devices: the arm's set points move it, the sensor measures its forces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SENSOR_RATE = 1000.0
 """Hz, of the simulated wrench; the emulated device samples that at its own rate."""
 
 _LONGEST = 7200.0
-"""s for which the truth has room from the start; growing it would keep the controller waiting."""
+"""s for which memory for the truth is reserved at the start; enlarging it would keep the controller waiting."""
 
 _PATIENCE = 0.05
 """s after which a record is measured although the world has not come to its instant: the controller pauses."""

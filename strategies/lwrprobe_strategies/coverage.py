@@ -28,7 +28,7 @@ from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Waypoint, path_to
+from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, way_back
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
@@ -191,7 +191,7 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        speeds, clear = tip.speeds(tip.rotation), self.task.clear
+        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
         return transit(tip, retraction + path, before)
 
@@ -276,7 +276,7 @@ class Coverage(SkillStrategy):
         """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
         line, here = self.frame.line, self.tip.here
         self.tip.overhangs.stick_met(here)
-        if line.fallback is not None:
+        if line.fallback is not None or line.low:
             return self.give_up()
         self.back = self.options.retreat
         height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)

@@ -23,7 +23,7 @@ from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.exploration.procedures.explore import Exploration, explore, resume
+from lwrprobe.exploration.procedures.explore import Exploration, RunOptions, explore, resume
 from lwrprobe.exploration.procedures.recover import recover
 from lwrprobe.scene import load_scene
 
@@ -162,10 +162,11 @@ def _started(scene: str, settings: list[str], folder: Path, *, realtime: bool) -
 
 
 def _explore(scene: str, settings: list[str], folder: Path, realtime: bool, known: Any) -> None:
+    options = RunOptions(out=folder, realtime=realtime, record=True)
     with (
         open(os.devnull, "w") as nowhere,
         redirect_stderr(nowhere),
-        Exploration(load_scene(scene, settings), folder, realtime=realtime, record=True) as exploration,
+        Exploration(load_scene(scene, settings), options) as exploration,
     ):
         contacts = exploration.recorder.contacts
         for seen in exploration:

@@ -3,8 +3,7 @@
 A scene reads the file of a calibration; the kernels of the solver are imported only by who uses it.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lwrprobe.calibration.calibration_file import (
     Calibration,
@@ -14,6 +13,7 @@ from lwrprobe.calibration.calibration_file import (
     write_calibration,
 )
 from lwrprobe.calibration.drift import Drift, drifts
+from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
     from lwrprobe.calibration.free_readings import Load, identify_load
@@ -60,9 +60,4 @@ _MODULES = {
     "tool_shift_rows": "quantities",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    return value
+__getattr__ = imported_on_use(__name__, _MODULES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import rmtree
 from time import perf_counter
@@ -44,10 +45,34 @@ from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
 
-Message = Callable[[str], None]
-
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
+
+
+@dataclass(slots=True, frozen=True, kw_only=True)
+class RunOptions:
+    """How an exploration is carried out, beside what its scene says.
+
+    Attributes
+    ----------
+    out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
+    realtime : a simulator keeps pace with the wall clock
+    watch : called some ten times a second with a `ProgressSnapshot`
+    message : called with a sentence at each new phase
+    choices : strategy and reconstructor, None = those that the scene names
+    confirm : asks for each of the first motions
+    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
+    record : write a bag into the run folder; None = on real devices, where its libraries are installed
+    """
+
+    out: Path | None = None
+    realtime: bool = False
+    watch: WatchFunction | None = None
+    message: Callable[[str], None] = lambda text: None
+    choices: Choices | None = None
+    confirm: Confirm | None = None
+    earlier: RunFolder | None = None
+    record: bool | None = None
 
 
 class Exploration:
@@ -59,14 +84,7 @@ class Exploration:
     Parameters
     ----------
     scene : from `lwrprobe.scene.load_scene`
-    out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
-    realtime : a simulator keeps pace with the wall clock
-    watch : called some ten times a second with a `ProgressSnapshot`
-    message : called with a sentence at each new phase
-    choices : strategy and reconstructor, None = those that the scene names
-    confirm : asks for each of the first motions
-    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
-    record : write a bag into the run folder; None = on real devices, where its libraries are installed
+    options : None = the defaults
 
     Attributes
     ----------
@@ -79,25 +97,14 @@ class Exploration:
     do not open. What ends the run early after that stands in the summary's `status` and `reason`.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        out: Path | None = None,
-        *,
-        realtime: bool = False,
-        watch: WatchFunction | None = None,
-        message: Message = lambda text: None,
-        choices: Choices | None = None,
-        confirm: Confirm | None = None,
-        earlier: RunFolder | None = None,
-        record: bool | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, options: RunOptions | None = None) -> None:
         self._stated, self.scene = scene, calibrated(scene)
-        self.out, self._message, self._earlier = out, message, earlier
+        self._options = options or RunOptions()
+        self.out, self._message, self._earlier = self._options.out, self._options.message, self._options.earlier
         self._ahead = CompileAhead.where_it_pays(scene)
         try:
             with collector_paused():
-                self._prepare(realtime, watch, choices or choose(scene), confirm, record)
+                self._prepare()
         except BaseException:
             self._end_ahead()
             raise
@@ -107,16 +114,11 @@ class Exploration:
         self.surface: Reconstruction | None = None
         self._summary: Summary | None = None
 
-    def _prepare(
-        self,
-        realtime: bool,
-        watch: WatchFunction | None,
-        choices: Choices,
-        confirm: Confirm | None,
-        record: bool | None,
-    ) -> None:
+    def _prepare(self) -> None:
         begin = perf_counter()
         scene, out, message, earlier = self.scene, self.out, self._message, self._earlier
+        options, record = self._options, self._options.record
+        choices = options.choices or choose(scene)
         if record:
             _check_recording(out)
         robot = robot_of(scene)
@@ -133,7 +135,7 @@ class Exploration:
         begin = perf_counter()
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
-        self._devices = Devices.assemble(self._stated, scene.run.seed, realtime, q)
+        self._devices = Devices.assemble(self._stated, scene.run.seed, options.realtime, q)
         for rule in ("certified", "accurate"):
             wanted = getattr(scene.run.until, rule)
             if wanted is not None and self._devices.ground_truth is None:
@@ -157,7 +159,9 @@ class Exploration:
                 recover_bag(out)
             self.recorder.bag = RunBag(out, robot, sensor, arm.cycle, scene.probe.radius)
         self._log = _logged(self.pipeline, out, earlier)
-        self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm, message)
+        self.explorer = Explorer(
+            scene, self.pipeline, self._devices, self.recorder, options.watch, options.confirm, message
+        )
         if isinstance(self.pipeline.strategy, Resumed):
             message("going through what was done")
             self.pipeline.place_tip(pose, q)
@@ -234,7 +238,7 @@ class Exploration:
         return True
 
     def _close_recording(self) -> None:
-        """Close streams and bag; where there is no room even for that the outcome says so."""
+        """Close streams and bag; where the disk is full even for that, the outcome says so."""
         outcome = self.explorer.outcome
         try:
             if self.recorder.bag is not None and outcome is not None:
@@ -325,8 +329,8 @@ class Exploration:
 
 
 def explore(scene: Scene, out: Path | None = None, **given: Any) -> dict[str, Any]:
-    """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `Exploration`."""
-    with Exploration(scene, out, **given) as exploration:
+    """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `RunOptions`."""
+    with Exploration(scene, RunOptions(out=out, **given)) as exploration:
         for _ in exploration:
             pass
     return exploration.finish().as_dict()
