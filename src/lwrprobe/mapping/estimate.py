@@ -213,10 +213,10 @@ class SurfaceEstimate:
             offset[axis] = -0.5
             found.append((self._origin + self.edge * (where + offset), within, np.full(len(where), axis)))
         centres = np.concatenate([centre for centre, _, _ in found])
-        within = tuple(np.concatenate([inner for _, inner, _ in found]).T)
+        points = tuple(np.concatenate([inner for _, inner, _ in found]).T)
         axes = np.concatenate([axis for _, _, axis in found])
-        normals = self._normals[owner[within]]
-        distances = np.maximum(np.sqrt(self._square[within]) - 0.5 * self.edge, 0.0)
+        normals = self._normals[owner[points]]
+        distances = np.maximum(np.sqrt(self._square[points]) - 0.5 * self.edge, 0.0)
         across = np.abs(normals[np.arange(len(axes)), axes])
         # A slope has faces on each of its steps. Farther away, such a face is one of a surface that was not touched.
         untouched = (across < ASIDE) & (distances > 2.0 * self.edge)
