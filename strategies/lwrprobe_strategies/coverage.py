@@ -28,7 +28,7 @@ from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Waypoint, path_to
+from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, way_back
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
@@ -99,14 +99,10 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        spacing = self.options.step
-        self.lines = LineScheduler(
-            self.task, self.tip.memory, spacing, self.options.first_line, low=self.options.low_lines,
-            near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
-        )  # fmt: skip
+        self.lines = self.scheduler()
         self.upright = self.tip.rotation
         self.rest, self.back = False, np.inf
-        self.beside = BESIDE * spacing
+        self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
@@ -114,6 +110,14 @@ class Coverage(SkillStrategy):
             retraction = self.retraction()
         yield from transit(self.tip, retraction, self.begun)
         return Done("area covered")
+
+    def scheduler(self) -> LineScheduler:
+        """Which line comes next."""
+        options = self.options
+        return LineScheduler(
+            self.task, self.tip.memory, options.step, options.first_line, low=options.low_lines,
+            near_sides=options.near_sides, across=options.across, ends=options.find_ends,
+        )  # fmt: skip
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
@@ -187,7 +191,7 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        speeds, clear = tip.speeds(tip.rotation), self.task.clear
+        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
         return transit(tip, retraction + path, before)
 
@@ -272,7 +276,7 @@ class Coverage(SkillStrategy):
         """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
         line, here = self.frame.line, self.tip.here
         self.tip.overhangs.stick_met(here)
-        if line.fallback is not None:
+        if line.fallback is not None or line.low:
             return self.give_up()
         self.back = self.options.retreat
         height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)

@@ -102,6 +102,42 @@ def test_a_soft_object_is_told_from_the_stick(normal, damping, delay):
     assert touch.compliance == pytest.approx(seen - own, rel=0.04)
 
 
+def touched(stiffnesses, normal=(0, 0, 1), noise=3e-3, first_seed=1):
+    """What touches of these stiffnesses, one after the other, are fitted to."""
+    touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)
+    for k, stiffness in enumerate(stiffnesses):
+        for wrench, pose, contact in press(stiffness, normal, noise=noise, seed=first_seed + k):
+            wrench.time += k
+            touch.update(wrench, pose, contact)
+        off = Wrench(k + 0.9, np.zeros(3), np.zeros(3), np.zeros(3), 999)
+        touch.update(off, np.eye(4), None)
+    return touch
+
+
+@pytest.mark.parametrize("wrong", [300.0, 2500.0])
+def test_one_wrong_touch_among_several_counts_for_nothing(wrong):
+    touch = touched([800.0, wrong, 800.0])
+    assert touch.fitted == 3
+    assert touch.agreed == 2
+    assert touch.certain
+    assert touch.compliance == pytest.approx(1 / 800.0, rel=0.05)
+
+
+def test_touches_that_contradict_one_another_are_not_certain():
+    assert not touched([800.0, 300.0]).certain
+    assert not touched([300.0, 600.0, 1200.0, 2400.0]).certain
+
+
+@pytest.mark.parametrize("noise", [3e-3, 9e-3])
+def test_a_correction_errs_by_no_more_than_its_uncertainty_says(noise):
+    errors = []
+    for seed in range(20):
+        touch = touched([600.0, 600.0, 600.0], noise=noise, first_seed=1 + 3 * seed)
+        assert touch.certain
+        errors.append(abs(touch.compliance - 1 / 600.0) / touch.sigma)
+    assert np.mean(np.array(errors) < 2.0) >= 0.95
+
+
 @pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0)])
 def test_a_stiff_object_is_left_alone(normal):
     touch = TouchIdentification(Deflection(Probe(compliance=STICK)), 0.2)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lwrprobe.contracts import Area
+from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.free_space import GAP, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
@@ -18,6 +18,7 @@ from lwrprobe_strategies.planning.paths import (
     THERE,
     Pace,
     Speeds,
+    clear_of,
     line_height,
     lowest_beside,
     path_to,
@@ -133,8 +134,8 @@ def test_no_path_leads_sideways_through_what_was_touched():
     line, free = Line(0, -0.03, 0.02, 0.03, 0.006), column(0.02, 0.05, 0.006)
     here, asked = np.array([0.0, 0.0, 0.05]), []
 
-    def clear(poses):
-        asked.append([pose[:3, 3].copy() for pose in poses])
+    def clear(begin, end):
+        asked.append((begin, end))
         return False
 
     assert way(line, here, free)[-2].place == pytest.approx([0.02, 0.05, 0.006])
@@ -148,6 +149,24 @@ def test_no_path_leads_sideways_through_what_was_touched():
         assert not sideways or piece.place[2] == TOP
         before = piece.place
     assert tuple(before) == tuple(line.start)
+
+
+def test_a_way_is_clear_where_neither_stick_nor_body_passes_what_was_touched():
+    body_bottom, half = 0.05, 0.0125
+    pose = np.eye(4)
+    pose[2, 3] = -body_bottom - 0.02
+    t = task(links=(LinkShape("holder", "cylinder", (half, 0.04), pose),))
+    begin, end = np.array([0.0, -0.05, 0.01]), np.array([0.0, 0.05, 0.01])
+
+    def clear(x, y, z):
+        return clear_of(np.array([[x, y, z]]), t)(begin, end)
+
+    assert not clear(0.0, 0.0, 0.03), "in the stick's way"
+    assert clear(0.0, 0.0, 0.005), "below the sphere"
+    assert clear(0.01, 0.0, 0.03), "beside the stick"
+    assert not clear(0.01, 0.0, 0.08), "in the body's way"
+    assert clear(0.02, 0.0, 0.08)
+    assert clear(0.01, -0.05, 0.08), "near already"
 
 
 def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():

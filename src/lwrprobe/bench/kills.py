@@ -188,6 +188,7 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
     try:
         recover(folder)
         times = read_run(folder).record.times
+        assert times is not None
         in_bag = sum(message.decode().width for message in read_bag(folder) if message.topic == "/contacts")
     except Exception as error:  # whatever it is: somebody could not read the folder
         kill.problem = f"{type(error).__name__}: {error}"

@@ -88,9 +88,12 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         for reading in checks:
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
     if {"arm", "sensor"} <= faces.keys():
+        from lwrprobe.contracts import MassiveArm
         from lwrprobe.exploration.procedures.dry_run import stability
 
-        reading = stability(loaded, faces["arm"].cycle, faces["sensor"].latency)
+        arm = faces["arm"]
+        mass = arm.mass if isinstance(arm, MassiveArm) else 0.0
+        reading = stability(loaded, arm.cycle, faces["sensor"].latency, mass)
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
     if "arm" in faces:
         from lwrprobe.exploration.procedures.host_stalls import host_checks

@@ -40,7 +40,8 @@ def explore(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="End at time=SECONDS of robot time or once certified=MM is reached; repeatable, the first counts.",
+            help="End at time=SECONDS of robot time, or once certified=MM or accurate=MM is reached; repeatable, "
+            "the first counts.",
         ),
     ] = None,
     realtime: Realtime = False,

@@ -23,6 +23,10 @@ APART = 0.15
 """Share of the speed's spread that must not follow from the force, for the two to be told apart."""
 CERTAIN = 0.3
 """Largest standard deviation of a compliance over its value."""
+AGREEING = 3.0
+"""Standard deviations between a fit and the median of all, up to which it counts."""
+MODEL = 0.1
+"""Of a compliance: standard deviation that a fit has at least, for what its line leaves out."""
 WAY_ERROR = 4e-5
 """m, how far a depth in a touch is off the line that is fitted to it."""
 DISCERNIBLE = 0.5
@@ -34,8 +38,9 @@ class TouchIdentification:
 
     During a touch the nominal centre moves along the normal by the deflection of probe, arm and object. The share of
     the probe is known (`Deflection.along`); the rest divided by the force is the compliance of the object. The fits of
-    several touches are weighted by their variances. On a stiff object the full force is reached within one or two
-    samples; then there is nothing to fit, and the indentation is negligible.
+    touches that agree with their median are weighted by their variances; a single wrong one does not count. On a stiff
+    object the full force is reached within one or two samples; then there is nothing to fit, and the indentation is
+    negligible.
 
     Parameters
     ----------
@@ -48,12 +53,25 @@ class TouchIdentification:
         self._bend, self._threshold, self._normal_error = bend, threshold, normal_error
         self._rows: list[tuple[float, np.ndarray, np.ndarray]] = []
         self._rotation, self._normal = np.eye(3), np.zeros(3)
-        self._weight = self._weighted = 0.0
+        self._fits: list[tuple[float, float]] = []
         self._looked_at = self._not_risen = 0
         self._top = 0.0
-        self.fitted = 0
         self.compliance = 0.0
         """m/N of the object, 0 while nothing worth a correction was found."""
+        self.sigma = float("inf")
+        """m/N, standard deviation of `compliance`: it bounds what a correction adds to a contact's error."""
+        self.agreed = 0
+        """Touches that `compliance` is taken from."""
+
+    @property
+    def fitted(self) -> int:
+        """Touches that told a compliance, whether they agree or not."""
+        return len(self._fits)
+
+    @property
+    def certain(self) -> bool:
+        """Whether contacts may be corrected: most of the touches agree, and `sigma` is small beside `compliance`."""
+        return 2 * self.agreed > self.fitted and self.sigma < CERTAIN * self.compliance
 
     @property
     def settled(self) -> bool:
@@ -100,12 +118,21 @@ class TouchIdentification:
         compliance = series - own
         if not (compliance > max(WORTH, DISCERNIBLE * own) and sigma < CERTAIN * compliance):
             return False
-        weight = 1.0 / max(sigma, 1e-3 * compliance) ** 2
-        self._weight += weight
-        self._weighted += weight * compliance
-        self.compliance = self._weighted / self._weight
-        self.fitted += 1
+        self._fits.append((compliance, max(sigma, 1e-3 * compliance)))
+        self._combine()
         return True
+
+    def _combine(self) -> None:
+        values, sigmas = np.array(self._fits).T
+        middle = float(np.median(values))
+        agree = np.abs(values - middle) <= AGREEING * np.hypot(sigmas, MODEL * middle)
+        if not agree.any():  # two that are far apart
+            self.compliance, self.sigma, self.agreed = middle, float("inf"), 0
+            return
+        values, weights = values[agree], sigmas[agree] ** -2
+        self.compliance, self.agreed = float(weights @ values / weights.sum()), len(values)
+        spread = float(np.std(values)) / np.sqrt(max(len(values) - 1, 1))
+        self.sigma = max(float(weights.sum()) ** -0.5, spread, MODEL * self.compliance / np.sqrt(len(values)))
 
 
 def series_compliance(

@@ -44,6 +44,8 @@ FORCE_RESERVE = 0.85
 """Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
 COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
+RETURN = 2.0
+"""Of the target force, that the return to a lost contact may reach: what is stiffer than thought leaves room then."""
 THROWN_OFF = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
@@ -99,10 +101,12 @@ class ContourControl:
         if room <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
         self._room = room
-        pairs = zip(hardest.tolist(), late.tolist())
+        pairs = list(zip(hardest.tolist(), late.tolist()))
         safe = [approach_speed(room, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
-        gentle = THROWN_OFF * task.force_target / np.maximum(struck, 1e-9)
+        back = RETURN * task.force_target - task.force_threshold
+        gentle = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
+        gentle = np.minimum(gentle, THROWN_OFF * task.force_target / np.maximum(struck, 1e-9))
         self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
@@ -186,7 +190,8 @@ class ContourControl:
     def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a contact that was just lost is sought again along `direction` (unit).
 
-        As `approach_speed`, and so slow that an arm with mass does not strike hard enough to be thrown off again.
+        As `approach_speed`, for `RETURN` times the target force in place of the limit: the surface is near, so that
+        little time is lost. An arm with mass strikes so gently that it is not thrown off again.
         """
         return self._gentle[self._step(float(rotation[:, 2] @ direction))]
 

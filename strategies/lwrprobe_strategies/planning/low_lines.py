@@ -6,8 +6,6 @@ known what is there, the probe may go lower beside it.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from lwrprobe.contracts import Task
@@ -25,11 +23,11 @@ NEIGHBOURS = 2.5
 UPWARDS = 0.7
 """Share of the normal along z, from which on a touch is one of a tread, which may go on lower beside the object."""
 STEP = 0.005
-"""m by which the lowest height may change within one line."""
+"""m by which the body may make a line higher than at the border."""
 
 
 def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch: float, task: Task) -> list[Line]:
-    """Lines along y at `places` (n,) m, over every stretch that the probe can pass lower than it has.
+    """Lines along y at `places` (n,) m, from the border as far in as the probe can pass lower than it has.
 
     Parameters
     ----------
@@ -41,6 +39,7 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
         return []
     low, high = float(task.area.lower[Y]), float(task.area.upper[Y])
     ys = np.linspace(low, high, max(round((high - low) / CELL), 1) + 1)
+    step = float(ys[1] - ys[0])
     lines: list[Line] = []
     for x in np.sort(places).tolist():
         beside = contacts[np.abs(contacts[:, 3] - x) < NEIGHBOURS * pitch]
@@ -54,13 +53,15 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
         tread = _least(upwards[:, 4], upwards[:, 5], ys, NEIGHBOURS * pitch)
         promising = (tread < passed - LOWER) | ~np.isfinite(passed)
         wanted = (passed > lowest + LOWER) & ~touched & near & promising
-        for begin, end in _runs(wanted, lowest):
-            if ys[end] - ys[begin] < pitch:
+        nearer = ys - low <= high - ys
+        # From the nearer border: nothing stands above the probe there.
+        for side, sign, half in ((low, 1, nearer), (high, -1, ~nearer)):
+            wants, needs, above = (values[::sign] for values in (wanted & half, lowest, passed))
+            last = _farthest(wants, needs, above)
+            if last is None or np.count_nonzero(wants[: last + 1]) * step < pitch:
                 continue
-            height = float(lowest[begin : end + 1].max())
-            line = Line(Y, x, float(ys[begin]), float(ys[end]), height)
-            outer = ys[begin] - low <= high - ys[end]
-            lines.append(line if outer else line.turned())
+            height = float(needs[: last + 1].max())
+            lines.append(Line(Y, x, side, side + sign * last * step, height, low=True))
     return lines
 
 
@@ -85,9 +86,10 @@ def _least(places: np.ndarray, heights: np.ndarray, ys: np.ndarray, reach: float
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1).min(axis=1)
 
 
-def _runs(wanted: np.ndarray, heights: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every stretch that is wanted and even in height."""
-    cut = np.abs(np.diff(heights)) > STEP
-    edges = np.flatnonzero(np.diff(wanted.astype(int)) | (cut & wanted[1:] & wanted[:-1])) + 1
-    bounds = [0, *edges.tolist(), len(wanted)]
-    return [(first, last - 1) for first, last in pairwise(bounds) if wanted[first]]
+def _farthest(wanted: np.ndarray, lowest: np.ndarray, passed: np.ndarray) -> int | None:
+    """Index of the last wanted place that a level pass from the first place reaches lower than what was passed."""
+    height = np.maximum.accumulate(lowest)
+    gained = wanted & (height < passed - LOWER)
+    # What was touched, or passed as low already, ends a pass from outside only where the body would have to rise.
+    far = np.flatnonzero(gained & (height <= lowest[0] + STEP))
+    return int(far[-1]) if len(far) else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from math import cos
@@ -35,8 +35,8 @@ HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
 
 
-Clear = Callable[[Sequence[np.ndarray]], bool]
-"""Whether no link comes near what was touched on a straight way along poses (4, 4)."""
+Clear = Callable[[np.ndarray, np.ndarray], bool]
+"""Whether an upright probe comes near nothing that was touched on the straight way between two places (3,)."""
 
 
 class Pace(Enum):
@@ -106,12 +106,11 @@ def path_to(
     area: Area,
     free: FreeSpace,
     speeds: Speeds,
-    clear: Clear = lambda poses: True,
+    clear: Clear = lambda begin, end: True,
 ) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven. `clear` is the task's: sideways the path leads
-    where no link comes near what was touched.
+    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so.
     """
     start, top = line.start, float(area.upper[Z])
     if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
@@ -145,20 +144,32 @@ def path_to(
         along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
         paths.append(along)
     for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
-        if _clear_sideways(path, here, turn, clear):
+        if _clear_sideways(path, here, clear):
             return path
     return straight_down
 
 
-def _clear_sideways(path: list[Waypoint], here: np.ndarray, turn: np.ndarray, clear: Clear) -> bool:
-    """Whether no link comes near what was touched where a path from `here` (3,) leads sideways through the unknown."""
+def clear_of(points: np.ndarray, task: Task) -> Clear:
+    """Whether the upright probe stays clear of the points (n, 3) that it is not near to already."""
+    parts = [(float(half.max()), bottom - task.clearance_threshold) for half, bottom in body(task)]
+    parts = [(wide + task.clearance_threshold, low) for wide, low in [*parts, (task.probe.stick_radius, RISE)]]
+
+    def clear(begin: np.ndarray, end: np.ndarray) -> bool:
+        step, there = (end - begin)[:2], points[:, :2] - begin[:2]
+        share = np.clip(there @ step / max(float(step @ step), 1e-12), 0.0, 1.0)
+        off = np.hypot(*(there - share[:, None] * step).T)
+        far, height = np.hypot(*there.T), points[:, Z] - min(begin[Z], end[Z])
+        return not any(((off < wide) & (far >= wide) & (height > low)).any() for wide, low in parts)
+
+    return clear
+
+
+def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> bool:
+    """Whether a path from `here` (3,) leads sideways through the unknown only where that is clear."""
     for waypoint in path:
-        if waypoint.pace is Pace.GUARDED and np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN:
-            poses = [np.eye(4), np.eye(4)]
-            for pose, place in zip(poses, (here, waypoint.place)):
-                pose[:3, :3], pose[:3, 3] = turn, place
-            if not clear(poses):
-                return False
+        sideways = np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN
+        if waypoint.pace is Pace.GUARDED and sideways and not clear(here, waypoint.place):
+            return False
         here = waypoint.place
     return True
 

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from lwrprobe.compiled.pipeline import collector_paused
 from lwrprobe.contracts import (
+    GroundTruth,
     InputError,
     LeftOut,
     LwrprobeError,
@@ -135,9 +136,12 @@ class Exploration:
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
         self._devices = Devices.assemble(self._stated, scene.run.seed, options.realtime, q)
-        if scene.run.until.certified is not None and self._devices.ground_truth is None:
-            allowed = "nothing with a real arm, whose cycles do not wait for the certificate"
-            raise InputError("run.until.certified", scene.run.until.certified, allowed)
+        for rule in ("certified", "accurate"):
+            wanted = getattr(scene.run.until, rule)
+            if wanted is not None and self._devices.ground_truth is None:
+                raise InputError(
+                    f"run.until.{rule}", wanted, "nothing with a real arm, whose cycles do not wait for it"
+                )
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
@@ -164,6 +168,11 @@ class Exploration:
             self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
         self._contacts_before = len(self.recorder.contacts)
         self._seconds["compile"] = perf_counter() - begin
+
+    @property
+    def truth(self) -> GroundTruth | None:
+        """What a simulator knows; None on real devices."""
+        return self._devices.ground_truth
 
     def __enter__(self) -> Self:
         begin = perf_counter()

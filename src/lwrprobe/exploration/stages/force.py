@@ -35,7 +35,7 @@ SPEED_STEPS = 20
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
 AGREED = 2
-"""Batches of presses after which the speeds follow the stiffness; the first one can only make them slower."""
+"""Batches of presses after which the speeds follow the stiffness."""
 TOUCHES_AGREED = 3
 """Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
 APART = 3.0
@@ -45,8 +45,6 @@ DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
-CAREFUL = 1.1
-"""Share of the speed of a touch along the stick, up to which a motion counts as one that may meet the stick."""
 STEADY = 0.2
 """m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
 
@@ -162,7 +160,8 @@ class ForceStage:
             self._cycle.reset()
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
-        if self._touch.update(wrench, pose, contact) and self._touch.fitted >= TOUCHES_AGREED:
+        changed = self._touch.update(wrench, pose, contact)
+        if changed and self._touch.agreed >= TOUCHES_AGREED and self._touch.certain:
             self._adopt(self._touch.compliance)
         if not certain:
             self._forget_presses()
@@ -203,10 +202,10 @@ class ForceStage:
             return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
-            share = late * self._share_along(motion.pose[:3, 3] - self._place, motion.speed)
+            share = late * self._share_along(motion.pose[:3, 3] - self._place)
             return motion if share == 1.0 else replace(motion, speed=share * motion.speed)
         if isinstance(motion, VelocityCommand):
-            share = late * self._share_along(motion.velocity, math.sqrt(float(motion.velocity @ motion.velocity)))
+            share = late * self._share_along(motion.velocity)
             if share == 1.0:
                 return motion
             leaving = np.zeros(3)
@@ -215,16 +214,13 @@ class ForceStage:
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
 
-    def _share_along(self, path: np.ndarray, speed: float) -> float:
-        """Share of the `speed` m/s along a path (3,): 1 where nothing can be met, or is touched, along the stick.
+    def _share_along(self, path: np.ndarray) -> float:
+        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
 
-        Across it the probe gives way so much that the stiffness of arm and object does not count, unless the motion is
-        so slow because the stick may be met close to the sensor.
+        Across it the probe gives way so much that the stiffness of arm and object does not count.
         """
         if self._of_stiffness == 1.0:
             return 1.0
-        if speed <= CAREFUL * self._touch_speed:
-            return self._of_stiffness
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
             return self._of_stiffness
         along = abs(float(path @ self._axis))
@@ -245,12 +241,10 @@ class ForceStage:
         Raises TouchRefused where no speed is safe.
         """
         stated, found = 1.0 / self._contact.stiffness, self._press.value
+        if self._press.batches < AGREED:
+            return
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
-        if self._press.batches < AGREED:
-            # A single batch may be wrong. It makes the probe slower, and nothing else.
-            self._of_stiffness = min(share, self._at_first)
-            return
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
             law = touch_law(self._scene, self._delay, self._tip_mass, found)
