@@ -23,6 +23,12 @@ START = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored behind a shell's &
     "sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
 )
+TOP = [
+    "--realtime",
+    "--set", "area.lower=[-0.012, -0.012, 0.045]",
+    "--set", "area.upper=[0.012, 0.012, 0.058]",
+]  # fmt: skip
+"""Keeps pace with the clock, and touches after a second: the area is the top of the sphere alone."""
 
 
 def explore(out: Path, *more: str) -> subprocess.Popen:
@@ -83,7 +89,7 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_there(small_disk):
 def test_a_disk_that_turns_read_only_ends_the_run(small_disk):
     run = small_disk / "run"
     subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
-    process = explore(run, "--realtime")
+    process = explore(run, *TOP)
     wait_for(lambda: lines(run / "contacts.csv") > 20, process)
     done = subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], capture_output=True, text=True)
     if done.returncode:  # tmpfs refuses while a file is open for writing: what is asked here cannot happen to it
@@ -109,7 +115,7 @@ def test_a_file_too_large_is_one_sentence(tmp_path):
 
 def test_a_lost_folder_ends_the_run_and_is_written_again_from_memory(tmp_path):
     run = tmp_path / "run"
-    process = explore(run, "--realtime")
+    process = explore(run, *TOP)
     wait_for(lambda: lines(run / "contacts.csv") > 100, process)
     shutil.rmtree(run)
     _, said = process.communicate(timeout=300)
@@ -134,7 +140,7 @@ def test_folders_that_hold_something_are_not_taken(tmp_path):
 def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
     for times in (1, 2):
         run = tmp_path / str(times)
-        process = explore(run, "--realtime")
+        process = explore(run, *TOP)
         wait_for(lambda: lines(run / "contacts.csv") > 100, process)  # noqa: B023
         process.send_signal(signal.SIGINT)
         if times == 2:

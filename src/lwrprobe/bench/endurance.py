@@ -129,8 +129,11 @@ def _requirements(report: BenchReport, states: list[State], seconds: float) -> N
 
 def _draw(figure: Any, states: list[State]) -> None:
     times = [s.robot_time / 60.0 for s in states]
-    rows = (("memory [MB]", [s.memory for s in states]), ("handles", [s.handles for s in states]))
-    rows += (("cycle [us]", [s.cycle for s in states]),)
+    rows: list[tuple[str, list[float]]] = [
+        ("memory [MB]", [s.memory for s in states]),
+        ("handles", [float(s.handles) for s in states]),
+        ("cycle [us]", [s.cycle for s in states]),
+    ]
     for axes, (label, values) in zip(figure.subplots(len(rows), 1, sharex=True), rows):
         axes.plot(times, values, marker=".", linewidth=1.0)
         axes.set_ylabel(label)

@@ -159,9 +159,9 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
 
 def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], list[Row]]:
     """The summary of a whole run, and the error of its mesh over time."""
-    from lwrprobe.exploration.procedures.explore import Exploration
+    from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 
-    with Exploration(scene, folder) as exploration:
+    with Exploration(scene, RunOptions(out=folder)) as exploration:
         for _ in exploration:
             pass
     summary = exploration.finish().as_dict()

@@ -197,6 +197,7 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
     try:
         recover(folder)
         times = read_run(folder).record.times
+        assert times is not None
         # A run that was killed while it was prepared has no bag yet; one that knows a contact must have it.
         begun = kill.contacts or any(folder.glob("bag/*.mcap"))
         in_bag = sum(m.decode().width for m in read_bag(folder) if m.topic == "/contacts") if begun else 0
