@@ -58,7 +58,7 @@ class CoverageConfig:
     reapproach : m, way along which a lost contact is sought before the grid takes over
     retreat : m, way off a collision threat
     climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
-    low_lines : pass again, lower, where a line over a tall object met nothing or was given up
+    low_lines : pass again, lower, where a line over a tall object met nothing or was given up; takes more time
     near_sides : touch walls that a line met above the lowest height down to their foot
     across : cross the faces that lie along the lines by lines along x
     find_ends : follow the object around its ends in x to where it reaches furthest
@@ -69,7 +69,7 @@ class CoverageConfig:
     reapproach: float = 0.025
     retreat: float = 0.010
     climb: bool = True
-    low_lines: bool = True
+    low_lines: bool = False
     near_sides: bool = True
     across: bool = True
     find_ends: bool = True
