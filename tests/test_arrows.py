@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "src" / "lwrprobe"
 
 LEVELS = [
-    {"errors"},
+    {"errors", "lazy"},
     {"contracts"},
     {"bags", "compiled", "control", "help_page", "options", "real_time"},
     {"kinematics", "trajectory"},
@@ -31,7 +31,7 @@ PLUGINS = {
     "drivers/lwrprobe_ati": {"contracts", "compiled", "scene"},
     "drivers/lwrprobe_rig": {"contracts", "help_page", "options", "real_time", "scene"},
     "drivers/lwrprobe_mujoco": {"contracts", "kinematics", "scene"},
-    "strategies/lwrprobe_strategies": {"contracts", "control"},
+    "strategies/lwrprobe_strategies": {"contracts", "control", "mapping"},
 }
 """Which packages of the library each plug-in may know."""
 

@@ -18,6 +18,7 @@ from lwrprobe.scene import Scene
 from lwrprobe_ati.config import AtiConfig
 
 _WAIT = 2.0  # s for an answer; the emulator looks at the port between two of its cycles
+_TRIES = 5  # a busy host may keep both processes from running for that long
 _PAGE = 100  # contacts an answer
 _LARGEST = 65536
 
@@ -41,7 +42,7 @@ class EmulatedTruth:
         self._address = as_address(config.ground_truth, "drivers.ati.ground_truth")
         self._ahead = ahead
         self._pages: dict[int, list[list[float] | None]] = {}
-        status = self._ask("world status")
+        status = self._ask("world status", tries=1)  # a sensor alone has no such port
         self.scene = Scene.model_validate(self._ask("world scene"))
         self.differences: dict[str, Any] = status["differences"]
         self.link_collisions = int(status["link_collisions"])
@@ -67,15 +68,19 @@ class EmulatedTruth:
         found = self._pages[page][row]
         return None if found is None else TrueContact(np.array(found[:3]), np.array(found[3:6]), found[6])
 
-    def _ask(self, line: str) -> Any:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-            port.settimeout(_WAIT)
-            try:
-                port.connect(self._address)
-                port.send(line.encode())
-                return json.loads(port.recv(_LARGEST))
-            except (OSError, ValueError):
-                raise ConnectionLost(f"{line!r}: no answer from {self._address} (drivers.ati.ground_truth)") from None
+    def _ask(self, line: str, tries: int = _TRIES) -> Any:
+        for _ in range(tries):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+                port.settimeout(_WAIT)
+                try:
+                    port.connect(self._address)
+                    port.send(line.encode())
+                    return json.loads(port.recv(_LARGEST))
+                except TimeoutError:
+                    continue
+                except (OSError, ValueError):
+                    break
+        raise ConnectionLost(f"{line!r}: no answer from {self._address} (drivers.ati.ground_truth)")
 
 
 def _is_loopback(host: str) -> bool:

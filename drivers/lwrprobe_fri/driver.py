@@ -247,7 +247,7 @@ class FriArm:
         return self._connected().timing()
 
     def health_checks(self, seconds: float) -> list[HealthCheck]:
-        """Listen for some seconds and judge cycle, timing, losses, quality and drives; nothing moves."""
+        """Listen for some seconds and report on cycle, timing, losses, quality and drives; nothing moves."""
         connected = self._line is not None
         self.connect()
         try:

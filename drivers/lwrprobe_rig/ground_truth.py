@@ -6,6 +6,7 @@ import json
 import selectors
 
 from lwrprobe.contracts import UnknownNameError
+from lwrprobe.scene import scene_content
 from lwrprobe_rig.world import SimulatedWorld
 
 _MOST = 200
@@ -39,7 +40,7 @@ class GroundTruth:
             case ["status"]:
                 return json.dumps(self._world.truth())
             case ["scene"]:
-                return self._world.ground_truth.scene.model_dump_json(by_alias=True)
+                return json.dumps(scene_content(self._world.ground_truth.scene))
             case ["contacts", first, count] if first.isdigit() and count.isdigit():
                 return json.dumps(self._world.contacts(int(first), min(int(count), _MOST)))
             case ["mark"]:

@@ -1,4 +1,4 @@
-"""One simulated world behind two emulated devices: the arm's set points move it, the sensor feels it."""
+"""One simulated world behind two emulated devices: the arm's set points move it, the sensor measures its forces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SENSOR_RATE = 1000.0
 """Hz, of the simulated wrench; the emulated device samples that at its own rate."""
 
 _LONGEST = 7200.0
-"""s for which the truth has room from the start; growing it would keep the controller waiting."""
+"""s for which memory for the truth is reserved at the start; enlarging it would keep the controller waiting."""
 
 _PATIENCE = 0.05
 """s after which a record is measured although the world has not come to its instant: the controller pauses."""
@@ -66,7 +66,7 @@ class SimulatedWorld:
 
     def advance(self, begin: np.ndarray, end: np.ndarray, seconds: float) -> None:
         """Let time pass at the simulator's own cycle while the set point moves evenly; it ends now."""
-        self._now, lately = time.monotonic(), []
+        lately = []
         steps = max(1, round(seconds / self._arm.cycle))
         for step in range(1, steps + 1):
             self._command(begin + (step / steps) * (end - begin))
@@ -76,7 +76,8 @@ class SimulatedWorld:
                 touch = self.ground_truth.contact_at(sample.sequence)
                 self.force = 0.0 if touch is None else touch.force
                 self.peak_since = max(self.peak_since, self.force)
-        self._lately = lately or self._lately
+        # Now, and not when the steps began: the measurement of these joints leaves now, and its arrival dates it.
+        self._lately, self._now = lately or self._lately, time.monotonic()
         self.elapsed += seconds
 
     def mark(self) -> None:

@@ -37,16 +37,16 @@ def actual_world(scene: Scene, config: SimConfig, seed: int) -> ActualWorld:
         return ActualWorld(scene, config, robot, {"profile": truth.profile})
     drawn = truth.draw(seed, robot.n)
     run = scene.run.model_copy(update={"seed": seed})
-    told: dict[str, Any] = {name: [round(float(v), 9) for v in numbers] for name, numbers in drawn.items()}
+    report: dict[str, Any] = {name: [round(float(v), 9) for v in numbers] for name, numbers in drawn.items()}
     if "zero_wander_force_mn" in drawn or "zero_wander_torque_unm" in drawn:
-        told["zero_wander_s"] = truth.zero_wander_s
+        report["zero_wander_s"] = truth.zero_wander_s
     if "loss_burst_ms" in drawn:
-        told["loss_bursts_per_min"] = truth.loss_bursts_per_min
+        report["loss_bursts_per_min"] = truth.loss_bursts_per_min
     return ActualWorld(
         scene=actual_scene(scene.model_copy(update={"run": run})),
         config=_config(scene, config, drawn),
         robot=_robot(robot, drawn),
-        drawn={"profile": truth.profile, **told},
+        drawn={"profile": truth.profile, **report},
     )
 
 

@@ -245,13 +245,13 @@ class SimGroundTruth:
         return float(self._world.state[kernels.PROBE_PEAK])
 
     def reserve(self, samples: int) -> None:
-        """Room for the truth of so many samples: whoever must not pause later has nothing to move then."""
+        """Reserve memory for the truth of so many samples, so that a loop in real time never has to copy it."""
         world = self._world
         if samples > len(world.truth):
             # The system hands the pages out when they are first written to.
-            room = np.zeros((samples, world.truth.shape[1]))
-            room[: len(world.truth)] = world.truth
-            world.truth = room
+            reserved = np.zeros((samples, world.truth.shape[1]))
+            reserved[: len(world.truth)] = world.truth
+            world.truth = reserved
 
     @property
     def object_pose(self) -> np.ndarray:

@@ -18,8 +18,9 @@ The packages are reached the same way: `contracts`, `kinematics`, `trajectory`, 
 `scene`, `reconstruction`, `evaluation`, `exploration`. See docs/architecture.md.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
     from lwrprobe import (
@@ -102,13 +103,7 @@ _MODULES = {
 """Where each name that is no package comes from."""
 
 
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name not in _MODULES:
-        return import_module(f"{__name__}.{name}")
-    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    return value
+__getattr__ = imported_on_use(__name__, _MODULES, set(__all__) - set(_MODULES))
 
 
 def __dir__() -> list[str]:

@@ -6,7 +6,8 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
   hold; the source leaves that height to the operator.
 - A lost contact is sought on an arc around the point last touched (`skills.reapproach`).
 - A wall that would have to be descended is climbed from the line's other end instead (`planning.climb`).
-- Where a line began above the lowest height, the near side is touched afterwards.
+- Where a line began above the lowest height, the near side is touched afterwards, and beside the object the probe
+  passes again as low as it can (`planning.low_lines`).
 - The return to the first contact runs along the area's border, where nothing stands.
 - Faces that lie along the lines are crossed by lines of their own afterwards (`planning.gap_lines`), and the object's
   ends in x are sought (`planning.outlines`); the source misses up to a line's distance at each end.
@@ -26,10 +27,11 @@ from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
-from lwrprobe_strategies.planning.paths import Waypoint, path_to
+from lwrprobe_strategies.planning.overhangs import Overhangs
+from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, way_back
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
-from lwrprobe_strategies.planning.shaft import ShaftMemory
+from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, reapproach, release, reorient, transit
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
@@ -56,6 +58,7 @@ class CoverageConfig:
     reapproach : m, way along which a lost contact is sought before the grid takes over
     retreat : m, way off a collision threat
     climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
+    low_lines : pass again, lower, where a line over a tall object met nothing or was given up
     near_sides : touch walls that a line met above the lowest height down to their foot
     across : cross the faces that lie along the lines by lines along x
     find_ends : follow the object around its ends in x to where it reaches furthest
@@ -66,6 +69,7 @@ class CoverageConfig:
     reapproach: float = 0.025
     retreat: float = 0.010
     climb: bool = True
+    low_lines: bool = True
     near_sides: bool = True
     across: bool = True
     find_ends: bool = True
@@ -95,20 +99,25 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        spacing = self.options.step
-        self.lines = LineScheduler(
-            self.task, self.tip.memory, spacing, self.options.first_line,
-            near_sides=self.options.near_sides, across=self.options.across, ends=self.options.find_ends,
-        )  # fmt: skip
+        self.lines = self.scheduler()
         self.upright = self.tip.rotation
         self.rest, self.back = False, np.inf
-        self.shaft = ShaftMemory(BESIDE * spacing)
+        self.beside = BESIDE * self.options.step
+        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)
             retraction = self.retraction()
         yield from transit(self.tip, retraction, self.begun)
         return Done("area covered")
+
+    def scheduler(self) -> LineScheduler:
+        """Which line comes next."""
+        options = self.options
+        return LineScheduler(
+            self.task, self.tip.memory, options.step, options.first_line, low=options.low_lines,
+            near_sides=options.near_sides, across=options.across, ends=options.find_ends,
+        )  # fmt: skip
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
@@ -182,7 +191,8 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, tip.speeds(tip.rotation))
+        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
         return transit(tip, retraction + path, before)
 
     def along_line(self) -> Procedure:
@@ -190,14 +200,14 @@ class Coverage(SkillStrategy):
         self.frame = self.frame.upright()
         line = self.frame.line
 
-        def stretch(here: np.ndarray) -> tuple[np.ndarray, bool]:
-            end, careful = self.shaft.stretch(line, here, self.tip.memory)
+        def piece(here: np.ndarray) -> tuple[np.ndarray, bool]:
+            end, careful = stretch(line, here, self.tip.memory, self.beside)
             target = line.at(end)
             target[Z] = here[Z]
             return target, careful
 
         rest, self.rest = self.rest, False
-        return guarded_move(self.tip, line.at(line.end), line.ahead, stretch, line.grid_x, rest)
+        return guarded_move(self.tip, line.at(line.end), line.ahead, piece, line.grid_x, rest)
 
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
@@ -265,8 +275,8 @@ class Coverage(SkillStrategy):
     def raise_line(self) -> Procedure | None:
         """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
         line, here = self.frame.line, self.tip.here
-        self.shaft.add(line, here)
-        if line.fallback is not None:
+        self.tip.overhangs.stick_met(here)
+        if line.fallback is not None or line.low:
             return self.give_up()
         self.back = self.options.retreat
         height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)

@@ -20,11 +20,16 @@ from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
 STANDOFF = 0.010
 """m off the surface, between two touches."""
-LISTEN = 0.25
-"""s at rest before a touch, for the sensor's zero."""
+LISTEN, ZEROING = 0.25, 0.7
+"""s at rest before a touch, to read the sensor's zero, and in which the run moves its own zero there."""
+ZERO_EVERY = 4
+"""Touches after which the zero is moved: an uncalibrated sensor drifts by 0.1 N a minute."""
 FAR, NEAR = 0.005, 0.001
 """m before the surface where a slow approach begins, while the place of sphere or table is rough, and when it is known.
 """
+SURE = 3.0
+"""Standard deviations of the contacts from the sphere by which an approach begins before the surface, at least: an arm
+with another kinematic table has the sphere elsewhere in each orientation."""
 BEYOND = 0.003
 """m behind the surface where an approach ends that met nothing."""
 LOAD_TIME = 0.4
@@ -159,6 +164,7 @@ class ReferenceSphere(SkillStrategy):
         if not self.task.reachable([tip.pose_at(way.place) for way in path]):
             return Ended.NO_CONTACT
         yield from transit(tip, path)
+        yield from rest(tip, ZEROING)
         outcome = yield from approach(tip, UP, top + FAR - floor)
         here = tip.here.copy()
         yield from self._let_go(UP)
@@ -167,6 +173,11 @@ class ReferenceSphere(SkillStrategy):
             return Ended.NO_CONTACT
         self._met.append(here)
         return Ended.CONTACT
+
+    def _near(self) -> float:
+        """m before the surface where the approach of a touch begins: as sure as the contacts so far agree."""
+        away = np.linalg.norm(np.array(self._met) - self._centre(), axis=1) - self._reach
+        return float(np.clip(SURE * np.sqrt(np.mean(away**2)), NEAR, FAR))
 
     def _centre(self) -> np.ndarray:
         """(3,) m, from all contacts at this place: they lie as far from it as the sum of the radii."""
@@ -199,12 +210,13 @@ class ReferenceSphere(SkillStrategy):
                 return (yield from self._retreat())
             tip.rotation = touch.rotation.copy()
             self._at = touch
-            near_place = centre + self._off(NEAR) * touch.normal
-            yield from rest(tip, LISTEN)
+            near = self._near()
+            near_place = centre + self._off(near) * touch.normal
+            yield from rest(tip, LISTEN if self._count % ZERO_EVERY else ZEROING)
             outcome = yield from transit(tip, [Waypoint(near_place)])
             if outcome is Ended.CONTACT:
                 return (yield from self._retreat())
-            outcome = yield from approach(tip, touch.normal, NEAR + BEYOND)
+            outcome = yield from approach(tip, touch.normal, near + BEYOND)
             if outcome is Ended.CONTACT:
                 yield from self._load(touch.normal)
                 self._met.append(self._contact)

@@ -16,7 +16,7 @@ import numpy as np
 from lwrprobe.contracts import STRATEGY_CONTRACT, Done, Motion, Observation, Progress, Task
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload
 from lwrprobe_strategies.skills.skill import Skill
-from lwrprobe_strategies.tip import Tip
+from lwrprobe_strategies.tip import MAX_PERIOD, Tip
 from lwrprobe_strategies.trace import Row
 
 Program = Generator[Motion, Observation, Done]
@@ -43,6 +43,7 @@ class Supervisor:
         task = tip.task
         self._overload = task.force_target + OVERLOAD * (task.force_limit - task.force_target)
         self._answered = np.inf  # m, clearance at the last threat
+        self._seen = -np.inf
         self._mark: tuple[float, np.ndarray] | None = None  # s and place, since when there is no progress
 
     def interruption(self, seen: Observation) -> Interruption | None:
@@ -77,7 +78,9 @@ class Supervisor:
 
     def _jammed(self, seen: Observation) -> bool:
         here = seen.pose[:3, 3]
-        if self._mark is None:
+        gap = seen.time - self._seen > MAX_PERIOD  # the probe has been elsewhere, as after a resumed run's return
+        self._seen = seen.time
+        if self._mark is None or gap:
             self._mark = (seen.time, here)
         since, place = self._mark
         if seen.time - since < JAM_TIME:

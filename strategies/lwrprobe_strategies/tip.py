@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import hypot, inf
+
 import numpy as np
 
 from lwrprobe.contracts import Confidence, Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
+from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds
 from lwrprobe_strategies.trace import Trace
 
@@ -17,6 +20,17 @@ FIRST_PERIOD = 0.008
 """s, assumed before the second sample: 125 Hz."""
 HELD = 3.0 - 1e-6
 """Trace of the turn between two orientations, from which on they are the same for a command."""
+BESIDE = 0.015
+"""m beside what was touched, within which more of it may be; a program with lines sets it by their distance."""
+STICK = "stick"
+"""Name of the stick among the probe's links."""
+SIDEWAYS = 0.1
+"""Share of a motion across the stick, up to which the stick goes where it has been."""
+NEAR = 0.0015
+"""m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
+reaches 3 mm further out, would have met a plain wall before."""
+TOWARDS = 0.3
+"""Share of the sideways motion towards what is near; a motion along a wall has less."""
 
 
 class Tip:
@@ -32,6 +46,7 @@ class Tip:
     control : hybrid force and velocity control; holds the tracked normal
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
+    overhangs : where the stick may be met before the sphere
     rotation : (3, 3), the orientation in which the tip is to be held; set by the program, never by a skill
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
@@ -45,6 +60,7 @@ class Tip:
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
         self.leaving = False
         self.trace = Trace()
         self._samples = 0
@@ -61,7 +77,9 @@ class Tip:
         self._samples += 1
         self.seen = seen
         self.trace.time = seen.time
-        self.free.note(seen.pose, None if seen.contact is None else seen.contact.normal)
+        reliable = seen.contact is not None and seen.contact.confidence is Confidence.RELIABLE
+        self.free.note(seen.pose, seen.contact.normal if seen.contact is not None and reliable else None)
+        self.overhangs.note(seen.pose, seen.contact)
         if seen.contact is None:
             self.leaving = False
 
@@ -73,6 +91,29 @@ class Tip:
     def leave(self) -> None:
         """What is touched now counts as no contact until the tip is off it."""
         self.leaving = self.seen.contact is not None
+
+    def stick_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) at which the stick may meet something before the sphere; inf where it cannot.
+
+        It may where something is known near the stick, and where the object may overhang.
+        """
+        side = hypot(along.item(0), along.item(1))
+        if side < SIDEWAYS:
+            return inf
+        here = self.here
+        limit = inf
+        if self.overhangs.ahead(here, along):
+            limit = self.control.stick_speed(self.overhangs.reach(here)) / side
+        near = self.seen.clearance
+        if near is not None and near.link == STICK and near.distance - near.required < NEAR:
+            back = -self.seen.pose[:3, 2]
+            there = near.on_map - here
+            reach = float(there @ back)
+            there = there - reach * back
+            closing = float(there @ along) / max(hypot(*there.tolist()), 1e-9)
+            if reach > self.task.probe.radius and closing > TOWARDS * side:
+                limit = min(limit, self.control.stick_speed(reach) / closing)
+        return limit
 
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""

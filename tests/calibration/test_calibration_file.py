@@ -1,12 +1,22 @@
 """`calibration.toml`: written, read, applied to a scene, refused where it is broken or of another probe."""
 
-from datetime import UTC, datetime
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lwrprobe.calibration import Calibration, FreeReading, Quantity, identify_load, read_calibration, write_calibration
+from lwrprobe.calibration import (
+    Calibration,
+    FreeReading,
+    Quantity,
+    drifts,
+    identify_load,
+    previous_path,
+    read_calibration,
+    write_calibration,
+)
 from lwrprobe.calibration.calibration_file import LENGTHS
 from lwrprobe.cli.app import app
 from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
@@ -44,6 +54,34 @@ def calibration():
 def test_file_holds_all(calibration, tmp_path):
     write_calibration(calibration, tmp_path / "c.toml")
     assert read_calibration(tmp_path / "c.toml") == calibration
+
+
+def changed(calibration, name, values):
+    quantity = replace(calibration.quantities[name], values=tuple(values))
+    later = calibration.date + timedelta(days=30)
+    return replace(calibration, date=later, quantities={**calibration.quantities, name: quantity})
+
+
+def test_doctor_says_what_has_changed_since_the_calibration_before(calibration, tmp_path):
+    path = tmp_path / "c.toml"
+    today = replace(calibration, date=datetime.now(UTC).replace(microsecond=0))
+    write_calibration(today, path)
+    asked = ["doctor", "--scene", "block", "--set", f'calibration="{path}"']
+    assert "calibration drift" not in CliRunner().invoke(app, asked).output
+    write_calibration(changed(today, "tool_shift", [1e-4, -2e-4, 3.4e-4]), path)
+    assert read_calibration(previous_path(path)) == today
+    assert "nothing has changed" in CliRunner().invoke(app, asked).output
+    write_calibration(changed(today, "tool_shift", [1e-4, -2e-4, 6e-4]), path)
+    found = CliRunner().invoke(app, asked)
+    assert "tool_shift[2] from 0.00034 to 0.0006" in found.output
+    assert found.exit_code == 1
+
+
+def test_only_what_both_have_seen_counts_as_changed(calibration):
+    stick = changed(calibration, "stick_stiffness", [2000.0, 5e6])
+    assert drifts(stick, calibration) == []
+    two = changed(changed(calibration, "sphere_radius", [0.00506]), "tool_shift", [2e-4, -2e-4, 3e-4])
+    assert [(one.quantity, one.index) for one in drifts(two, calibration)] == [("tool_shift", 0), ("sphere_radius", 0)]
 
 
 def test_scene_is_used_with_what_was_measured(calibration, tmp_path):

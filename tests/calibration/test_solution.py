@@ -8,6 +8,7 @@ import pytest
 from calibration.synthetic_touches import CENTRE, PROBE, REFERENCE, draw, orientations, robot, touches
 from lwrprobe.calibration import CalibrationRefused, Parameters, Priors, force_to_torque, solve, tool_shift_rows
 from lwrprobe.calibration.model import Model
+from lwrprobe.calibration.solution import refuse_moved
 from lwrprobe.contracts import InputError
 
 GAPS = np.concatenate([PROBE.force_range, PROBE.torque_range])
@@ -120,14 +121,23 @@ def test_a_wrong_diameter_is_named(drawn):
         solve(robot(), PROBE, drawn[0][1], REFERENCE + 3e-4, CENTRE[None], 0.0)
 
 
-def test_a_sphere_that_moved_is_refused(drawn):
-    made = drawn[0][1]
+@pytest.mark.parametrize("shift", [[9e-4, 0.0, 0.0], [0.0, -4e-4, 4e-4]])
+def test_a_sphere_that_moved_is_refused(drawn, shift):
+    made, arm = drawn[0][1], robot()
     half = len(made) // 2
-    # 5 mrad of the first joint are 3 mm at the sphere; the angles of the joints may take up a part of it
-    shift = np.array([0.005, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    moved = [*made[:half], *(replace(touch, arm_joints=touch.arm_joints + shift) for touch in made[half:])]
-    with pytest.raises(CalibrationRefused):
-        solve(robot(), PROBE, moved, REFERENCE, CENTRE[None], 0.0)
+    moved = list(made[:half])
+    for touch in made[half:]:
+        turn = np.linalg.pinv(arm.jacobian(touch.arm_joints[len(touch.arm_joints) // 2])) @ [*shift, 0.0, 0.0, 0.0]
+        moved.append(replace(touch, arm_joints=touch.arm_joints + turn))
+    with pytest.raises(CalibrationRefused, match=r"the reference sphere has moved"):
+        solve(arm, PROBE, moved, REFERENCE, CENTRE[None], 0.0)
+
+
+def test_a_sphere_that_stood_still_has_not_moved(drawn):
+    for _, made, solution in drawn:
+        model = Model(robot(), PROBE, made, REFERENCE, solution.parameters, Priors())
+        model.set_place_error(solution.place_error)
+        refuse_moved(model, solution.x)
 
 
 @pytest.mark.parametrize("radius", [0.0, -0.01, np.nan])

@@ -4,7 +4,7 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import Deflection, check_probe, identify_compliance, make_estimator, time_skew, zero_force_point
+from lwrprobe.contact import Deflection, check_probe, make_estimator, time_skew, zero_force_point
 from lwrprobe.contracts import InputError, Probe
 
 STICK = np.array([4e-4, 4e-4, 8e-7])  # a printed stick: 2.5e3 N/m across, 1.25e6 along
@@ -76,41 +76,6 @@ def test_contact_points_with_a_soft_stick_are_within_a_tenth_of_a_millimetre(mu)
             plain.append(nominal - probe.radius * n - (truth - probe.radius * n))
     assert np.median(np.linalg.norm(errors, axis=1)) <= 1e-4
     assert np.median(np.linalg.norm(plain, axis=1)) > 1.2e-4
-
-
-def test_compliance_is_identified_from_presses_along_and_across():
-    rng = np.random.default_rng(2)
-    rows, forces, labels = [], [], []
-    for label, n in enumerate(np.eye(3)):
-        for push in np.linspace(0.2, 2.0, 20):
-            f = push * n + 0.003 * rng.normal(size=3)
-            rows.append(-STICK * f + 5e-6 * rng.normal(size=3) + 0.1 * label)
-            forces.append(f)
-            labels.append(label)
-    found = identify_compliance(np.array(rows), np.array(forces), labels)
-    assert found.determined.all()
-    np.testing.assert_allclose(found.values[:2], STICK[:2], rtol=0.02)
-    assert abs(found.values[2] - STICK[2]) < 4 * found.sigma[2]
-    assert np.all(np.abs(found.values - STICK) < 5 * found.sigma + 1e-9)
-    assert found.residual < 1e-5
-
-
-def test_one_press_tells_only_what_it_loads():
-    push = np.linspace(0.2, 2.0, 10)
-    forces = np.outer(push, [0.0, 1.0, 0.0])
-    found = identify_compliance(-forces * STICK, forces)
-    np.testing.assert_array_equal(found.determined, [False, True, False])
-    np.testing.assert_allclose(found.values, [0.0, STICK[1], 0.0], rtol=1e-9)
-    oblique = np.outer(push, naive.unit([1.0, 1.0, 0.0]))
-    with pytest.raises(InputError, match="directions"):
-        identify_compliance(-oblique * STICK, oblique)
-    with pytest.raises(InputError, match="forces"):
-        identify_compliance(np.zeros((10, 3)), np.ones((10, 3)))
-    with pytest.raises(InputError, match="positions"):
-        identify_compliance(np.full((10, 3), np.nan), forces)
-
-
-# Zero force
 
 
 @pytest.mark.parametrize("stiffness", [1e2, 1e3, 1e4, 1e5])

@@ -1,9 +1,12 @@
 """Disagreement of torque and force, learnt while the sphere slides."""
 
+import naive_torque
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from lwrprobe.contact import TorqueAgreement, Wrench
+from lwrprobe.contact import TorqueAgreement, Wrench, torque_kernels
 from lwrprobe.contracts import Probe
 
 PROBE = Probe(radius=0.005, sensor_distance=0.05)
@@ -40,7 +43,7 @@ def test_what_agrees_is_left_alone():
     assert watch.disagreement < 0.005
     force = np.array([0.3, -0.2, 1.0])
     wrench = Wrench(0.0, force, np.array([0.01, 0.02, 0.0]), force, 0, 0)
-    assert np.abs(watch.corrected(wrench).torque - wrench.torque).max() < 3e-4
+    assert np.abs(watch.corrected(wrench)[0].torque - wrench.torque).max() < 3e-4
 
 
 @pytest.mark.parametrize("seed", range(5, 10))
@@ -49,16 +52,17 @@ def test_an_expected_error_is_found_within_its_standard_deviation(seed):
     watch = slid(matrix, seed=seed)
     for force in np.eye(3):
         wrench = Wrench(0.0, force, matrix @ force, force, 0, 0)
-        left = watch.corrected(wrench).torque
-        assert np.abs(left).max() < 3.5 * watch.lever_error(force)
-        assert watch.lever_error(force) < EXPECTED[np.argmax(force)]
+        left, error = watch.corrected(wrench)
+        assert np.abs(left.torque).max() < 3.5 * error
+        assert error < EXPECTED[np.argmax(force)]
 
 
 def test_an_error_far_beyond_the_expected_is_found_said_and_weighted_down_at_once():
     matrix = wrong(8.0)
     force = np.array([0.8, 0.0, 0.0])
     early = slid(matrix, seconds=0.6)
-    assert early.lever_error(force) > 1.5 * EXPECTED[0] or early.disagreement > 0.02
+    _, error = early.corrected(Wrench(0.0, force, np.zeros(3), force, 0, 0))
+    assert error > 1.5 * EXPECTED[0] or early.disagreement > 0.02
     late = slid(matrix)
     assert late.surprise > 2.0
     assert late.disagreement == pytest.approx(np.sqrt((matrix**2).sum(axis=0)).max() / 0.05, rel=0.25)
@@ -72,3 +76,33 @@ def test_a_probe_that_sticks_or_lands_teaches_nothing():
         watch.learn(Wrench(k / 125.0, force, matrix @ force, force, k, 0), np.eye(3), np.array([0.0, -0.02, 0.0]))
         watch.learn(Wrench(k / 125.0 + 1e-3, force, matrix @ force, force, k, 0), np.eye(3), np.zeros(3))
     assert watch.disagreement == 0.0
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_kernels_agree_with_their_textbook_form(seed):
+    random = np.random.default_rng(seed)
+    half = random.standard_normal((3, 3))
+    covariance, matrix = 1e-7 * half @ half.T, 1e-3 * random.standard_normal((3, 3))
+    turn = np.eye(4)
+    turn[:3, :3], _ = np.linalg.qr(random.standard_normal((3, 3)))
+    rotation = turn[:3, :3]
+    path = random.standard_normal(3)
+    path /= np.linalg.norm(path)
+    force = random.uniform(0.1, 2.0) * (np.cross(path, random.standard_normal(3)) - random.uniform(0.0, 1.0) * path)
+    torque, velocity = 0.05 * random.standard_normal(3), random.uniform(0.001, 0.05) * rotation @ path
+    out = np.empty(3)
+    error = torque_kernels.correct(matrix, covariance, 1.5, force, torque, out)
+    expected, sigma = naive_torque.correct(matrix, covariance, 1.5, force, torque)
+    assert np.allclose(out, expected, rtol=0.0, atol=1e-15)
+    assert error == pytest.approx(sigma, rel=1e-9)
+
+    params = np.array([0.005, 0.05, 1e-4, 1e-4, 1e-6, ZERO, 0.02])
+    state = np.array([1.0, np.linalg.norm(force) * random.uniform(0.85, 1.15), 0.02, 1.0])
+    information, sums = random.standard_normal((4, 4)), random.standard_normal((4, 3))
+    time = 1.0 + random.uniform(-0.01, 0.06)
+    given_values = (matrix, covariance, time, force, torque, rotation, velocity)
+    wanted = naive_torque.learn(params, state, information, sums, *given_values)
+    used = torque_kernels.learn(params, state, information, sums, *given_values)
+    assert used == wanted[0]
+    for found, value in zip((state, information, sums), wanted[1:]):
+        assert np.allclose(found, value, rtol=1e-9, atol=1e-12)

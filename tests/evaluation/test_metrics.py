@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import Area, InputError, LinkShape, TriangleMesh
 from lwrprobe.evaluation import (
-    aligned_point_error,
+    aligned_points,
     coverage,
     coverage_over_time,
     deviation,
@@ -63,13 +63,13 @@ def test_aligned_errors_leave_out_a_rigid_motion_and_nothing_else():
     rng = np.random.default_rng(3)
     true, noise = rng.uniform(-0.05, 0.05, (400, 3)), 1e-4 * rng.normal(size=(400, 3))
     turn, aside = Rotation.from_euler("xyz", [3.0, -2.0, 5.0], degrees=True), np.array([0.01, 0.02, -0.03])
-    assert aligned_point_error(turn.apply(true) + aside, true).max < 1e-12
-    moved = aligned_point_error(turn.apply(true + noise) + aside, true)
-    assert moved.rms == pytest.approx(aligned_point_error(true + noise, true).rms, rel=1e-9)
+    assert point_error(aligned_points(turn.apply(true) + aside, true), true).max < 1e-12
+    moved = point_error(aligned_points(turn.apply(true + noise) + aside, true), true)
+    assert moved.rms == pytest.approx(point_error(aligned_points(true + noise, true), true).rms, rel=1e-9)
     assert moved.rms < point_error(true + noise, true).rms
     assert moved.rms == pytest.approx(np.sqrt(3) * 1e-4, rel=0.1)
-    assert aligned_point_error(1.01 * true, true).max > 2e-4  # another size is no motion
-    assert aligned_point_error(true[:2], true[:2] + 0.01).max == 0.0
+    assert point_error(aligned_points(1.01 * true, true), true).max > 2e-4  # another size is no motion
+    assert point_error(aligned_points(true[:2], true[:2] + 0.01), true[:2] + 0.01).max == 0.0
 
 
 def test_surface_errors_count_on_both_sides(block):

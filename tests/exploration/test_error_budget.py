@@ -1,13 +1,20 @@
 """Covariances of contacts: each cause against the shift that it really makes."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Contact
-from lwrprobe.exploration.recording.error_budget import ErrorBudget, _of_arm, error_budget
+from lwrprobe.bench.budget import Contacts, drawn_errors
+from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
+from lwrprobe.evaluation import aligned_points
+from lwrprobe.exploration.recording.error_budget import (
+    ErrorBudget,
+    _of_arm,
+    error_budget,
+    expect_mesh_errors,
+    without_rigid_motion,
+)
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.scene import load_scene
 
@@ -34,7 +41,7 @@ def alone(*settings):
 def test_a_cause_of_the_arm_is_the_shift_of_the_tip_by_its_parameters(key, sigma, field, unit):
     scene = alone(f"{key}={sigma}")
     robot = robot_of(scene)
-    found = covariance(_of_arm(scene, SimpleNamespace(robot=robot), Q, np.zeros((2, 3)))["kinematics"])
+    found = covariance(_of_arm(scene, robot, Q, np.zeros((2, 3)))["kinematics"])
     expected = np.zeros((2, 3, 3))
     for joint in range(robot.n):
         value = getattr(robot, field).copy()
@@ -47,7 +54,7 @@ def test_a_cause_of_the_arm_is_the_shift_of_the_tip_by_its_parameters(key, sigma
 def test_a_base_that_is_turned_moves_what_is_far_from_it():
     scene = alone("base_turn_deg=0.1")
     robot = robot_of(scene)
-    found = covariance(_of_arm(scene, SimpleNamespace(robot=robot), Q, np.zeros((2, 3)))["base"])
+    found = covariance(_of_arm(scene, robot, Q, np.zeros((2, 3)))["base"])
     arm = robot.fk_batch(Q)[:, :3, 3] - robot.base[:3, 3]
     assert np.trace(found, axis1=1, axis2=2) == pytest.approx(2.0 * np.radians(0.1) ** 2 * (arm**2).sum(axis=1))
 
@@ -61,31 +68,100 @@ def budget(scene, count=40):
 
 def test_without_uncertainty_only_noise_and_the_rest_remain():
     made = budget(alone())
-    random, whole = made.along_normal
-    assert np.allclose(random, 2e-5)
+    assert made.along_normal() == pytest.approx(2e-5)
     assert made.causes["kinematics"] == made.causes["base"] == made.causes["probe length"] == 0.0
-    assert whole.max() < 1e-4
+    turned = 0.1 * np.sqrt(0.5 * (1.0 / 0.95 - 1.0))  # rad in each of two directions, at this trust
+    assert np.trace(made.covariance()[0]) == pytest.approx(2.0 * (0.005 * turned) ** 2 + 3.0 * 2e-5**2)
 
 
 def test_a_wider_belief_gives_a_wider_band():
-    lab, sheet = (budget(load_scene("block", [f"uncertainty.profile={p}"])) for p in ("lab", "datasheet"))
-    assert sheet.report()["shape_mm"] > 2.0 * lab.report()["shape_mm"]
-    assert lab.report()["whole_mm"] > lab.report()["shape_mm"] > lab.report()["random_mm"]
+    known = ["uncertainty.base_shift_mm=0.0", "uncertainty.base_turn_deg=0.0"]
+    lab, sheet = (budget(load_scene("block", [f"uncertainty.profile={p}", *known])) for p in ("lab", "datasheet"))
+    assert sheet.report()["whole_mm"] > 2.0 * lab.report()["whole_mm"]
+    assert lab.report()["whole_mm"] > lab.report()["shape_mm"] >= lab.report()["random_mm"]
+
+
+def test_a_rigid_motion_is_no_error_of_shape():
+    random = np.random.default_rng(1)
+    points = random.uniform(-0.05, 0.05, (50, 3))
+    motions = [np.tile(axis, (50, 1)) for axis in np.eye(3)] + [np.cross(axis, points) for axis in np.eye(3)]
+    other = random.standard_normal((50, 3))
+    left = without_rigid_motion(points, np.stack([*motions, other], axis=1))
+    assert np.abs(left[:, :6]).max() < 1e-12
+    design = np.stack(motions, axis=2).reshape(150, 6)
+    rest = other.ravel() - design @ np.linalg.lstsq(design, other.ravel(), rcond=None)[0]
+    assert left[:, 6].ravel() == pytest.approx(rest, abs=1e-12)
+    few = without_rigid_motion(points[:1], other[:1, None])
+    assert np.abs(few).max() < 1e-12
+
+
+def test_what_is_left_is_what_the_judge_of_shapes_sees():
+    random = np.random.default_rng(2)
+    points = random.uniform(-0.05, 0.05, (40, 3))
+    shift = 1e-6 * random.standard_normal((40, 3)) + np.cross([1e-4, 2e-4, -1e-4], points) + 3e-4
+    left = without_rigid_motion(points, shift[:, None])[:, 0]
+    assert aligned_points(points + shift, points) - points == pytest.approx(left, abs=5e-8)
 
 
 def test_errors_drawn_from_the_covariance_lie_inside_in_95_of_100():
     random = np.random.default_rng(4)
     root = np.diag([1e-4, 3e-4, 2e-4])
-    parts = np.repeat((root @ root)[None], 4000, axis=0)
-    made = ErrorBudget(0.5 * parts, 0.5 * parts, np.repeat([[0.0, 0.0, 1.0]], 4000, axis=0), {})
+    part = np.repeat((0.5 * root @ root)[None], 4000, axis=0)
+    rows = np.repeat((np.sqrt(0.5) * root)[None], 4000, axis=0)
+    up = np.repeat([[0.0, 0.0, 1.0]], 4000, axis=0)
+    made = ErrorBudget.of(random.uniform(-1.0, 1.0, (4000, 3)), up, {"noise": part}, {"common": rows})
     errors = random.standard_normal((4000, 3)) @ root
-    assert made.claims_within_95(errors, np.ones(4000, dtype=bool)) == pytest.approx(0.95, abs=0.015)
+    every = np.ones(4000, dtype=bool)
+    assert made.claims_within_95(errors, every) == pytest.approx(0.95, abs=0.015)
+    assert made.claims_within_95(np.sqrt(0.5) * errors, every, aligned=True) == pytest.approx(0.95, abs=0.015)
     assert made.claims_within_95(np.empty((0, 3)), np.zeros(4000, dtype=bool)) is None
+
+
+@pytest.mark.parametrize("profile", ["lab", "datasheet"])
+def test_over_many_drawn_worlds_the_claims_hold(profile):
+    """Forward kinematics of drawn arms and probes, pooled over draws: a single draw moves all contacts together."""
+    random = np.random.default_rng(3)
+    scene = load_scene("block", [f"uncertainty.profile={profile}"])
+    pipeline, count = compose(scene, choose(scene), 0.001, 125.0), 200
+    joints = Q[0] + random.uniform(-0.06, 0.06, (count, 7))
+    normals = np.eye(3)[random.integers(0, 3, count)] * random.choice([-1.0, 1.0], (count, 1))
+    paths = np.cross(normals, random.standard_normal((count, 3)))
+    paths /= np.linalg.norm(paths, axis=1, keepdims=True)
+    forces = 0.8 * normals - 0.25 * paths
+    tips = pipeline.robot.fk_batch(joints)[:, :3, 3]
+    contacts = [
+        Contact(0.1 * k, tips[k] - 0.005 * normals[k], normals[k], forces[k], tips[k], 0.98) for k in range(count)
+    ]
+    made = error_budget(scene, pipeline, contacts, joints, 0.008 * paths)
+    gives = pipeline.force.compliance_sigma(5e-5, 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"))
+    known = Contacts(scene, pipeline.robot, contacts, joints, 0.008 * paths, gives)
+    inside = {False: [], True: []}
+    for seed in range(150):
+        errors = drawn_errors(known, profile, seed)
+        left = aligned_points(made.points + errors, made.points) - made.points
+        for aligned, found in ((False, errors), (True, left)):
+            inside[aligned].append(made.claims_within_95(found, np.ones(count, dtype=bool), aligned))
+    assert 0.90 <= np.mean(inside[False]) <= 0.98
+    assert 0.90 <= np.mean(inside[True]) <= 0.98
+
+
+def test_the_mesh_takes_over_the_error_of_the_nearest_contact():
+    made = budget(load_scene("block"), 5)
+    mesh = TriangleMesh(
+        np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]), np.array([[0, 1, 2]]), np.full(3, 3e-5)
+    )
+    surface = Reconstruction(mesh, unreachable=np.array([False, False, True]))
+    table = expect_mesh_errors(made, surface)
+    expected = np.hypot(3e-5, np.sqrt(2.0 / np.pi) * made.along_normal()[0])
+    assert mesh.vertex_error == pytest.approx(expected)
+    assert mesh.vertex_error_aligned.max() < mesh.vertex_error.min()
+    assert table["mean"] == pytest.approx(1e3 * expected, abs=1e-4)
 
 
 def test_the_file_has_a_row_for_each_contact(tmp_path):
     made = budget(load_scene("block"), 5)
     made.write(tmp_path / "contact_errors.csv", [0.1 * k for k in range(5)])
     rows = np.loadtxt(tmp_path / "contact_errors.csv", delimiter=",", skiprows=1)
-    assert rows.shape == (5, 9)
-    assert rows[:, 2] == pytest.approx(1e3 * made.along_normal[1], rel=1e-4)
+    assert rows.shape == (5, 10)
+    assert rows[:, 2] == pytest.approx(1e3 * made.along_normal(), rel=1e-4)
+    assert rows[:, 9] == pytest.approx(1e3 * made.along_normal(aligned=True), rel=1e-4)

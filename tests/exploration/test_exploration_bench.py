@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.bench import exploration
+from lwrprobe.bench import error_curves, exploration
 from lwrprobe.bench.threat_pictures import touches_of
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
@@ -19,6 +19,7 @@ def made_up(job):
         "scene": scene, "strategy": strategy, "profile": profile, "seed": seed, "status": "done", "collisions": 0,
         "peak_force_n": 2.0, "range_used": 0.5, "contact_median": 3.0 * error if thesis else error,
         "contact_p95": 0.2, "coverage": 0.8 if thesis else 0.99, "reachable": 0.99, "ends": None if thesis else 0.1,
+        "curve": [(30.0, 2.0, 9.0), (60.0, 0.25, 0.9), (90.0, 0.4, 1.5), (120.0, 0.2, 0.7)],
         "mesh": 0.05, "ratio": 1.9, "time": 200.0 if thesis else 100.0, "growth": [[1.0, 0.1], [100.0, 0.99]],
     }  # fmt: skip
 
@@ -31,13 +32,13 @@ def report(monkeypatch):
 
 def test_three_seeds_of_both_profiles_are_the_default(report):
     rows = report.tables[0].rows
-    assert len(rows) == 2 * 3 * 2 * 3
+    assert len(rows) == 2 * 5 * 2 * 3
     assert {row[3] for row in rows} == {1, 2, 3}
 
 
 def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path):
     table = report.tables[-1]
-    assert len(table.rows) == 2 * 3
+    assert len(table.rows) == 2 * 5
     cells = dict(zip(table.columns, table.rows[0]))
     assert cells["contact mm"] == pytest.approx(0.06)  # the middle seed
     assert cells["contact mm, factor"] == pytest.approx(3.0)
@@ -51,7 +52,7 @@ def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path)
 def test_the_requirements_are_held_against_ours_alone(report):
     coverage = next(verdict for verdict in report.verdicts if "coverage" in verdict.requirement)
     assert coverage.held
-    assert coverage.measured.startswith("18 of 18")
+    assert coverage.measured.startswith("24 of 24")
 
 
 def test_without_the_other_profile_nothing_is_compared(monkeypatch):
@@ -59,6 +60,27 @@ def test_without_the_other_profile_nothing_is_compared(monkeypatch):
     report = exploration.run(True, {})
     assert not [table for table in report.tables if "thesis" in table.title]
     assert len(report.tables[0].rows) == 2
+
+
+def test_seconds_count_from_when_the_error_stays_small():
+    curve = made_up(("block", "active", "default", 1))["curve"]
+    assert error_curves.seconds_to(curve, 0.3) == 120.0
+    assert error_curves.seconds_to(curve, 0.5) == 60.0
+    assert error_curves.seconds_to(curve, 0.5, 1.0) == 120.0
+    assert error_curves.seconds_to(curve, 0.1) is None
+    assert error_curves.columns(curve) == {
+        "seconds_1": 60.0, "seconds_0.3": 120.0, "seconds_0.1": None, "seconds_goal": 120.0,
+    }  # fmt: skip
+
+
+def test_all_curves_are_drawn(report):
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    report.figures["error"](figure)
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["block", "bridge"]
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels == [*exploration.STRATEGIES, exploration.POKES]
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "1,2", "many"])

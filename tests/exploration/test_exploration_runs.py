@@ -176,7 +176,8 @@ def test_a_failing_strategy_is_named_and_its_data_kept(tmp_path, monkeypatch):
 
 def test_what_was_touched_survives_a_kill(tmp_path):
     code = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
-    arguments = ["explore", "block", "--out", "run", "--quiet", "--realtime"]
+    top = ["--set", "area.lower=[-0.012, -0.012, 0.045]", "--set", "area.upper=[0.012, 0.012, 0.058]"]
+    arguments = ["explore", "sphere", "--out", "run", "--quiet", "--realtime", *top]
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=tmp_path)
     contacts = tmp_path / "run" / "contacts.csv"
     give_up = time.monotonic() + 240.0
@@ -189,7 +190,7 @@ def test_what_was_touched_survives_a_kill(tmp_path):
     assert all(len(row) == 9 for row in rows[:-1])
 
 
-@pytest.mark.parametrize("strategy", ["orientation_change"])
+@pytest.mark.parametrize("strategy", ["grid_version", "orientation_change"])
 def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end(strategy, tmp_path):
     changes = ["run.seed=7", "truth.profile=ideal", f"strategy.name={strategy}", "strategy.step=0.02"]
     summary = explore(load_scene("overhang", changes), tmp_path / strategy)

@@ -115,6 +115,18 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 
+def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
+    (light, _), (heavy, _) = stage(), stage()
+    light.begin(0.0135)
+    heavy.begin(0.0135, tip_mass=3.2)
+    assert heavy.touch_speed < 0.5 * light.touch_speed
+    before = heavy.touch_speed
+    press(heavy)
+    assert heavy.touch_speed == before
+    assert heavy.report()["arm_mass_at_tip_kg"] == 3.2
+    assert heavy.report()["stiffness_found"] is None
+
+
 def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_on():
     force, _ = stage()
     force.begin(0.0135)

@@ -5,7 +5,7 @@ import pytest
 
 from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
 from lwrprobe.exploration.loop.devices import Devices
-from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.reaction import MOST_LATE, ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
@@ -96,7 +96,7 @@ def run(monkeypatch, tmp_path, stops, settings=(), confirm=None, **how):
 
     monkeypatch.setattr(Devices, "assemble", classmethod(with_stops))
     scene = load_scene("cylinder_vertical", [*SMALL, *settings])
-    with Exploration(scene, tmp_path / "run", message=said.append, confirm=confirm) as exploration:
+    with Exploration(scene, RunOptions(out=tmp_path / "run", message=said.append, confirm=confirm)) as exploration:
         for _ in exploration:
             pass
     return exploration.finish(), made[0], said
@@ -159,7 +159,7 @@ def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monke
 def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute):
     burst = [f"truth.loss_burst_ms={milliseconds}", f"truth.loss_bursts_per_min={per_minute}"]
     scene = load_scene("cylinder_vertical", [*SMALL, *burst])
-    with Exploration(scene, tmp_path / "run") as exploration:
+    with Exploration(scene, RunOptions(out=tmp_path / "run")) as exploration:
         for _ in exploration:
             pass
     summary = exploration.finish()

@@ -54,7 +54,8 @@ def test_a_loose_certificate_ends_the_run_at_the_first_look():
 @pytest.mark.parametrize(
     ("rule", "named"),
     [
-        ("run.until.accurate=0.3", "accurate"),
+        ("run.until.exact=0.3", "exact"),
+        ("run.until.accurate=0", "accurate"),
         ("run.until.time=-3", "time"),
         ("run.until.time=soon", "time"),
         ("run.until.certified=nan", "certified"),

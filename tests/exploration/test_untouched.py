@@ -47,10 +47,18 @@ def test_a_side_without_contacts_is_one_place_with_its_area(without):
     (place,) = found(*(side for k, side in enumerate(SIDES) if k != without))
     whole = 4.0 * HALF * HALF if without == 4 else 2.0 * HALF * (HIGH - LOW)
     assert place.area == pytest.approx(whole, rel=0.1)
-    assert place.reason == REASONS[2]
+    assert place.reason == REASONS[3]
     row = place.as_dict()
     assert row["area_mm2"] == pytest.approx(1e6 * place.area, abs=0.06)
     assert len(row["place"]) == 2
+
+
+def test_where_the_probe_would_meet_what_was_touched_that_is_the_reason():
+    sides = [side for side in SIDES if side != (1, -1)]
+    (place,) = untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, lambda centre: centre[1] < -HALF)
+    assert place.reason == REASONS[2]
+    (place,) = untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, lambda centre: centre[1] > HALF)
+    assert place.reason == REASONS[3]
 
 
 def test_what_faces_down_and_what_lies_outside_the_area_is_said():

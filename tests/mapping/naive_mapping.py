@@ -179,3 +179,13 @@ class ConvexObject:
             slope = np.column_stack([(self.distance(found + eps * np.eye(3)[i]) - base) / eps for i in range(3)])
             found = found - base[:, None] * slope
         return found
+
+
+def distances(marked, edge):
+    """From each grid point to the nearest one that is not marked: all pairs."""
+    free = np.argwhere(~marked)
+    if not len(free):
+        return np.full(marked.shape, np.inf)
+    points = np.argwhere(np.ones(marked.shape, bool))
+    squares = ((points[:, None] - free[None]) ** 2).sum(axis=2)
+    return edge * np.sqrt(squares.min(axis=1)).reshape(marked.shape)

@@ -105,3 +105,16 @@ def test_a_turned_box():
 def test_points_on_a_line_are_refused():
     with pytest.raises(InputError):
         fit(TouchRecord(np.outer(np.arange(50.0), [0.001, 0, 0])))
+
+
+def test_what_all_contacts_share_adds_to_the_dimensions():
+    record = sample_lines(load_scene("sphere").solid(), 0.01, 0.25)
+    plain = fit(record)[0]
+
+    def shifts(points, normals):
+        return np.full((len(points), 1), 1e-4), np.zeros((len(points), 1))
+
+    larger, aside = fit(record, shifts)[0], fit(record, lambda _, n: (n[:, :1], n[:, 1:2]))[0]
+    assert larger.uncertainty["radius"] == pytest.approx(np.hypot(1e-4, plain.uncertainty["radius"]), rel=1e-2)
+    assert larger.uncertainty_aligned["radius"] == pytest.approx(plain.uncertainty["radius"])
+    assert aside.uncertainty["radius"] < 0.1, "a sphere that is moved by a metre is no larger"

@@ -274,7 +274,7 @@ def test_a_profile_lies_over_the_scene_and_under_the_overrides(tmp_path):
         "force_direction",
         "voxels",
     )
-    assert thesis.strategy.options == {"climb": False, "near_sides": False, "across": False, "find_ends": False}
+    assert thesis.strategy.options == dict.fromkeys(("climb", "low_lines", "near_sides", "across", "find_ends"), False)
     assert thesis.objects == plain.objects
     assert thesis.area == plain.area
     assert load_scene("block", ["motion.mode='cartesian'"], "thesis").motion.mode == "cartesian"

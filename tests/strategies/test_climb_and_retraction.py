@@ -13,7 +13,7 @@ from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, Pace
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, way_back
-from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, WARY, WITNESSES, ShaftMemory
+from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from strategy_task import AREA, DOWN, task
 
@@ -85,11 +85,11 @@ def wall(y, x=0.0, normal=(0.0, -1.0, 0.0)):
     return touched
 
 
-def pieces(shaft, line, touched):
+def pieces(line, touched):
     """(begin, end, whether with care) of all pieces in which a line is driven."""
     here, found = line.start, []
     while abs(here[line.axis] - line.end) > 1e-9:
-        end, careful = shaft.stretch(line, here, touched)
+        end, careful = stretch(line, here, touched, 0.015)
         assert line.sign * (end - here[line.axis]) > 1e-4, "each piece leads on"
         found.append((float(here[line.axis]), end, careful))
         here = line.at(end)
@@ -101,41 +101,18 @@ LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
 
 
 def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
-    assert pieces(ShaftMemory(0.015), LINE, ContactMemory()) == [(-BORDER, BORDER, True)]
+    assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, True)]
     passed = ContactMemory()
     passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
-    assert pieces(ShaftMemory(0.015), LINE, passed) == [(-BORDER, BORDER, False)], "the line beside met nothing"
-    assert pieces(ShaftMemory(0.015), Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2], "too far beside"
+    assert pieces(LINE, passed) == [(-BORDER, BORDER, False)], "the line beside met nothing"
+    assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2], "too far beside"
 
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
-    first, second, third = pieces(ShaftMemory(0.015), LINE, wall(-0.03, 0.01))
+    first, second, third = pieces(LINE, wall(-0.03, 0.01))
     assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), False)
     assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), True)
     assert third[1:] == (BORDER, False)
-
-
-@pytest.mark.parametrize("how", ["stick", "leaning wall"])
-def test_a_line_is_driven_with_care_from_before_what_stands_out_beside_it(how):
-    shaft, touched = ShaftMemory(0.015), ContactMemory()
-    if how == "stick":
-        shaft.add(Line(1, 0.01, -BORDER, BORDER, 0.006), np.array([0.01, -0.03, 0.006]))
-        touched.passed(np.array([0.01, -0.05, 0.006]), 0.01)
-        touched.add(np.array([0.01, -0.03, 0.05]), np.zeros(3), np.array([0.0, -1.0, 0.0]), 0.01)
-    else:
-        for k in range(WITNESSES + 1):
-            leaning = wall(-0.03 - 0.0005 * k, 0.01, normal=(0.0, -0.9, -0.4)).contacts()[0]
-            touched.add(leaning[:3], leaning[3:6], leaning[6:9], 0.01)
-        assert pieces(shaft, LINE, wall(-0.03, 0.01, normal=(0.0, -0.9, -0.4)))[0][1] > -0.03, "one may be noise"
-    first, second, *_ = pieces(shaft, LINE, touched)
-    assert first == (-BORDER, pytest.approx(-0.03 - WARY), False)
-    assert second[2]
-    assert second[1] > -0.03
-    turned_line = LINE.turned()
-    if how == "stick":
-        first, second, *_ = pieces(shaft, turned_line, touched)
-        assert first[1] == pytest.approx(-0.03 + WARY), "what stands out on one side may do so on the other"
-        assert second[2]
 
 
 def seen(place, trust=None, rotation=DOWN, clearance=None):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lwrprobe.contracts import Area
+from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.free_space import GAP, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
@@ -18,6 +18,7 @@ from lwrprobe_strategies.planning.paths import (
     THERE,
     Pace,
     Speeds,
+    clear_of,
     line_height,
     lowest_beside,
     path_to,
@@ -127,6 +128,61 @@ def test_along_the_border_or_over_the_top_whatever_is_quicker(distance, above):
     assert any(piece.place[2] == TOP for piece in pieces) is above
     along = abs(distance) / SPEEDS.guarded(np.array([1.0, 0.0, 0.0]))
     assert seconds(pieces, here, SPEEDS) <= along + 0.5
+
+
+def test_no_path_leads_sideways_through_what_was_touched():
+    line, free = Line(0, -0.03, 0.02, 0.03, 0.006), column(0.02, 0.05, 0.006)
+    here, asked = np.array([0.0, 0.0, 0.05]), []
+
+    def clear(begin, end):
+        asked.append((begin, end))
+        return False
+
+    assert way(line, here, free)[-2].place == pytest.approx([0.02, 0.05, 0.006])
+    around = path_to(line, here, DOWN, AREA, free, SPEEDS, clear)
+    begin, end = asked[0]
+    assert begin == pytest.approx([0.02, 0.05, 0.006])
+    assert end == pytest.approx(line.start)
+    before = here
+    for piece in around:
+        sideways = np.abs(piece.place - before)[:2].max() > THERE
+        assert not sideways or piece.place[2] == TOP
+        before = piece.place
+    assert tuple(before) == tuple(line.start)
+
+
+def test_a_way_is_clear_where_neither_stick_nor_body_passes_what_was_touched():
+    body_bottom, half = 0.05, 0.0125
+    pose = np.eye(4)
+    pose[2, 3] = -body_bottom - 0.02
+    t = task(links=(LinkShape("holder", "cylinder", (half, 0.04), pose),))
+    begin, end = np.array([0.0, -0.05, 0.01]), np.array([0.0, 0.05, 0.01])
+
+    def clear(x, y, z):
+        return clear_of(np.array([[x, y, z]]), t)(begin, end)
+
+    assert not clear(0.0, 0.0, 0.03), "in the stick's way"
+    assert clear(0.0, 0.0, 0.005), "below the sphere"
+    assert clear(0.01, 0.0, 0.03), "beside the stick"
+    assert not clear(0.01, 0.0, 0.08), "in the body's way"
+    assert clear(0.02, 0.0, 0.08)
+    assert clear(0.01, -0.05, 0.08), "near already"
+
+
+def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():
+    free = stand(nowhere(), *([x, 0.0, 0.006] for x in np.arange(-0.05, -0.0399, 0.001)))
+    stand(free, *([-0.04, 0.0, z] for z in np.arange(0.007, 0.0451, 0.001)))
+    here, line = np.array([-0.04, 0.0, 0.045]), Line(0, 0.01, -0.05, -0.04, 0.006)
+    *back, last = way(line, here, free)
+    assert {piece.pace for piece in back} == {Pace.FREE}
+    assert max(piece.place[2] for piece in back) < 0.046, "not over the top"
+    assert back[-1].place == pytest.approx([-0.05, 0.0, 0.006], abs=0.011)
+    assert (last.pace, tuple(last.place)) == (Pace.GUARDED, tuple(line.start))
+    far = Line(0, 0.05, -0.05, -0.04, 0.006)
+    assert any(piece.place[2] == TOP for piece in way(far, here, free)), "too far beside"
+    leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
+    stand(free, [-0.04, 0.0, 0.046], rotation=leaning)
+    assert free.back_to(line.start, 0.02) is None, "it leaned on the way"
 
 
 @settings(max_examples=60, deadline=None)

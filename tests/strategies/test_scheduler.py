@@ -15,7 +15,7 @@ RADIUS = 0.005
 
 def grid_alone(first_line="border"):
     return LineScheduler(
-        task(), ContactMemory(), 0.01, first_line, near_sides=False, across=False, ends=False
+        task(), ContactMemory(), 0.01, first_line, low=False, near_sides=False, across=False, ends=False
     )  # fmt: skip
 
 

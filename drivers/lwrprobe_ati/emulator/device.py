@@ -297,7 +297,7 @@ class AtiEmulator:
             self._socket.sendto(data, self._destination)
             self.sent += 1
         except OSError:
-            pass  # as over the radio: nobody hears it
+            pass  # as over the radio: it is lost
 
     def _restart(self, seconds: float) -> None:
         """As after a switch-off: stream and console are gone, bias and settings too, the clock is arbitrary."""

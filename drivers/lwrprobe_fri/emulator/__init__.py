@@ -1,4 +1,4 @@
-"""An emulated KRC2 lr that speaks FRI 1.0 to the byte; shares no code with the driver."""
+"""An emulated KRC2 lr that implements FRI 1.0 byte for byte; shares no code with the driver."""
 
 from lwrprobe_fri.emulator.controller import Controller, ControllerSettings
 from lwrprobe_fri.emulator.device import FriEmulator

@@ -1,8 +1,9 @@
 """Scenes x strategies x profiles x seeds, explored: errors, coverage, time against the bound, and what it cost.
 
-Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. Options (`--set`):
-`scenes`, `strategies`, `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side
-by side.
+Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. The error over time is
+that of the mesh as if the run had ended at each of some instants. Options (`--set`): `scenes`, `strategies` (those of
+plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
+side.
 """
 
 from __future__ import annotations
@@ -15,19 +16,26 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.error_curves import Row, columns, draw_curves, error_curve
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.stroke_pictures import SCENE as STROKED
+from lwrprobe.bench.stroke_pictures import STRATEGY as STROKES
+from lwrprobe.bench.stroke_pictures import draw_strokes, strokes_of
 from lwrprobe.bench.threat_pictures import SCENE as STACKED
 from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.scene import Scene
 from lwrprobe.sweeps.execute import run_local
 
 SOURCE_SCENES = (
     "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
     "jaw_chuck", "stacked_blocks",
 )  # fmt: skip
-STRATEGIES = ("grid_version", "surface_contour", "orientation_change")
+STRATEGIES = ("grid_version", "surface_contour", "orientation_change", "active")
+POKES = "random_pokes"
+"""What the strategies are compared with, in error against time alone: it does not set out to cover the object."""
 QUICK_SCENES = ("block", "stacked_blocks")
 DEFAULT, THESIS = "default", "thesis"
 
@@ -42,6 +50,10 @@ COLUMNS = {
     "range used": "range_used",
     "contact mm": "contact_median",
     "p95 mm": "contact_p95",
+    "s to 1 mm": "seconds_1",
+    "s to 0.3 mm": "seconds_0.3",
+    "s to 0.1 mm": "seconds_0.1",
+    "s to 0.3 and p95 1 mm": "seconds_goal",
     "coverage": "coverage",
     "of upright": "coverage_upright",
     "ends mm": "ends",
@@ -73,10 +85,14 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.table("Every run", list(COLUMNS), rows)
     report.tables += _summaries(found)
     report.tables += _beside_thesis(found)
-    report.verdicts = _verdicts([item for item in found if item["profile"] == DEFAULT])
+    report.verdicts = _verdicts([item for item in found if item["profile"] == DEFAULT and item["strategy"] != POKES])
     report.figures["coverage"] = partial(_draw_growth, found=found)
+    if any(item.get("curve") for item in found):
+        report.figures["error"] = partial(draw_curves, found=found)
     if any(item.get("touches") for item in found):
         report.figures["touches"] = partial(draw_touches, found=found)
+    if any(item.get("strokes") for item in found):
+        report.figures["strokes"] = partial(draw_strokes, found=found)
     report.data["runs"] = found
     return report
 
@@ -84,7 +100,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, str, int]], int]:
     asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs")
     scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
+    strategies = asked.words("strategies", STRATEGIES[:1] if quick else (*STRATEGIES, POKES))
     profiles = asked.words("profiles", (DEFAULT,) if quick else (DEFAULT, THESIS))
     seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
     return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1)
@@ -92,7 +108,6 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, st
 
 def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
-    from lwrprobe.exploration.procedures.explore import explore
     from lwrprobe.scene import load_scene
 
     name, strategy, profile, seed = job
@@ -100,12 +115,13 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     try:
         settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
         scene = load_scene(name, settings, None if profile == DEFAULT else profile)
-        if (name, profile, seed) == (STACKED, DEFAULT, 1):
+        touched = (name, profile, seed) == (STACKED, DEFAULT, 1)
+        if touched or (name, strategy, profile, seed) == (STROKED, STROKES, DEFAULT, 1):
             with TemporaryDirectory() as folder:
-                summary = explore(scene, Path(folder))
-                record["touches"] = touches_of(Path(folder))
+                summary, curve = _run(scene, Path(folder))
+                record |= {"touches": touches_of(Path(folder))} if touched else {"strokes": strokes_of(Path(folder))}
         else:
-            summary = explore(scene)
+            summary, curve = _run(scene, None)
     except LwrprobeError as error:
         return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
     contact, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
@@ -136,12 +152,29 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         "real_time": summary["real_time_factor"],
         "left_out": [item["stage"] for item in summary["left_out"]],
         "growth": summary["coverage_over_time"] or [],
+        "curve": curve,
+        **columns(curve),
     }
+
+
+def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], list[Row]]:
+    """The summary of a whole run, and the error of its mesh over time."""
+    from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
+
+    with Exploration(scene, RunOptions(out=folder)) as exploration:
+        for _ in exploration:
+            pass
+    summary = exploration.finish().as_dict()
+    truth = exploration.truth
+    return summary, error_curve(exploration, truth) if truth is not None else []
 
 
 def _summaries(found: list[dict[str, Any]]) -> list[Table]:
     """Medians over the seeds and scenes, a row each strategy and profile."""
-    keys = ("contact_median", "contact_p95", "coverage", "ends", "mesh", "ratio", "time")
+    keys = (
+        "contact_median", "contact_p95", "coverage", "ends", "mesh", "ratio", "time", "seconds_1", "seconds_0.3",
+        "seconds_0.1", "seconds_goal",
+    )  # fmt: skip
     rows = []
     for strategy, profile in sorted({(item["strategy"], item["profile"]) for item in found}):
         own = [item for item in found if (item["strategy"], item["profile"]) == (strategy, profile)]
@@ -158,6 +191,10 @@ def _summaries(found: list[dict[str, Any]]) -> list[Table]:
         "mesh mm",
         "times bound",
         "s",
+        "s to 1 mm",
+        "s to 0.3 mm",
+        "s to 0.1 mm",
+        "s to 0.3 and p95 1 mm",
     ]
     return [Table("Medians over scenes and seeds", columns, rows)]
 
@@ -221,9 +258,10 @@ def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
 
 def _draw_growth(figure: Any, found: list[dict[str, Any]]) -> None:
     """Coverage against robot time, one curve a run of the first seed."""
-    axes = figure.subplots(1, len(STRATEGIES), sharey=True)
+    strategies = list(dict.fromkeys(item["strategy"] for item in found))
+    axes = figure.subplots(1, len(strategies), sharey=True, squeeze=False)[0]
     seed = min(item["seed"] for item in found)
-    for panel, strategy in zip(axes, STRATEGIES):
+    for panel, strategy in zip(axes, strategies):
         for item in found:
             if item["strategy"] != strategy or item["seed"] != seed or not item["growth"]:
                 continue

@@ -204,8 +204,19 @@ SUMMARIES = {
         ("scene", "world", "status", "peak N", "contact median mm", "contact p95 mm", "mesh mean mm", "coverage"),
         "The same explorations were run in two simulated worlds, `sim` and MuJoCo's.",
         lambda f: (
-            f"With a light arm in MuJoCo's world: {f.measured('status done')} done, {f.measured('true peak')} with at "
-            "most 3 N. An arm with its own mass presses harder when it meets a surface."
+            f"With a light arm in MuJoCo's world: {f.measured('status done: mujoco, arm of 1 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 1 kg')} with at most 3 N. With an arm of 16 kg: "
+            f"{f.measured('status done: mujoco, arm of 16 kg')} done, "
+            f"{f.measured('true peak force <= 3 N: mujoco, arm of 16 kg')} with at most 3 N."
+        ),
+    ),
+    "budget": Summary(
+        "Share inside",
+        (),
+        "The contacts of one run were moved by the departures of many drawn worlds, and held against the error budget.",
+        lambda f: (
+            f"Inside the stated 95 % region: {f.measured('absolute')} of the errors, and {f.measured('after')} after "
+            "alignment."
         ),
     ),
     "calibration": Summary(
@@ -247,6 +258,21 @@ SUMMARIES = {
         ),
         "Whole explorations ran over real sockets while the host was kept busy, or processes were halted.",
         lambda f: f"Runs that came to their end: {f.count('What became of each run', 'status', 'done')}.",
+    ),
+    "kills": Summary(
+        "Resumed",
+        (),
+        "Recorded runs were killed at random times, their folders recovered and read, and some of them resumed.",
+        lambda f: (
+            f"Folders that could not be read: {f.measured('no folder')}; runs that were done after they were resumed: "
+            f"{f.measured('resumed runs')}."
+        ),
+    ),
+    "endurance": Summary(
+        "The process",
+        (),
+        "Explorations ran back to back in one process.",
+        lambda f: f"Explorations that were done: {f.measured('all explorations')}.",
     ),
     "loop": Summary(
         "Compute, jitter",

@@ -81,6 +81,7 @@ class Outcome:
     summary : the run's, empty where there is none
     truth : the rig's: peak force, collisions
     halts : how often a process was halted
+    said : the last line on the run's standard error, where it has left no summary
     """
 
     scene: str
@@ -89,6 +90,7 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     truth: dict[str, Any] = field(default_factory=dict)
     halts: int = 0
+    said: str = "-"
 
     @property
     def peak(self) -> float:
@@ -158,10 +160,13 @@ def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], 
     explore += [word for key, value in addresses.items() for word in ("--set", f'{key}="{value}"')]
     with tempfile.TemporaryDirectory() as folder, _rig(name, scene, [*devices, "--seed", str(seed), *words]):
         out = Path(folder) / "run"
-        with _busy(disturbance.busy), _exploring([*explore, "--out", str(out), "--quiet"]) as process:
+        words, said = [*explore, "--out", str(out), "--quiet"], Path(folder) / "said"
+        with _busy(disturbance.busy), _exploring(words, said) as process:
             outcome.halts = _disturb(process, disturbance, out, seed)
         if (out / "summary.json").is_file():
             outcome.summary = json.loads((out / "summary.json").read_text())
+        else:
+            outcome.said = (said.read_text(errors="replace").splitlines() or ["-"])[-1]
         outcome.truth = _truth(control)
     return outcome
 
@@ -185,8 +190,9 @@ def _busy(wanted: bool) -> Iterator[None]:
 
 
 @contextmanager
-def _exploring(arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen([sys.executable, "-c", _EXPLORE, *arguments], stderr=subprocess.DEVNULL)
+def _exploring(arguments: list[str], said: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with said.open("wb") as stream:
+        process = subprocess.Popen([sys.executable, "-c", _EXPLORE, *arguments], stderr=stream)
     try:
         yield process
     finally:
@@ -264,5 +270,5 @@ def _row(o: Outcome) -> list[Any]:
         s.get("reentries"),
         sensor,
         s.get("sensor_gaps"),
-        s.get("reason", "-"),
+        s.get("reason", o.said),
     ]

@@ -3,10 +3,17 @@
 A scene reads the file of a calibration; the kernels of the solver are imported only by who uses it.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lwrprobe.calibration.calibration_file import Calibration, Quantity, read_calibration, write_calibration
+from lwrprobe.calibration.calibration_file import (
+    Calibration,
+    Quantity,
+    previous_path,
+    read_calibration,
+    write_calibration,
+)
+from lwrprobe.calibration.drift import Drift, drifts
+from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
     from lwrprobe.calibration.free_readings import Load, identify_load
@@ -19,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Calibration",
     "CalibrationRefused",
+    "Drift",
     "FreeReading",
     "Load",
     "Parameters",
@@ -27,8 +35,10 @@ __all__ = [
     "Solution",
     "Touch",
     "Touches",
+    "drifts",
     "force_to_torque",
     "identify_load",
+    "previous_path",
     "read_calibration",
     "solve",
     "tool_shift_rows",
@@ -50,9 +60,4 @@ _MODULES = {
     "tool_shift_rows": "quantities",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    return value
+__getattr__ = imported_on_use(__name__, _MODULES)

@@ -89,10 +89,18 @@ class Calibration:
         return np.array(self.quantities[name].sigma)
 
 
+def previous_path(path: str | Path) -> Path:
+    """Where the calibration is kept that stood in a file before, `calibration.previous.toml` beside it."""
+    return Path(path).with_suffix(".previous.toml")
+
+
 def write_calibration(calibration: Calibration, path: str | Path) -> None:
-    """Write `calibration.toml`."""
+    """Write `calibration.toml`; what stood there is kept (`previous_path`), for the comparison with it."""
     import tomli_w
 
+    path = Path(path)
+    if path.is_file():
+        path.replace(previous_path(path))
     content = {
         "format": FORMAT,
         "date": calibration.date,
@@ -113,7 +121,7 @@ def write_calibration(calibration: Calibration, path: str | Path) -> None:
             for name, quantity in calibration.quantities.items()
         },
     }
-    Path(path).write_bytes(tomli_w.dumps(content).encode())
+    path.write_bytes(tomli_w.dumps(content).encode())
 
 
 def read_calibration(path: str | Path) -> Calibration:

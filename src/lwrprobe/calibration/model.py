@@ -13,8 +13,11 @@ from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.kinematics import Robot
 
-_PLACE_NOISE = 4e-6
-"""m, of one sample against the others of its touch."""
+_PLACE_NOISE = 8e-6
+"""m, of one sample against the others of its touch: four times what the noise of a force makes of the stick's bending.
+The noise is in the force that predicts the place. Stated as small as it is, the solver would choose the matrix of the
+sensor that makes it smaller, and the stick would seem stiffer by its share.
+"""
 _TURN_SHARE = 0.8
 """Share of the sensor's hysteresis that its model leaves."""
 _BENT = 0.1
@@ -110,8 +113,8 @@ class Model:
         gaps = np.concatenate([probe.force_range, probe.torque_range])
         self.rows = _rows(robot, touches, gaps, priors)
         self._lever = np.array([0.0, 0.0, probe.sensor_distance])
-        self._touches = len(touches)
-        self._of_touch = [np.flatnonzero(self.rows.touch == k) for k in range(self._touches)]
+        self.touches = len(touches)
+        self._of_touch = [np.flatnonzero(self.rows.touch == k) for k in range(self.touches)]
         # Torques while the force rises alone: then each axis of the sensor lags behind by the same all the while.
         self._rising = [mine[touch.rising] for mine, touch in zip(self._of_touch, touches)]
         self._whiten_torque = [self._torque_whitening(mine) for mine in self._rising]
@@ -277,6 +280,16 @@ class Model:
                 torque[:, :, where] = by_torque * true[:, j : j + 1]
         return np.vstack([*self._whitened(gap, torque), np.diag(1.0 / self.parameters.sigma)])
 
+    def by_shift(self, x: Vector, since: int) -> np.ndarray:
+        """(r, 3): derivative of `residuals` by a shift [m] of the reference sphere from touch `since` on."""
+        gap = self._shifted(self._state(x), since)
+        return np.vstack([*self._whitened(gap, np.zeros((len(gap), 3, 3))), np.zeros((len(x), 3))])
+
+    def _shifted(self, state: _State, since: int) -> np.ndarray:
+        """(N, 3): derivative of the residuals of place by that shift."""
+        mine = ~self.rows.on_table & (self.rows.touch >= since)
+        return np.where(mine[:, None], -state.normal, 0.0)
+
     def _gap_by_force(self, x: Vector, state: _State) -> np.ndarray:
         """(N, 3) m/N, sensor frame: how the residual of place changes with the force."""
         rows, at = self.rows, self.parameters.slices
@@ -299,9 +312,12 @@ class Model:
         ]
         return places + torques
 
-    def per_touch(self, x: Vector) -> Vector:
-        """(t,) m, mean residual of place of each touch."""
-        gap, _ = self.raw(x)
+    def per_touch(self, x: Vector, shift: Vector | None = None, since: int = 0) -> Vector:
+        """(t,) m, mean residual of place of each touch; with the sphere shifted by (3,) m from touch `since` on."""
+        state = self._state(x)
+        gap, _ = self._raw(x, state)
+        if shift is not None:
+            gap = gap + self._shifted(state, since) @ shift
         return np.array([gap[mine].mean() for mine in self._of_touch])
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+GEAR_WAVES = 320.0
+"""Waves of a joint's gear a turn, two for each tooth of a harmonic drive of ratio 160."""
+
 
 @dataclass(slots=True, frozen=True)
 class Priors:
@@ -23,7 +26,7 @@ class Priors:
     joint_compliance : rad/(N m), the value that these are relative to (1e4 N m/rad, a light arm with harmonic drives)
     joint_hysteresis : rad, width of the play of each joint
     gear_ripple : rad, amplitude of the wave of each joint's gear
-    gear_waves : waves of that a turn (harmonic drive of ratio 160)
+    gear_waves : waves of that a turn
     clock_offset : s
     surface_compliance : m/N, of the reference sphere and of the table
     damping_time : s, over which a surface yields
@@ -46,7 +49,7 @@ class Priors:
     joint_compliance: float = 1e-4
     joint_hysteresis: float = 5.2e-5
     gear_ripple: float = 8.7e-5
-    gear_waves: float = 320.0
+    gear_waves: float = GEAR_WAVES
     clock_offset: float = 8e-3
     surface_compliance: float = 1e-4
     damping_time: float = 2e-3

@@ -27,6 +27,14 @@ SETTLED = 0.3
 """Relative change of that error below which it is known."""
 SUSPICIOUS = 4.0
 """Prior standard deviations by which a result may differ from what the scene states."""
+APART = 4
+"""Touches at the begin and at the end that say too little of a sphere that moves."""
+SEEN = 1e-3
+"""m, standard deviation of a shift from which on nothing is known of it."""
+EXPLAINED = 0.6
+"""Share of the touches' residuals that is left where the sphere really moved. Four numbers more leave 0.95 of 45."""
+GEARS = 5e-5
+"""m, by which gears move a touch; what is more may be a sphere that moved."""
 LOST = 3.0
 """Times that a part of the touches must be worse than the rest to be the cause."""
 
@@ -118,7 +126,40 @@ def solve(
     left = model.per_touch(x)
     solution = Solution(parameters, x, covariance, model.place_error, float(np.sqrt(np.mean(left**2))), left)
     refuse_bad(solution, touches)
+    refuse_moved(model, x)
     return solution
+
+
+def refuse_moved(model: Model, x: Vector) -> None:
+    """Raise CalibrationRefused where the touches tell of a reference sphere that moved between two of them.
+
+    Unknowns of the arm take up a part of such a motion, and the touches' error is estimated from what remains. So each
+    instant is asked: by how much would the sphere have to have moved then for the touches to agree best?
+    """
+    before = float(np.sqrt(np.mean(model.per_touch(x) ** 2)))
+    model.set_place_error(min(model.place_error, GEARS))
+    jacobian, left = model.jacobian(x), model.residuals(x)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    best, since, shift, step = 0.0, 0, np.zeros(3), np.zeros(len(x))
+    for touch in range(APART, model.touches - APART):
+        rows = model.by_shift(x, touch)
+        across = jacobian.T @ rows
+        information = rows.T @ rows - across.T @ covariance @ across
+        slope = rows.T @ left - across.T @ covariance @ (jacobian.T @ left)
+        if np.linalg.eigvalsh(information)[0] > 1.0 / SEEN**2:
+            found = -np.linalg.solve(information, slope)
+            if found @ information @ found > best:
+                best, since, shift = float(found @ information @ found), touch, found
+                step = -covariance @ (jacobian.T @ (left + rows @ found))
+    way = float(np.linalg.norm(shift))
+    if way <= MAX_RESIDUAL:
+        return
+    after = float(np.sqrt(np.mean(model.per_touch(x + step, shift, since) ** 2)))
+    if after < EXPLAINED * before:
+        raise CalibrationRefused(
+            f"the touches contradict each other: the reference sphere has moved by {1e3 * way:.2f} mm before touch "
+            f"{since + 1} of {model.touches}, at most {1e3 * MAX_RESIDUAL:g} mm are allowed: clamp the sphere"
+        )
 
 
 def refuse_bad(solution: Solution, touches: list[Touch]) -> None:

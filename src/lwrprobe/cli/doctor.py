@@ -88,9 +88,12 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         for reading in checks:
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
     if {"arm", "sensor"} <= faces.keys():
+        from lwrprobe.contracts import MassiveArm
         from lwrprobe.exploration.procedures.dry_run import stability
 
-        reading = stability(loaded, faces["arm"].cycle, faces["sensor"].latency)
+        arm = faces["arm"]
+        mass = arm.mass if isinstance(arm, MassiveArm) else 0.0
+        reading = stability(loaded, arm.cycle, faces["sensor"].latency, mass)
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
     if "arm" in faces:
         from lwrprobe.exploration.procedures.host_stalls import host_checks
@@ -102,19 +105,36 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
 
 
 def _calibration(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
-    """Age and residual of the scene's calibration, nothing where it has none."""
+    """Age and residual of the scene's calibration, and what has changed since the one before; nothing without one."""
     from datetime import UTC, datetime
 
+    from lwrprobe.calibration import drifts, previous_path, read_calibration
     from lwrprobe.scene import load_scene
     from lwrprobe.scene.calibrated_scene import calibration_of
 
-    found = calibration_of(load_scene(scene, settings))
+    loaded = load_scene(scene, settings)
+    found = calibration_of(loaded)
     if found is None:
         return
     days = (datetime.now(UTC) - found.date).total_seconds() / 86400.0
     facts = f"{days:.0f} days old, residual {1e3 * found.residual:.3f} mm, sphere {1e3 * found.reference_sphere:g} mm"
     good = days + 1.0 >= 0.0 and days <= MAX_AGE
     yield f"{'calibration':<24} {facts}" + ("" if good else f": calibrate again, {MAX_AGE} days are allowed"), good
+    if not previous_path(loaded.calibration).is_file():
+        return
+    before = read_calibration(previous_path(loaded.calibration))
+    if before.scene_hash != found.scene_hash:
+        return
+    since, changed = f"since {before.date:%Y-%m-%d}", drifts(found, before)
+    if not changed:
+        yield f"{'calibration drift':<24} nothing has changed {since}", True
+    for one in changed:
+        unit = found.quantities[one.quantity].unit
+        yield (
+            f"{'calibration drift':<24} {one.quantity}[{one.index}] from {one.before:.6g} to {one.now:.6g} {unit} "
+            f"{since}, {one.deviations:.1f} standard deviations: check stick, sphere and sensor",
+            False,
+        )
 
 
 def _libraries() -> list[tuple[str, bool]]:

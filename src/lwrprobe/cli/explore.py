@@ -11,6 +11,8 @@ import typer
 from lwrprobe.cli.shared_options import Arm, Confirmed, Quiet, Realtime, SceneName, Sensor, Settings, SummaryJson
 
 if TYPE_CHECKING:
+    from lwrprobe.runs.progress import ProgressLine
+    from lwrprobe.scene import Scene
     from lwrprobe.views.viewer import Viewer
 
 _MAX_ZONES = 3  # the widest, which are listed one by one
@@ -38,7 +40,8 @@ def explore(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="End at time=SECONDS of robot time or once certified=MM is reached; repeatable, the first counts.",
+            help="End at time=SECONDS of robot time, or once certified=MM or accurate=MM is reached; repeatable, "
+            "the first counts.",
         ),
     ] = None,
     realtime: Realtime = False,
@@ -83,7 +86,7 @@ def explore(
         loaded = load_scene(scene, overrides, profile)
         check_plugins(loaded)
         if dry:
-            return _rehearse(loaded, line, as_json)
+            return _dry_run(loaded, line, as_json)
         folder = out if out is not None else Path("runs") / loaded.name
         check_folder("--out", folder)
         check_empty("--out", folder, overwrite)
@@ -99,7 +102,7 @@ def explore(
     finish(found.summary.as_dict(), folder, as_json, quiet)
 
 
-def _viewer(scene: Any, line: Any) -> Viewer:
+def _viewer(scene: Scene, line: ProgressLine) -> Viewer:
     from lwrprobe.views.playback import of_scene
     from lwrprobe.views.viewer import Viewer
 
@@ -134,7 +137,7 @@ def finish(summary: dict[str, Any], folder: Path, as_json: bool, quiet: bool) ->
         raise typer.Exit(1)
 
 
-def _rehearse(scene: Any, line: Any, as_json: bool) -> None:
+def _dry_run(scene: Scene, line: ProgressLine, as_json: bool) -> None:
     from lwrprobe.exploration.procedures.dry_run import dry_run
 
     found = dry_run(scene, line.message)

@@ -2,7 +2,7 @@
 
 from lwrprobe.contact.agreed_bias import AgreedBias, agreed_bias
 from lwrprobe.contact.conditioner import BiasOutcome, Counters, WrenchConditioner
-from lwrprobe.contact.deflection import Compliance, Deflection, identify_compliance
+from lwrprobe.contact.deflection import Deflection
 from lwrprobe.contact.drift import BiasChange, DriftWatch
 from lwrprobe.contact.estimator import (
     ESTIMATORS,
@@ -32,7 +32,6 @@ __all__ = [
     "AgreedBias",
     "BiasChange",
     "BiasOutcome",
-    "Compliance",
     "Counters",
     "Deflection",
     "DriftWatch",
@@ -52,7 +51,6 @@ __all__ = [
     "agreed_bias",
     "check_estimator",
     "check_probe",
-    "identify_compliance",
     "identify_payload",
     "make_estimator",
     "stick_contact",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,86 +70,8 @@ class Deflection:
         return float(np.dot(direction, self.shift(rotation, direction, jacobian)))
 
 
-@dataclass(slots=True, frozen=True)
-class Compliance:
-    """Result of a calibration touch.
-
-    Attributes
-    ----------
-    values : (3,) m/N along the tip frame's axes, 0 where `determined` is False
-    determined : (3,) whether the presses loaded that axis
-    sigma : (3,) m/N, standard deviation of the values
-    residual : m, root mean square of what is left
-    """
-
-    values: Vector
-    determined: np.ndarray
-    sigma: Vector
-    residual: float
-
-
-def identify_compliance(positions: np.ndarray, forces: np.ndarray, touches: Sequence[int] | None = None) -> Compliance:
-    """Compliance of everything between the joints and a rigid surface, from presses along the surface normal.
-
-    During a press the sphere stays on the surface, so along the direction n of the mean force the nominal position
-    moves by what gives way: `n . x = a - sum_j n_j c_j f_j`, one a per touch. Three touches, along and across the
-    stick, determine all three axes; one touch determines what it loads.
-
-    Parameters
-    ----------
-    positions : (n, 3) m, nominal centre of the sphere in the tip frame's axes
-    forces : (n, 3) N on the sphere in the same axes
-    touches : (n,) number of the touch each row belongs to, None = one touch
-
-    Raises
-    ------
-    InputError : shapes, NaN, fewer than 3 rows a touch, or forces that hardly change (under 0.05 N)
-    """
-    x, f = _rows("positions", positions), _rows("forces", forces)
-    labels = np.zeros(len(x), dtype=int) if touches is None else np.asarray(touches)
-    if len(f) != len(x) or labels.shape != (len(x),):
-        raise InputError("forces", f.shape, f"one row and one touch number for each of {len(x)} positions")
-    rows, seen = [], []
-    for label in np.unique(labels):
-        mine = labels == label
-        size = np.linalg.norm(f[mine], axis=1)
-        if mine.sum() < 3 or np.ptp(size) < 0.05:
-            raise InputError(
-                "forces", f"{mine.sum()} rows, {np.ptp(size):.3g} N", "3 rows and 0.05 N of change a touch"
-            )
-        n = f[mine].mean(axis=0)
-        n /= np.linalg.norm(n)
-        displacement, load = x[mine] @ n, f[mine] * n
-        rows.append(-(load - load.mean(axis=0)))
-        seen.append(displacement - displacement.mean())
-    a, b = np.concatenate(rows), np.concatenate(seen)
-    return _solve_compliance(a, b)
-
-
-def _solve_compliance(a: np.ndarray, b: Vector) -> Compliance:
-    loaded = np.sqrt((a**2).sum(axis=0)) > 0.02 * np.sqrt((a**2).sum())
-    part = a[:, loaded]
-    singular = np.linalg.svd(part, compute_uv=False)
-    if singular[-1] < 1e-3 * singular[0]:
-        raise InputError("forces", "directions too alike", "one press for each axis that is loaded")
-    found, *_ = np.linalg.lstsq(part, b, rcond=None)
-    error = b - part @ found
-    freedom = max(len(b) - part.shape[1] - 1, 1)
-    spread = np.sqrt(np.diag(np.linalg.inv(part.T @ part)) * (error @ error) / freedom)
-    values, sigma = np.zeros(3), np.zeros(3)
-    values[loaded], sigma[loaded] = found, spread
-    return Compliance(values, loaded, sigma, float(np.sqrt(np.mean(error**2))))
-
-
 def _compliance(field: str, value: Sequence[float] | Vector) -> Vector:
     array = np.array(value, dtype=np.float64)
     if array.ndim != 1 or not (np.isfinite(array).all() and (array >= 0.0).all()):
         raise InputError(field, value, "finite numbers, zero or more")
-    return array
-
-
-def _rows(field: str, value: np.ndarray) -> np.ndarray:
-    array = np.array(value, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
-        raise InputError(field, array.shape, "an (n, 3) array of finite numbers")
     return array

@@ -37,7 +37,7 @@ class LimitCycle:
             raise InputError("limit_cycle.delay", delay, "zero seconds or more")
         self._target, self._band = target, band
         self._longest = max(4.0 * delay, 3.0 * period)
-        self._calm = _RECOVERY * max(delay, period)
+        self._recover_after = _RECOVERY * max(delay, period)
         self._side = 0
         self._crossings: deque[float] = deque(maxlen=_SWINGS)
         self._changed = -np.inf
@@ -53,7 +53,7 @@ class LimitCycle:
             if self._side:
                 self._cross(time)
             self._side = side
-        if self.scale < 1.0 and time - max(self._changed, self._last()) > self._calm:
+        if self.scale < 1.0 and time - max(self._changed, self._last()) > self._recover_after:
             self.scale = min(1.0, 2.0 * self.scale)
             self._changed = time
         return self.scale

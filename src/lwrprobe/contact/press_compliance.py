@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class PressCompliance:
 
     def __init__(self, bend: Deflection) -> None:
         self._bend = bend
-        self._last: tuple[float, Vector, Vector, Vector] | None = None
+        self._last: tuple[float, list[float], list[float], list[float]] | None = None
         self._squares = [0.0, 0.0, 0.0]
         self._count = 0
         self._slopes: list[float] = []
@@ -68,23 +68,23 @@ class PressCompliance:
         before, self._last = self._last, None
         if contact is None or contact.trust <= 0.0 or not wrench.usable:
             return False
-        normal, place = contact.normal, pose[:3, 3]
-        if abs(float(normal @ pose[:3, 2])) < ALONG:
+        normal, (x, y, z) = contact.normal.tolist(), pose[:3, 2].tolist()
+        if abs(normal[0] * x + normal[1] * y + normal[2] * z) < ALONG:
             return False
-        force = wrench.world_force
-        self._last = (wrench.time, place.copy(), force.copy(), normal)
+        place, force = pose[:3, 3].tolist(), wrench.world_force.tolist()
+        self._last = (wrench.time, place, force, normal)
         if before is None or not 0.0 < wrench.time - before[0] < GAP:
             return False
-        mean = normal + before[3]
-        mean = mean / sqrt(float(mean @ mean))
-        change = float((force - before[2]) @ mean)
+        mean = [a + b for a, b in zip(normal, before[3])]
+        length = hypot(*mean)
+        change = sum((b - a) * m for a, b, m in zip(before[2], force, mean)) / length
         if abs(change) < LEAST_CHANGE:
             return False
-        deeper = -float((place - before[1]) @ mean)
+        deeper = sum((a - b) * m for a, b, m in zip(before[1], place, mean)) / length
         sums = self._squares
         sums[0], sums[1], sums[2] = sums[0] + change**2, sums[1] + change * deeper, sums[2] + deeper**2
         self._count += 1
-        return self._count == BATCH and self._close(pose[:3, :3], normal)
+        return self._count == BATCH and self._close(pose[:3, :3], contact.normal)
 
     def _close(self, rotation: np.ndarray, normal: Vector) -> bool:
         """Add the batch where force and depth belong together."""

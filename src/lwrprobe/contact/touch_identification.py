@@ -54,7 +54,7 @@ class TouchIdentification:
         self._rows: list[tuple[float, np.ndarray, np.ndarray]] = []
         self._rotation, self._normal = np.eye(3), np.zeros(3)
         self._fits: list[tuple[float, float]] = []
-        self._looked_at = self._calm = 0
+        self._looked_at = self._not_risen = 0
         self._top = 0.0
         self.compliance = 0.0
         """m/N of the object, 0 while nothing worth a correction was found."""
@@ -89,14 +89,14 @@ class TouchIdentification:
             self._normal, self._rotation = contact.normal, pose[:3, :3]
         risen = wrench.magnitude > 1.02 * self._top
         self._top = wrench.magnitude if risen else self._top
-        self._calm = 0 if risen else self._calm + 1
-        over = self._calm >= PATIENCE or wrench.time - self._rows[0][0] > MAX_SECONDS
+        self._not_risen = 0 if risen else self._not_risen + 1
+        over = self._not_risen >= PATIENCE or wrench.time - self._rows[0][0] > MAX_SECONDS
         return self._judge() if over and self._normal.any() else False
 
     def _judge(self) -> bool:
         rows, self._rows = self._rows, []
         normal, self._normal = self._normal, np.zeros(3)
-        self._top, self._calm = 0.0, 0
+        self._top, self._not_risen = 0.0, 0
         if not normal.any():
             return False
         self._looked_at += 1

@@ -17,12 +17,14 @@ RECONSTRUCTOR_CONTRACT = 1
 class TriangleMesh:
     """Vertices (n, 3) m and faces (m, 3) int64, counter-clockwise seen from outside.
 
-    `vertex_error`, where present, is the expected error of each vertex [m], (n,).
+    `vertex_error`, where present, is the expected error of each vertex [m], (n,), and `vertex_error_aligned` the one
+    that is left after the rigid motion that aligns the mesh with the true shape.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     vertex_error: np.ndarray | None = None
+    vertex_error_aligned: np.ndarray | None = None
 
 
 @dataclass(slots=True)

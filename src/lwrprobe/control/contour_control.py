@@ -44,12 +44,14 @@ FORCE_RESERVE = 0.85
 """Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
 COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
+RETURN = 2.0
+"""Of the target force, that the return to a lost contact may reach: what is stiffer than thought leaves room then."""
 THROWN_OFF = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
 CAREFUL = 0.6
-"""Share of the approach speed along the stick, where the stick may be met beside the sensor: nothing bends there but
-the arm, which is stiffer in some directions than in others."""
+"""Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
+directions than in others."""
 DIVE = 0.3
 """Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
 
@@ -73,7 +75,6 @@ class ContourControl:
     Attributes
     ----------
     normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
-    careful_speed : m/s, where the stick may be met anywhere
     column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
         the sphere's flank
     """
@@ -99,12 +100,14 @@ class ContourControl:
         room = FORCE_RESERVE * task.force_limit - task.force_threshold
         if room <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
-        pairs = zip(hardest.tolist(), late.tolist())
+        self._room = room
+        pairs = list(zip(hardest.tolist(), late.tolist()))
         safe = [approach_speed(room, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
-        gentle = THROWN_OFF * task.force_target / np.maximum(struck, 1e-9)
+        back = RETURN * task.force_target - task.force_threshold
+        gentle = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
+        gentle = np.minimum(gentle, THROWN_OFF * task.force_target / np.maximum(struck, 1e-9))
         self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
-        self.careful_speed = CAREFUL * self._approach(1.0)
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
@@ -171,10 +174,24 @@ class ContourControl:
         """
         return self._approach(float(rotation[:, 2] @ direction))
 
+    def stick_speed(self, reach: float) -> float:
+        """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
+
+        The stick is a beam that is clamped at the sensor: its compliance falls with the third power of the distance
+        from there (Euler and Bernoulli). The task's approach speed is never exceeded.
+        """
+        probe, (series, lateral, _) = self.task.probe, self._compliance
+        left = min(max(1.0 - reach / probe.sensor_distance, 0.0), 1.0)
+        stiffness = 1.0 / (series + lateral * left**3)
+        delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
+        safe = approach_speed(self._room, stiffness, delay, self.task.acceleration)
+        return min(CAREFUL * safe, self.task.approach_speed)
+
     def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a contact that was just lost is sought again along `direction` (unit).
 
-        As `approach_speed`, and so slow that an arm with mass does not strike hard enough to be thrown off again.
+        As `approach_speed`, for `RETURN` times the target force in place of the limit: the surface is near, so that
+        little time is lost. An arm with mass strikes so gently that it is not thrown off again.
         """
         return self._gentle[self._step(float(rotation[:, 2] @ direction))]
 

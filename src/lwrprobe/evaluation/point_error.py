@@ -56,16 +56,17 @@ def point_error(estimated: np.ndarray, true: np.ndarray) -> PointError:
     return _spread(np.linalg.norm(estimated - true, axis=1))
 
 
-def aligned_point_error(estimated: np.ndarray, true: np.ndarray) -> PointError:
-    """`point_error` after the rigid motion of the estimated points that makes it smallest in least squares (Kabsch).
+def aligned_points(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """(n, 3) m, estimated points after the rigid motion that brings them nearest to the true ones in least squares.
 
-    What is left is the error of the shape, without that of its place.
+    Kabsch's method; fewer than three points are brought onto the true ones. What then remains between the two is the
+    error of the shape, without that of its place.
     """
     estimated, true = rows("estimated", estimated), rows("true", true)
     if len(estimated) != len(true):
         raise InputError("true", true.shape, f"as many points as were estimated, {len(estimated)}")
     if len(estimated) < 3:
-        return _spread(np.zeros(len(estimated)))
+        return true.copy()
     from scipy.spatial.transform import Rotation
 
     middle, aim = estimated.mean(axis=0), true.mean(axis=0)
@@ -73,7 +74,7 @@ def aligned_point_error(estimated: np.ndarray, true: np.ndarray) -> PointError:
     with warnings.catch_warnings():  # points on one line leave the turn about it open, which changes no distance
         warnings.simplefilter("ignore", UserWarning)
         turn, _ = Rotation.align_vectors(true - aim, spread)
-    return point_error(turn.apply(spread) + aim, true)
+    return np.asarray(turn.apply(spread) + aim, dtype=np.float64)
 
 
 def surface_error(points: np.ndarray, solid: Solid) -> PointError:

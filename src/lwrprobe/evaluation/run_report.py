@@ -216,9 +216,11 @@ class _Page:
                 "(inner edges, slots, under its lowest height); no surface is claimed there."
             )
             paints["beyond reach"] = (np.where(beyond[:, None], _BEYOND, _PLAIN), text)
-        if vertex_error is not None:
-            ramp = _legend(ERROR, "0", "1.5 mm or more")
-            paints["expected error"] = (ERROR.colours(vertex_error / 0.0015), f"Error to expect: {ramp}")
+        for name, error in (("expected error", vertex_error), ("aligned", surface.mesh.vertex_error_aligned)):
+            if error is not None:
+                ramp = _legend(ERROR, "0", "1.5 mm or more")
+                after = " after alignment" if name == "aligned" else ""
+                paints[name] = (ERROR.colours(error / 0.0015), f"Error to expect{after}: {ramp}")
         if self.compared is not None:
             ramp = _legend(DEVIATION, "−2 mm, too deep", "+2 mm, too far out")
             paints["deviation"] = (deviation_colours(self.compared.signed, 0.002), f"Against the truth: {ramp}")
@@ -264,20 +266,35 @@ class _Page:
         budget = self.summary.error_budget if self.summary is not None else None
         if not budget:
             return ""
-        causes = sorted(budget["causes_mm"].items(), key=lambda cause: -cause[1])
-        share = [(name, value, f"{value:.3f} mm") for name, value in causes if value > 0.0]
+        charts = []
+        for key, text in (("causes_mm", "by cause"), ("causes_aligned_mm", "by cause, after alignment")):
+            causes = sorted(budget.get(key, {}).items(), key=lambda cause: -cause[1])
+            share = [(name, value, f"{value:.3f} mm") for name, value in causes if value > 0.0]
+            if share:
+                charts.append(
+                    f"<figure>{bars(share)}<figcaption>One standard deviation along the normal, {text}."
+                    "</figcaption></figure>"
+                )
         sums = (
             ("differs from contact to contact", budget["random_mm"]),
-            ("without the place of the robot's base", budget["shape_mm"]),
+            ("after the contacts are aligned with their true places", budget["shape_mm"]),
             ("everything", budget["whole_mm"]),
         )
         rows = "".join(f"<tr><td>{escape(name)}</td><td>{value:.3f}</td></tr>" for name, value in sums)
-        within = self.summary.claims_within_95 if self.summary is not None else None
-        if within is not None:
-            rows += f"<tr><td>true errors inside the stated 95 % region</td><td>{within:.0%}</td></tr>"
+        s = self.summary
+        if s is not None:
+            expected = s.expected_mesh_error_mm or {}
+            for key, name in (
+                ("mean", "expected error of the mesh, mean"),
+                ("aligned_mean", "the same after alignment"),
+            ):
+                if key in expected:
+                    rows += f"<tr><td>{name}</td><td>{expected[key]:.3f}</td></tr>"
+            for within, name in ((s.claims_within_95, ""), (s.claims_aligned_within_95, " after alignment")):
+                if within is not None:
+                    rows += f"<tr><td>true errors{name} inside the stated 95 % region</td><td>{within:.0%}</td></tr>"
         return (
-            f'<h2>Error budget of the contacts</h2><div class="grid"><figure>{bars(share)}<figcaption>'
-            "One standard deviation along the normal, by cause.</figcaption></figure>"
+            f'<h2>Error budget of the contacts</h2><div class="grid">{"".join(charts)}'
             f'<figure class="scroll"><table><tr><th>root sum square</th><th>mm</th></tr>{rows}</table></figure></div>'
         )
 
@@ -376,23 +393,41 @@ class _Page:
         return _figure("where", images, f"Middles of hidden balls of at least 60 % of that size: {ramp}")
 
     def _shapes(self) -> str:
-        try:
-            fits = fit(self.run.record)
-        except LwrprobeError as error:
-            return (
-                f"<h2>Simple shapes</h2><p>None fitted: {escape(str(error))}.</p>"
-                if len(self.run.record.points)
-                else ""
-            )
-        rows = "".join(
-            f"<tr><td>{'<b>' if f.warranted else ''}{escape(str(f))}{'</b>' if f.warranted else ''}</td>"
-            f"<td>{f.share:.0%}</td><td>{1e3 * f.rms:.3f}</td></tr>"
-            for f in fits
+        """What the run has fitted with its error budget; without one the shapes are fitted here."""
+        rows = self._fitted()
+        if rows is None:
+            try:
+                fits = fit(self.run.record)
+            except LwrprobeError as error:
+                none = f"<h2>Simple shapes</h2><p>None fitted: {escape(str(error))}.</p>"
+                return none if len(self.run.record.points) else ""
+            rows = [(str(f), f.warranted, f.share, 1e3 * f.rms) for f in fits]
+        table = "".join(
+            f"<tr><td>{'<b>' if warranted else ''}{escape(text)}{'</b>' if warranted else ''}</td>"
+            f"<td>{share:.0%}</td><td>{rms:.3f}</td></tr>"
+            for text, warranted, share, rms in rows
         )
         return (
             '<h2>Simple shapes held against the contacts</h2><figure class="scroll"><table><tr><th>shape</th>'
-            f"<th>contacts explained</th><th>RMS mm</th></tr>{rows}</table></figure>"
+            f"<th>contacts explained</th><th>RMS mm</th></tr>{table}</table></figure>"
         )
+
+    def _fitted(self) -> list[tuple[str, bool, float, float]] | None:
+        """Text, whether warranted, share and RMS [mm] of the shapes in the summary; None where it has none."""
+        if self.summary is None or not self.summary.fits:
+            return None
+        rows = []
+        for one in self.summary.fits:
+            text = f"no {one['shape']}: {one['why_not']}"
+            if one["warranted"]:
+                sizes = (
+                    f"{name} {size:.2f} ± {one['sigma_mm'][name]:.2f} mm (± {one['sigma_aligned_mm'][name]:.2f} after "
+                    "alignment)"
+                    for name, size in one["size_mm"].items()
+                )
+                text = f"{one['shape']} {' x '.join(sizes)}".strip()
+            rows.append((text, one["warranted"], one["share"], one["rms_mm"]))
+        return rows
 
     def _stages(self) -> str:
         s = self.summary

@@ -93,10 +93,19 @@ class Summary:
     """Torque and force of the sensor: `disagreement` found over the lever, `over_expected`: its ratio to two standard
     deviations of what `[uncertainty]` lets expect, 1 where it is no larger."""
     error_budget: Table | None = None
-    """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`, and
-    `shape_mm` without the place of the robot's base [mm]."""
+    """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`; after the
+    rigid motion that aligns all contacts `causes_aligned_mm` and `shape_mm` [mm]."""
     claims_within_95: float | None = None
-    """Share of the contacts whose true error lies in the stated 95 % region, 0 to 1."""
+    """Share of the contacts whose true error lies in the stated 95 % region, 0 to 1. What is shared by all contacts
+    moves them together: many runs with drawn departures have 0.95 together, a single one may have 0 or 1."""
+    claims_aligned_within_95: float | None = None
+    """The same after the rigid motion that aligns the contacts with their true places."""
+    expected_mesh_error_mm: Table | None = None
+    """Expected error of the mesh's vertices that can be touched: `mean`, `p95`; after alignment `aligned_mean`,
+    `aligned_p95` [mm]."""
+    fits: list[Table] | None = None
+    """Simple shapes held against the contacts: `shape`, `warranted` or `why_not`, `share` of the contacts explained,
+    `rms_mm`, and by dimension `size_mm`, `sigma_mm` and, after alignment, `sigma_aligned_mm`."""
     coverage: float | None = None
     """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
     within 60 degrees, 0 to 1."""

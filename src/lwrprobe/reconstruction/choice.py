@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -158,7 +159,7 @@ def _made(method: Method, record: TouchRecord) -> Reconstruction | None:
 
 
 def _without(record: TouchRecord, held: np.ndarray) -> TouchRecord:
-    left: dict[str, np.ndarray] = {"points": record.points[~held]}
+    left: dict[str, Any] = {"points": record.points[~held]}
     for name in ("normals", "trust", "times"):
         if (value := getattr(record, name)) is not None:
             left[name] = value[~held]

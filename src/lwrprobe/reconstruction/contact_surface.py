@@ -45,7 +45,7 @@ _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then 
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
-"""Told the stage and its share done, 0..1; may raise to interrupt."""
+"""Called with the stage and its share done, 0..1; may raise to interrupt."""
 
 
 class ContactSurface:

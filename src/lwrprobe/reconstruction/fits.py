@@ -23,12 +23,16 @@ _SHARE = 0.97  # of the contacts that a warranted shape explains
 _TURNED = np.cos(np.radians(15.0))  # normals that differ by more do not agree
 _MOST = 1000  # contacts used in a fit
 _FLOOR = 2e-5  # m, no dimension is claimed to be known better
+_LOSS_SCALE = 2.0  # standard deviations of a contact from which on it counts less
 
 Kind = Literal["plane", "box", "cylinder", "sphere"]
 Description = tuple[dict[str, float], np.ndarray, np.ndarray]
 """Dimensions m by name, position (3,) m and axis (3,)."""
 Distance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Signed distance (n,) m of points (n, 3) for a parameter vector."""
+Shifts = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""For points and normals (n, 3) the shifts (n, k) m along the normals by one standard deviation of each of k numbers
+that all contacts share: as they are, and after alignment."""
 
 
 @dataclass(slots=True)
@@ -39,7 +43,8 @@ class Fit:
     ----------
     kind : plane, box, cylinder or sphere
     dimensions : m, by name (`length`, `width`, `height`, `radius`); none for a plane
-    uncertainty : m, one standard deviation of each dimension
+    uncertainty : m, one standard deviation of each dimension; with `shifts` what all contacts share included
+    uncertainty_aligned : m, the same after the rigid motion that aligns the contacts with their true places
     position : (3,) m, centre of the shape (of a box or upright cylinder: of its base)
     axis : (3,) unit, along the length of a box, the cylinder's axis, the plane's normal; z for a sphere
     rms : m, of the contacts against the shape
@@ -57,6 +62,7 @@ class Fit:
     share: float
     warranted: bool
     why_not: str = ""
+    uncertainty_aligned: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         sizes = " x ".join(
@@ -76,16 +82,19 @@ class _Candidate:
     """Weak knowledge: (gradient over the parameters, value, standard deviation)."""
 
 
-def fit(record: TouchRecord) -> list[Fit]:
+def fit(record: TouchRecord, shifts: Shifts | None = None) -> list[Fit]:
     """All shapes held against the contacts, the warranted ones first, then by the share explained.
 
-    Deterministic. Raises InputError for contacts that span no solid.
+    `shifts` says what all contacts have in common; None counts their scatter alone. Deterministic. Raises InputError
+    for contacts that span no solid.
     """
     touches = prepare(record, 0.002)
     pitch = record.pitch or line_pitch(touches.centres, record.resolution)
     chosen = np.unique(np.linspace(0, len(touches.points) - 1, _MOST).astype(int))
     centres, normals = touches.centres[chosen], touches.normals[chosen]
-    fits = [_solve(c, centres, normals, touches) for c in _candidates(centres, normals, touches, pitch)]
+    points = centres - touches.radius * normals
+    shared = shifts(points, normals) if shifts is not None else (np.empty((len(points), 0)),) * 2
+    fits = [_solve(c, centres, normals, touches, shared) for c in _candidates(centres, normals, touches, pitch)]
     best: dict[Kind, Fit] = {}
     for found in fits:  # of several cylinders the better one
         if found.kind not in best or found.share > best[found.kind].share:
@@ -107,7 +116,13 @@ def _candidates(centres: np.ndarray, normals: np.ndarray, touches: Touches, pitc
     ]
 
 
-def _solve(candidate: _Candidate, centres: np.ndarray, normals: np.ndarray, touches: Touches) -> Fit:
+def _solve(
+    candidate: _Candidate,
+    centres: np.ndarray,
+    normals: np.ndarray,
+    touches: Touches,
+    shared: tuple[np.ndarray, np.ndarray],
+) -> Fit:
     from scipy.optimize import least_squares
 
     spread = float(np.hypot(touches.noise, 0.5 * touches.normal_noise * touches.radius))
@@ -117,7 +132,7 @@ def _solve(candidate: _Candidate, centres: np.ndarray, normals: np.ndarray, touc
         known = [(gradient @ parameters - value) / sd for gradient, value, sd in candidate.prior]
         return np.concatenate([contact, known])
 
-    found = least_squares(residuals, candidate.start, loss="soft_l1", f_scale=2.0, x_scale="jac", max_nfev=200)
+    found = least_squares(residuals, candidate.start, loss="soft_l1", f_scale=_LOSS_SCALE, x_scale="jac", max_nfev=200)
     miss = candidate.distance(found.x, centres) - touches.radius
     turned = np.einsum("ij,ij->i", _gradient(candidate.distance, found.x, centres), normals)
     tolerance = max(5.0 * spread, 5e-4)
@@ -125,9 +140,9 @@ def _solve(candidate: _Candidate, centres: np.ndarray, normals: np.ndarray, touc
     dimensions, position, axis = candidate.describe(found.x)
     why_not = _objection(candidate, found.x, dimensions, share, touches, tolerance)
     rms = float(np.sqrt(np.mean(miss**2)))
+    deviations, aligned = (_deviations(candidate, found, dimensions, part / spread) for part in shared)
     return Fit(
-        candidate.kind, dimensions, _deviations(candidate, found, dimensions), position, axis, rms, share,
-        not why_not, why_not,
+        candidate.kind, dimensions, deviations, position, axis, rms, share, not why_not, why_not, aligned
     )  # fmt: skip
 
 
@@ -159,12 +174,20 @@ def _gradient(distance: Distance, parameters: np.ndarray, points: np.ndarray) ->
     return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
 
 
-def _deviations(candidate: _Candidate, found: OptimizeResult, dimensions: dict[str, float]) -> dict[str, float]:
-    """One standard deviation of each dimension, from the normal equations and the scatter that was found."""
+def _deviations(
+    candidate: _Candidate, found: OptimizeResult, dimensions: dict[str, float], shared: np.ndarray
+) -> dict[str, float]:
+    """One standard deviation of each dimension, from the normal equations and the scatter that was found.
+
+    `shared` (n, k): change of the contacts' residuals by one standard deviation of each of k numbers.
+    """
     contacts = len(found.fun) - len(candidate.prior)
     scatter = max(1.0, float(np.median(np.abs(found.fun[:contacts]))) / 0.6745)
     normal = found.jac.T @ found.jac
     covariance = np.linalg.pinv(normal, rcond=1e-12)
+    # The solver has scaled its Jacobian by the root of the loss' second derivative; a change of residuals likewise.
+    weight = (1.0 + (found.fun[:contacts] / _LOSS_SCALE) ** 2) ** -0.75
+    moved = covariance @ found.jac[:contacts].T @ (weight[:, None] * shared)
     out = {}
     for name in dimensions:
         step = 1e-7
@@ -172,7 +195,8 @@ def _deviations(candidate: _Candidate, found: OptimizeResult, dimensions: dict[s
             (candidate.describe(found.x + step * unit)[0][name] - candidate.describe(found.x - step * unit)[0][name])
             for unit in np.eye(len(found.x))
         ]) / (2.0 * step)  # fmt: skip
-        out[name] = float(np.hypot(scatter * np.sqrt(max(float(slope @ covariance @ slope), 0.0)), _FLOOR))
+        own = scatter * np.sqrt(max(float(slope @ covariance @ slope), 0.0))
+        out[name] = float(np.sqrt(own**2 + _FLOOR**2 + ((slope @ moved) ** 2).sum()))
     return out
 
 

@@ -1,4 +1,4 @@
-"""An implicit surface through the contact points that obeys their normals, on the object itself."""
+"""An implicit surface through the contact points, perpendicular to their normals, on the object itself."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lwrprobe.contracts import Contact, Goal, InputError, LwrprobeError, Observation, Strategy
 from lwrprobe.exploration.loop.explorer import Outcome
-from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.mapping import VoxelMap
@@ -82,10 +82,12 @@ class Session:
         if given:
             loaded = load_scene(loaded, given)
         own = [choice if not isinstance(choice, str) else None for choice in (strategy, reconstructor)]
-        self.scene, self._choices = choose_own(loaded, *own)
-        self._out = None if out is None else Path(out)
-        self._realtime, self._confirm, self._record = realtime, confirm, record
+        self.scene, choices = choose_own(loaded, *own)
         self._display = progress_display(not progress) if isinstance(progress, bool) else progress
+        self._options = RunOptions(
+            out=None if out is None else Path(out), realtime=realtime, watch=self._display.watch,
+            message=self._display.message, choices=choices, confirm=confirm, record=record,
+        )  # fmt: skip
         self._exploration: Exploration | None = None
         self._steps: Iterator[Observation] = iter(())
         self._shown = ExitStack()
@@ -98,16 +100,7 @@ class Session:
         with ExitStack() as shown:
             shown.enter_context(self._display)
             shown.enter_context(compilation_shown(self._display))
-            self._exploration = Exploration(
-                self.scene,
-                self._out,
-                realtime=self._realtime,
-                watch=self._display.watch,
-                message=self._display.message,
-                choices=self._choices,
-                confirm=self._confirm,
-                record=self._record,
-            )
+            self._exploration = Exploration(self.scene, self._options)
             self._exploration.__enter__()
             self._shown = shown.pop_all()
         self._steps = iter(self._exploration)
@@ -195,7 +188,7 @@ class Session:
             exploration.record,
             recorder.trace(),
             summary,
-            self._out,
+            self._options.out,
             exploration.pipeline.voxels,
             None if surface is None else surface.mesh,
         )

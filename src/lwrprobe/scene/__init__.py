@@ -3,6 +3,15 @@
 from lwrprobe.scene.actual_scene import with_room
 from lwrprobe.scene.library import profile_names, scene_names
 from lwrprobe.scene.scene import Scene
-from lwrprobe.scene.scene_file import json_schema, load_scene, write_scene
+from lwrprobe.scene.scene_file import json_schema, load_scene, scene_content, write_scene
 
-__all__ = ["Scene", "json_schema", "load_scene", "profile_names", "scene_names", "with_room", "write_scene"]
+__all__ = [
+    "Scene",
+    "json_schema",
+    "load_scene",
+    "profile_names",
+    "scene_content",
+    "scene_names",
+    "with_room",
+    "write_scene",
+]

@@ -302,6 +302,9 @@ class UntilTable(Table):
     """s of the robot's time."""
     certified: Length | None = None
     """mm, that no larger ball can hide within reach of the probe; only in simulation."""
+    accurate: Length | None = None
+    """mm, that the expected error of the surface has in the mean at most, and its 95th percentile at most three times;
+    only in simulation."""
 
 
 class RunTable(Table):

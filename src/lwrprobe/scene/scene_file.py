@@ -43,7 +43,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     nor a file.
     """
     if isinstance(scene, Scene):
-        path, content = Path(scene.name or "scene"), _content(scene)
+        path, content = Path(scene.name or "scene"), scene_content(scene)
     elif (found := random_scene(str(scene))) is not None:
         path, content = Path(found["name"]), found
     else:
@@ -65,7 +65,7 @@ def write_scene(scene: Scene, path: str | Path) -> None:
     """Write the scene with every value spelled out; loading it again gives an equal scene."""
     import tomli_w
 
-    Path(path).write_bytes(tomli_w.dumps(_content(scene)).encode())
+    Path(path).write_bytes(tomli_w.dumps(scene_content(scene)).encode())
 
 
 def json_schema() -> dict[str, Any]:
@@ -77,8 +77,8 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _content(scene: Scene) -> dict[str, Any]:
-    """A scene as its file holds it."""
+def scene_content(scene: Scene) -> dict[str, Any]:
+    """A scene as its file holds it, with every value spelled out; `Scene.model_validate` takes it back."""
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     for shape in content["object"]:
         _drop_inner_material(shape)

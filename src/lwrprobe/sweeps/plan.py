@@ -98,8 +98,8 @@ def read_plan(file: str | Path) -> list[SweepTask]:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise SceneError(f"{path.name}: {key}", first.get("input"), first["msg"]) from None
-    seeds = list(range(1, plan.seeds + 1)) if isinstance(plan.seeds, int) else plan.seeds
-    if not seeds or min(seeds) < 0:
+    seeds: Sequence[int] = range(1, plan.seeds + 1) if isinstance(plan.seeds, int) else plan.seeds
+    if not seeds or (isinstance(seeds, list) and min(seeds) < 0):
         raise SceneError(f"{path.name}: seeds", plan.seeds, "how many, or a list of seeds of 0 or more")
     variants = plan.variant or [Variant(name="as is")]
     names = [variant.name for variant in variants]

@@ -10,9 +10,9 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe.trajectory.cartesian import CartesianTrajectory
 
-CALM = 0.25
+LOW_USE = 0.25
 """Share of a joint speed limit below which the next look may wait."""
-PATIENCE = 4
+LONGER = 4
 """How many times longer, then."""
 FASTER = 1.5
 """Growth of the speed asked for that does not wait for the next look."""
@@ -31,8 +31,8 @@ class SpeedGovernor:
     trajectory : the generator whose speed is scaled
     track_all : (poses (m, 4, 4), q_seed (n,), q_out (m, n)) -> how many were solved in turn; as `IKSolver.track_all`
     speed : (n,) rad/s, joint limits
-    every : cycles from one look to the next, `PATIENCE` times that below `CALM`
-    samples : poses a look, the present one counted; half as many below `CALM`
+    every : cycles from one look to the next, `LONGER` times that below `LOW_USE`
+    samples : poses a look, the present one counted; half as many below `LOW_USE`
     highest : share above which the tip slows down
     lowest : share below which it speeds up again, if it had been slowed
     slowest : factor below which the speed is never scaled, so that the tip leaves the place
@@ -65,7 +65,7 @@ class SpeedGovernor:
         self._poses, self._speed_ratio = np.empty((samples, 4, 4)), np.empty(samples)
         self._joints = np.empty((samples, self._speed.size))
         self._wait = 0
-        self._calm = False
+        self._low_use = False
         self._asked = (0.0, 0.0)
         self.use, self.blocked_in = 0.0, inf
 
@@ -80,14 +80,14 @@ class SpeedGovernor:
         """Call after so many steps, up to `due`, with the joints (n,) after the last of them; returns `use`."""
         if self._trajectory.resting:
             self._trajectory.scale(1.0)
-            self._wait, self._calm, self.use, self.blocked_in = 0, False, 0.0, inf
+            self._wait, self._low_use, self.use, self.blocked_in = 0, False, 0.0, inf
             return 0.0
         self._wait -= cycles
         if self._wait < 0 or self._is_faster():
-            pause = PATIENCE * self._every if self._calm else self._every
+            pause = LONGER * self._every if self._low_use else self._every
             self._wait = pause - 1
             self._look(q, pause)
-            self._calm = self.use < CALM and self.blocked_in == inf
+            self._low_use = self.use < LOW_USE and self.blocked_in == inf
         return self.use
 
     def _is_faster(self) -> bool:
@@ -99,7 +99,7 @@ class SpeedGovernor:
         trajectory, joints = self._trajectory, self._joints
         self._asked = trajectory.asked
         seconds = trajectory.stopping_time + cycles * trajectory.cycle
-        count = len(self._speed_ratio) // 2 + 1 if self._calm else len(self._speed_ratio)
+        count = len(self._speed_ratio) // 2 + 1 if self._low_use else len(self._speed_ratio)
         poses, speed_ratio = self._poses[:count], self._speed_ratio[:count]
         spacing = seconds / (count - 1)
         trajectory.preview(seconds, poses, speed_ratio)

@@ -25,6 +25,12 @@ LIFT = 0.001
 """m off a surface, at which a path along it is driven back."""
 CHORD = 0.0003
 """m by which a path that is driven back may cut its corners."""
+BROKEN = 0.01
+"""m between two places in a row, above which nobody saw how the probe came from one to the other."""
+SHORT = 0.15
+"""m along the axes, as far as the way back may be the quicker one."""
+HOLLOW = 0.3 * LIFT * SPACING
+"""m^2, change of the place off the surface against the way: there the surface is hollow."""
 FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
 BORDER = 0.001
@@ -51,7 +57,7 @@ class FreeSpace:
         self._known = np.empty((0, 11))
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
-        """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or nothing; called each sample."""
+        """The tip is at a pose (4, 4) and touches a surface with this reliable normal (3,), or None."""
         x, y, z = pose[:3, 3].tolist()
         ax, ay, az = pose[:3, 2].tolist()
         if self._rows:
@@ -113,8 +119,8 @@ class FreeSpace:
         rows = self._table()
         if len(rows) < 2:
             return None
-        last, places, here = len(rows) - 1, [], rows[-1, 3:6]
-        left = distance
+        places, here = [], rows[-1, 3:6]
+        last, left = len(rows) - 1, distance
         for k in range(last, max(last - FARTHEST_BACK, -1), -1):
             place = rows[k, 3:6]
             left -= float(np.abs(place - here).max())
@@ -125,6 +131,35 @@ class FreeSpace:
         else:
             if not np.isfinite(distance):
                 return None
+        return self._along(places)
+
+    def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
+        """Back the way the upright probe came, to the latest place as high as `place` (3,) within `reach` m of it.
+
+        None where the probe leans or has leaned, where that is too far back, where a piece of the way is not known, and
+        where it leads through an inner edge: off one of its faces the sphere still touches the other.
+        """
+        rows = self._table()[-FARTHEST_BACK:]
+        near = np.abs(rows[:, 2] - place[2]) < BORDER
+        near &= np.hypot(rows[:, 0] - place[0], rows[:, 1] - place[1]) < reach
+        found = np.flatnonzero(near)
+        if not len(found):
+            return None
+        way = rows[found[-1] :]
+        steps = np.diff(way[:, :3], axis=0)
+        if not way[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
+            return None
+        off = way[:, 3:6] - way[:, :3]
+        touching = off.any(axis=1)
+        bends = (np.diff(off, axis=0) * steps).sum(axis=1)[touching[1:] & touching[:-1]]
+        if len(bends) and bends.min() < -HOLLOW:
+            return None
+        first = len(self._rows) - len(rows)
+        return self._along(list(range(len(self._rows) - 1, first + int(found[-1]) - 1, -1)))
+
+    def _along(self, places: list[int]) -> list[Pose]:
+        """The places with these indices, in this order; those that lie straight between others are left out."""
+        rows = self._table()
         kept = _corners(rows[places, 3:9])
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 

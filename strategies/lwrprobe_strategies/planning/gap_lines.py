@@ -23,6 +23,8 @@ NEAR = 0.0015
 """m, within which a touch of a line along y counts for a line across."""
 OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
+UNDER = -0.5
+"""Share of the normal along z, up to which a touch is one of an underside."""
 
 
 def lines_across(
@@ -98,7 +100,7 @@ def near_sides(
         # The far side was followed as far down as the links allow; no lower than that goes the near one.
         overhangs = bool((np.abs(raised - x) < 1e-6).any())
         bottom = float(area.lower[2]) if overhangs else own[:, 2].min()
-        if not (own[0, 2] - bottom > 0.5 * pitch and abs(own[0, 8]) < 0.5 and len(over)):
+        if not (own[0, 2] - bottom > 0.5 * pitch and UNDER < own[0, 8] < OVER and len(over)):
             continue
         top = over[0]
         stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - top[1]) < NEAR), 2].max()

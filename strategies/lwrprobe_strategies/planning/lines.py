@@ -31,6 +31,7 @@ class Line:
     outline : 0, or the sign on the other horizontal axis towards which a contact is followed in the horizontal plane
     fallback : the line to drive where this one has to be given up
     raised : begins above something that the stick has touched
+    low : what is above it was passed before, so it is not raised
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -43,6 +44,7 @@ class Line:
     free_to: float = np.inf
     outline: int = 0
     fallback: Line | None = None
+    low: bool = False
     free_end: bool = False
     raised: bool = False
 

@@ -21,6 +21,8 @@ OFF = 0.002
 """m off a surface, where it has been left."""
 OWN_COLUMN = 0.0025
 """m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
+BESIDE = 0.02
+"""m from a place on the way back to the start of a line at the same height, up to which that is a way to it."""
 STOP = 0.15
 """s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
 RISE = 0.0015
@@ -31,6 +33,10 @@ FARTHEST = 0.3
 """m sideways, as which the rest of a path from a known column may count at most; more is no gain."""
 HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
+
+
+Clear = Callable[[np.ndarray, np.ndarray], bool]
+"""Whether an upright probe comes near nothing that was touched on the straight way between two places (3,)."""
 
 
 class Pace(Enum):
@@ -94,11 +100,17 @@ def held(pose: np.ndarray, rotation: np.ndarray) -> bool:
 
 
 def path_to(
-    line: Line, here: np.ndarray, turn: np.ndarray, area: Area, free: FreeSpace, speeds: Speeds
+    line: Line,
+    here: np.ndarray,
+    turn: np.ndarray,
+    area: Area,
+    free: FreeSpace,
+    speeds: Speeds,
+    clear: Clear = lambda begin, end: True,
 ) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven.
+    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so.
     """
     start, top = line.start, float(area.upper[Z])
     if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
@@ -111,23 +123,55 @@ def path_to(
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
         touch = Waypoint(start - (0.0, 0.0, HOVER), Pace.GUARDED)
         return [*up, above, *_down_to(known, free, Pace.COLUMN), touch]
+    straight_down = [*up, above, *_down_to(start, free, Pace.GUARDED)]
+    paths = []
     column = _known_column(free, start, line.axis)
     if column is None:
-        over = [*up, above, *_down_to(start, free, Pace.GUARDED)]
+        paths.append(straight_down)
     else:
-        above.place[:2] = column[:2]
+        over = Waypoint(np.array([*column[:2], top]), rotation=turn)
         level = np.array([*start[:2], column[Z]])
         beside = Pace.FREE if free.swept(column, level) else Pace.GUARDED
-        over = [*up, above, Waypoint(column), Waypoint(level, beside)]
-        if column[Z] - start[Z] > THERE:
-            over.append(Waypoint(start, Pace.GUARDED))
-    if line.axis == X or abs(here[Y] - line.begin) > BORDER:
-        return over
-    # Nothing should stand on the border; where something does, the area is cut through an object.
-    level = np.array([start[X], start[Y], here[Z]])
-    along = [Waypoint(here, rotation=turn), Waypoint(level, Pace.GUARDED)]
-    along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
-    return min(along, over, key=lambda path: seconds(path, here, speeds))
+        foot = [Waypoint(start, Pace.GUARDED)] if column[Z] - start[Z] > THERE else []
+        paths.append([*up, over, Waypoint(column), Waypoint(level, beside), *foot])
+    back = free.back_to(start, BESIDE)
+    if back is not None and np.abs(back[0][0] - here).max() < OWN_COLUMN and np.vdot(turn, back[-1][1]) > HELD:
+        paths.append([*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, Pace.GUARDED)])
+    if line.axis == Y and abs(here[Y] - line.begin) <= BORDER:
+        # Nothing should stand on the border; where something does, the area is cut through an object.
+        level = np.array([start[X], start[Y], here[Z]])
+        along = [Waypoint(here, rotation=turn), Waypoint(level, Pace.GUARDED)]
+        along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
+        paths.append(along)
+    for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
+        if _clear_sideways(path, here, clear):
+            return path
+    return straight_down
+
+
+def clear_of(points: np.ndarray, task: Task) -> Clear:
+    """Whether the upright probe stays clear of the points (n, 3) that it is not near to already."""
+    parts = [(float(half.max()), bottom - task.clearance_threshold) for half, bottom in body(task)]
+    parts = [(wide + task.clearance_threshold, low) for wide, low in [*parts, (task.probe.stick_radius, RISE)]]
+
+    def clear(begin: np.ndarray, end: np.ndarray) -> bool:
+        step, there = (end - begin)[:2], points[:, :2] - begin[:2]
+        share = np.clip(there @ step / max(float(step @ step), 1e-12), 0.0, 1.0)
+        off = np.hypot(*(there - share[:, None] * step).T)
+        far, height = np.hypot(*there.T), points[:, Z] - min(begin[Z], end[Z])
+        return not any(((off < wide) & (far >= wide) & (height > low)).any() for wide, low in parts)
+
+    return clear
+
+
+def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> bool:
+    """Whether a path from `here` (3,) leads sideways through the unknown only where that is clear."""
+    for waypoint in path:
+        sideways = np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN
+        if waypoint.pace is Pace.GUARDED and sideways and not clear(here, waypoint.place):
+            return False
+        here = waypoint.place
+    return True
 
 
 def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoint]:
@@ -178,7 +222,7 @@ def line_height(task: Task) -> float:
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
     tallest = float(task.area.upper[Z]) - task.probe.radius
-    lowest = max((tallest - bottom for _, bottom in _body(task)), default=-np.inf) + task.clearance_threshold
+    lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
 
@@ -188,7 +232,7 @@ def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
     """
     low, high = sorted((line.begin, line.end))
     lowest = float(task.area.lower[Z])
-    for half, bottom in _body(task):
+    for half, bottom in body(task):
         along, aside = half[line.axis] + task.clearance_threshold, half[line.aside] + task.clearance_threshold
         near = (points[:, line.axis] > low - along) & (points[:, line.axis] < high + along)
         near &= np.abs(points[:, line.aside] - line.place) < aside
@@ -197,7 +241,7 @@ def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
     return min(lowest, float(task.area.upper[Z]))
 
 
-def _body(task: Task) -> list[tuple[np.ndarray, float]]:
+def body(task: Task) -> list[tuple[np.ndarray, float]]:
     """What stands above the stick of an upright probe: how far it reaches along x and y, and how high its bottom is."""
     body = []
     for link in task.probe.links:

@@ -12,6 +12,7 @@ from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
 from lwrprobe_strategies.planning.lines import Grid, Line, Y, Z
+from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 
@@ -28,7 +29,7 @@ class LineScheduler:
     memory : the contacts so far; read when the grid is done
     spacing : m, between two lines
     first_line : `border` or `middle`
-    near_sides, across, ends : which lines follow those of the grid
+    low, near_sides, across, ends : which lines follow those of the grid
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class LineScheduler:
         spacing: float,
         first_line: str,
         *,
+        low: bool = True,
         near_sides: bool = True,
         across: bool = True,
         ends: bool = True,
@@ -51,7 +53,9 @@ class LineScheduler:
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
         self._raised: list[Line] = []
-        gaps = ((near_sides, self._near_sides), (across, self._lines_across), (ends, self._outlines))
+        gaps = (
+            (near_sides, self._near_sides), (low, self._low_lines), (across, self._lines_across), (ends, self._outlines)
+        )  # fmt: skip
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
 
     def next(self, here: np.ndarray) -> Line | None:
@@ -147,6 +151,10 @@ class LineScheduler:
         contacts, trail = self._memory.contacts(), self._memory.trail()
         raised = np.array([line.place for line in self._raised if line.axis == Y])
         return near_sides(contacts, trail, self._area, self._spacing, self.lowest, raised)
+
+    def _low_lines(self) -> list[Line]:
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return low_lines(contacts, trail, self.grid.x, self._spacing, self._task)
 
     def _lines_across(self) -> list[Line]:
         contacts, trail, floor = self._memory.contacts(), self._memory.trail(), float(self._area.lower[Z])

@@ -81,7 +81,8 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
         # The stick may be what touches, and above the sphere nothing is known then.
         feed = min(feed, tip.control.approach_speed(DOWN, held))
     if careful:
-        feed = min(feed, tip.control.careful_speed)
+        feed = min(feed, tip.control.stick_speed(tip.overhangs.reach(here)))
+    feed = min(feed, tip.stick_limit(np.array(tip.control.tangent(frame.binormal()))))
     force = max(float(seen.force @ normal), 0.0)
     velocity = tip.control.velocity(normal, force, frame.binormal(), feed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import nan
 
 import numpy as np
@@ -15,6 +16,8 @@ from lwrprobe_strategies.tip import Tip
 
 DOUBTED = 2
 """Samples after which a contact that may be one of the stick is one: the first alone may be too weak to decide."""
+ALIKE = 0.1
+"""Share of a speed, below which a change is not worth a new plan."""
 FACING = -0.3
 """Normal along the motion, below which what is being left stands in the way."""
 
@@ -37,7 +40,7 @@ def guarded_move(
     ----------
     end : (3,) m, where the motion ends without a contact
     ahead : (3,) unit, direction of the motion, None = from here to `end`
-    stretch : how far to go in one piece, None = to the end; with care is at the control's careful speed
+    stretch : how far to go in one piece, None = to the end; with care is as if the stick were met anywhere
     grid_x : m, of the grid line that is driven, for the memory
     rest : stand still for one sample first
 
@@ -49,14 +52,18 @@ def guarded_move(
         way = end - tip.here
         ahead = way / max(float(np.sqrt(way @ way)), 1e-9)
     goal: Goal | None = None
+    speed = 0.0
     doubts = int(rest)
     stop = VelocityCommand(np.zeros(3), reason=guarded_move.name)
     while True:
         if not doubts and (goal is None or tip.seen.goal_reached):
             target, careful = (end, False) if stretch is None else stretch(tip.here)
-            held = tip.seen.pose[:3, :3]
-            speed = tip.control.careful_speed if careful else tip.control.approach_speed(ahead, held)
+            speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
+            if careful:
+                speed = min(speed, tip.control.stick_speed(tip.overhangs.reach(tip.here)))
             goal = Goal(tip.pose_at(target), speed, guarded_move.name)
+        if goal is not None:
+            goal = slowed(goal, min(speed, tip.stick_limit(ahead)))
         try:
             yield stop if doubts or goal is None else goal
         finally:
@@ -73,3 +80,8 @@ def guarded_move(
             return Ended.CONTACT
         if float((tip.here - end) @ ahead) >= -AT_END:
             return Ended.NO_CONTACT
+
+
+def slowed(goal: Goal, speed: float) -> Goal:
+    """The same goal at another speed [m/s]; the goal itself where the change is not worth a new plan."""
+    return goal if abs(speed - goal.speed) < ALIKE * goal.speed else replace(goal, speed=speed)

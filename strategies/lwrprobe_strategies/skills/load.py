@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lwrprobe.contracts import VelocityCommand
+from lwrprobe.contracts import Goal, VelocityCommand
 from lwrprobe.control import normal_velocity
 from lwrprobe_strategies.outcomes import Blocked, Ended
 from lwrprobe_strategies.skills.skill import Procedure, skill
@@ -24,14 +24,15 @@ MIN_WAY = 2e-5
 
 @skill(Blocked)
 def rest(tip: Tip, seconds: float) -> Procedure:
-    """Stand still.
+    """Stand still in free space; the run follows the sensor's zero meanwhile, as on every way to a goal.
 
     Returns
     -------
     Ended.ARRIVED
     """
+    held = Goal(tip.seen.pose.copy(), tip.task.free_speed, rest.name)
     for _ in _until(tip, seconds):
-        yield VelocityCommand(np.zeros(3), hold=HOLD, reason=rest.name)
+        yield held
     return Ended.ARRIVED
 
 

@@ -39,7 +39,7 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
         control.normal = around
         way = ONWARD * np.array(control.tangent(frame.binormal())) - INWARD * around
         way /= np.sqrt(way @ way)
-        speed = min(control.return_speed(way, tip.seen.pose[:3, :3]), tip.task.contour_speed)
+        speed = min(control.return_speed(way, tip.seen.pose[:3, :3]), tip.task.contour_speed, tip.stick_limit(way))
         try:
             yield VelocityCommand(frame.bounded(here, speed * way), reason=reapproach.name)
         finally:

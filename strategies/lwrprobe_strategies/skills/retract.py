@@ -6,9 +6,13 @@ import numpy as np
 
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
+from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
+
+COLUMN = 0.9
+"""Share of a retraction along z, from which on the sphere follows the column of its stick."""
 
 
 @skill(Overload, Blocked)
@@ -17,13 +21,16 @@ def retract(tip: Tip, frame: TrackingFrame, along: np.ndarray, distance: float) 
 
     Returns
     -------
-    Ended.RETRACTED, or Ended.LINE_END where the line ends on the way
+    Ended.RETRACTED, also where something stands in the way, or Ended.LINE_END where the line ends on the way
     """
     size = float(np.sqrt(along @ along))
     along = along / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
     left = distance
+    speed = tip.control.column_speed if along[Z] > COLUMN else tip.control.approach_speed(along, tip.seen.pose[:3, :3])
     while True:
-        yield VelocityCommand(along * tip.task.approach_speed, reason=retract.name)
+        yield VelocityCommand(along * min(speed, tip.stick_limit(along)), reason=retract.name)
+        if float(tip.seen.force @ along) < -tip.task.force_threshold:
+            return Ended.RETRACTED
         if frame.past_end(tip.here):
             return Ended.LINE_END
         left -= float(tip.seen.velocity @ along) * tip.period

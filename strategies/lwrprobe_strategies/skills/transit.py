@@ -9,7 +9,8 @@ import numpy as np
 
 from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.skills.guarded_move import slowed
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
@@ -41,8 +42,11 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
             rotation = waypoint.rotation
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, waypoint.place
-        goal = Goal(pose, speed_to(tip, waypoint, rotation), transit.name)
+        speed = speed_to(tip, waypoint, rotation)
+        goal = Goal(pose, speed, transit.name)
         while True:
+            if waypoint.pace is Pace.GUARDED:
+                goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
             try:
                 yield goal
             except Overload:
@@ -58,10 +62,15 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
 
 def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     """m/s on the way to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
-    way = waypoint.place - tip.here
-    size = float(np.sqrt(way @ way))
-    along = way / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
+    along = direction(tip.here, waypoint.place)
     return min(tip.speeds(turn).at(waypoint.pace, along) for turn in (tip.seen.pose[:3, :3], rotation))
+
+
+def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(3,) unit, from one place (3,) to another; downwards where they are the same."""
+    way = there - here
+    size = float(np.sqrt(way @ way))
+    return way / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
 
 
 def yields(tip: Tip, waypoint: Waypoint) -> bool:

@@ -39,10 +39,9 @@ class RunRecord:
     ) -> None:
         self._recorder, self._strategy = recorder, strategy
         self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
-        self._compliance, self._soft, self._threshold = probe.compliance, 1.0 / stiffness, threshold
+        self._compliance, self._soft, self._threshold = probe.compliance.tolist(), 1.0 / stiffness, threshold
         self.path = self.contact_path = self.peak_force = self.force = self.range_used = self.peak_bound = 0.0
         self._last: list[float] | None = None
-        self._tip = np.zeros(3)
         self._normal: np.ndarray | None = None
         self.touches = 0
         self._samples = self._transitions = 0
@@ -50,7 +49,8 @@ class RunRecord:
     def note_range(self, wrench: Wrench) -> None:
         """The share of the sensor's range that a wrench takes up."""
         for value, limit in zip(wrench.force.tolist() + wrench.torque.tolist(), self._range):
-            self.range_used = max(self.range_used, abs(value) / limit)
+            if abs(value) > self.range_used * limit:
+                self.range_used = abs(value) / limit
 
     def note_unseen(self, force: float) -> None:
         """The size of a force [N] that the strategy is not shown."""
@@ -62,7 +62,7 @@ class RunRecord:
         self._last = None
         self._recorder.swept.interrupt()
 
-    def _bound(self, seen: Observation, tip: np.ndarray, force: float) -> None:
+    def _bound(self, seen: Observation, tip: list[float], force: float) -> None:
         """What no sample shows: a force rises no faster on the way than the stiffness in its direction allows.
 
         From F1 over a way s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the way that leaves what
@@ -71,15 +71,19 @@ class RunRecord:
         if seen.contact is not None:
             self._normal = seen.contact.normal
         largest = max(self.force, force)
-        if largest < self._threshold or self._normal is None:
+        if largest < self._threshold or self._normal is None or self._last is None:
             return
-        way = tip - self._tip
-        way = way - max(0.0, float(way @ self._normal)) * self._normal
-        length = hypot(*way.tolist())
+        # Number by number: vectors of three take numpy several times as long.
+        way, normal = [b - a for a, b in zip(self._last, tip)], self._normal.tolist()
+        leaving = sum(a * b for a, b in zip(way, normal))
+        if leaving > 0.0:
+            way = [a - leaving * b for a, b in zip(way, normal)]
+        length = hypot(*way)
         if length > 1e-9:
-            along = way @ seen.pose[:3, :3] / length
-            stiffness = 1.0 / (self._soft + float(along * along @ self._compliance))
-            largest = max(largest, 0.5 * (self.force + force + stiffness * length))
+            (x, y, z), soft = way, self._soft * length * length
+            for (a, b, c), compliance in zip(seen.pose[:3, :3].T.tolist(), self._compliance):
+                soft += compliance * (a * x + b * y + c * z) ** 2
+            largest = max(largest, 0.5 * (self.force + force + length**3 / soft))
         self.peak_bound = max(self.peak_bound, largest)
 
     def note(self, seen: Observation, tip: np.ndarray, force: float) -> None:
@@ -89,11 +93,11 @@ class RunRecord:
         if self._last is not None:
             length = dist(place, self._last)
             self.path += length
-            self._bound(seen, tip, force)
+            self._bound(seen, place, force)
             if seen.contact is not None:
                 self.contact_path += length
         self._recorder.swept.note(seen)
-        self._last, self._tip = place, tip
+        self._last = place
         self.peak_force = max(self.peak_force, force)
         self.force = force
         self._samples += 1

@@ -199,8 +199,8 @@ class SampleStep:
         velocity = self._arm.history.measured_velocity(sample.time)
         measured = wrench
         if pipeline.torque is not None:
-            wrench = pipeline.torque.corrected(measured)
-            pipeline.estimator.set_lever_error(pipeline.torque.lever_error(measured.force))
+            wrench, lever_error = pipeline.torque.corrected(measured)
+            pipeline.estimator.set_lever_error(lever_error)
         contact = pipeline.estimator.estimate(wrench, centre, rotation, velocity)
         if pipeline.torque is not None:
             pipeline.torque.learn(measured, rotation, velocity)

@@ -59,7 +59,7 @@ what a change of orientation has to keep."""
 UPRIGHT = (0.0, 0.0, 0.0)
 FEWEST_LEANS = 4
 TURN = 2.0 * np.pi
-MAX_STIFFNESS = 4.5e4
+MAX_STIFFNESS = 6e4
 """N/m of arm and sphere in series: an upper bound for an arm of unknown stiffness and a sphere of metal."""
 ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""

@@ -122,8 +122,9 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     surface = make(options).reconstruct(touch_record(recorder, scene, voxels, DEFAULT_SPACING))
     # The stages that only a moving arm needs are compiled by the run itself at this time.
     pipeline: Any = SimpleNamespace(
-        voxels=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(), area=scene.area.as_area(),
-        force=SimpleNamespace(report=dict), torque=None, left_out=[], line_spacing=DEFAULT_SPACING,
+        voxels=voxels, surface=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(),
+        area=scene.area.as_area(), force=SimpleNamespace(report=dict), torque=None, left_out=[],
+        line_spacing=DEFAULT_SPACING,
     )  # fmt: skip
     certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, _OUTCOME.time)
     summary = summarise(scene, pipeline, truth, recorder, _OUTCOME, surface, 1.0, certified=certified)

@@ -12,9 +12,9 @@ from lwrprobe.contracts.driver import HealthCheck
 from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import explore
-from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
+from lwrprobe.exploration.procedures.start_posture import start_posture, tip_mass_at_start, unreachable_part
 from lwrprobe.exploration.stages.pipeline import reaction_delay, robot_of
-from lwrprobe.exploration.stages.touch_law import tip_mass, touch_law
+from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
 _NEAR = np.radians(5.0)  # of a joint limit
@@ -59,11 +59,7 @@ def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0)
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     probe, contact = scene.probe.as_probe(), scene.contact
     soft = 1.0 / contact.stiffness + probe.compliance.min()
-    mass = 0.0
-    if arm_mass > 0.0:
-        robot = robot_of(scene)
-        mass = tip_mass(robot, arm_mass, start_posture(scene, robot)[1])
-    law = touch_law(scene, delay, mass)
+    law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
     facts = f"K {1.0 / soft:.3g} N/m, delay {1e3 * delay:.1f} ms"
     if isinstance(law, Refusal):
         return HealthCheck("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)

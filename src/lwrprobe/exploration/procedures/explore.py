@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import rmtree
 from time import perf_counter
@@ -12,6 +13,7 @@ from typing import Any, Self
 
 from lwrprobe.compiled.pipeline import collector_paused
 from lwrprobe.contracts import (
+    GroundTruth,
     InputError,
     LeftOut,
     LwrprobeError,
@@ -30,7 +32,7 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
-from lwrprobe.exploration.recording.error_budget import recorded_budget
+from lwrprobe.exploration.recording.error_budget import expect_mesh_errors, fitted_shapes, recorded_budget
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -43,10 +45,34 @@ from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
 
-Message = Callable[[str], None]
-
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
+
+
+@dataclass(slots=True, frozen=True, kw_only=True)
+class RunOptions:
+    """How an exploration is carried out, beside what its scene says.
+
+    Attributes
+    ----------
+    out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
+    realtime : a simulator keeps pace with the wall clock
+    watch : called some ten times a second with a `ProgressSnapshot`
+    message : called with a sentence at each new phase
+    choices : strategy and reconstructor, None = those that the scene names
+    confirm : asks for each of the first motions
+    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
+    record : write a bag into the run folder; None = on real devices, where its libraries are installed
+    """
+
+    out: Path | None = None
+    realtime: bool = False
+    watch: WatchFunction | None = None
+    message: Callable[[str], None] = lambda text: None
+    choices: Choices | None = None
+    confirm: Confirm | None = None
+    earlier: RunFolder | None = None
+    record: bool | None = None
 
 
 class Exploration:
@@ -58,14 +84,7 @@ class Exploration:
     Parameters
     ----------
     scene : from `lwrprobe.scene.load_scene`
-    out : folder for contacts, map, cloud, mesh, picture and summary; None keeps nothing on disk
-    realtime : a simulator keeps pace with the wall clock
-    watch : called some ten times a second with a `ProgressSnapshot`
-    message : called with a sentence at each new phase
-    choices : strategy and reconstructor, None = those that the scene names
-    confirm : asks for each of the first motions
-    earlier : a run that was cut off, in the folder `out`, which is resumed; see `resume`
-    record : write a bag into the run folder; None = on real devices, where its libraries are installed
+    options : None = the defaults
 
     Attributes
     ----------
@@ -78,25 +97,14 @@ class Exploration:
     do not open. What ends the run early after that stands in the summary's `status` and `reason`.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        out: Path | None = None,
-        *,
-        realtime: bool = False,
-        watch: WatchFunction | None = None,
-        message: Message = lambda text: None,
-        choices: Choices | None = None,
-        confirm: Confirm | None = None,
-        earlier: RunFolder | None = None,
-        record: bool | None = None,
-    ) -> None:
+    def __init__(self, scene: Scene, options: RunOptions | None = None) -> None:
         self._stated, self.scene = scene, calibrated(scene)
-        self.out, self._message, self._earlier = out, message, earlier
+        self._options = options or RunOptions()
+        self.out, self._message, self._earlier = self._options.out, self._options.message, self._options.earlier
         self._ahead = CompileAhead.where_it_pays(scene)
         try:
             with collector_paused():
-                self._prepare(realtime, watch, choices or choose(scene), confirm, record)
+                self._prepare()
         except BaseException:
             self._end_ahead()
             raise
@@ -106,16 +114,11 @@ class Exploration:
         self.surface: Reconstruction | None = None
         self._summary: Summary | None = None
 
-    def _prepare(
-        self,
-        realtime: bool,
-        watch: WatchFunction | None,
-        choices: Choices,
-        confirm: Confirm | None,
-        record: bool | None,
-    ) -> None:
+    def _prepare(self) -> None:
         begin = perf_counter()
         scene, out, message, earlier = self.scene, self.out, self._message, self._earlier
+        options, record = self._options, self._options.record
+        choices = options.choices or choose(scene)
         if record:
             _check_recording(out)
         robot = robot_of(scene)
@@ -132,10 +135,13 @@ class Exploration:
         begin = perf_counter()
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
-        self._devices = Devices.assemble(self._stated, scene.run.seed, realtime, q)
-        if scene.run.until.certified is not None and self._devices.ground_truth is None:
-            allowed = "nothing with a real arm, whose cycles do not wait for the certificate"
-            raise InputError("run.until.certified", scene.run.until.certified, allowed)
+        self._devices = Devices.assemble(self._stated, scene.run.seed, options.realtime, q)
+        for rule in ("certified", "accurate"):
+            wanted = getattr(scene.run.until, rule)
+            if wanted is not None and self._devices.ground_truth is None:
+                raise InputError(
+                    f"run.until.{rule}", wanted, "nothing with a real arm, whose cycles do not wait for it"
+                )
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
@@ -153,13 +159,20 @@ class Exploration:
                 recover_bag(out)
             self.recorder.bag = RunBag(out, robot, sensor, arm.cycle, scene.probe.radius)
         self._log = _logged(self.pipeline, out, earlier)
-        self.explorer = Explorer(scene, self.pipeline, self._devices, self.recorder, watch, confirm, message)
+        self.explorer = Explorer(
+            scene, self.pipeline, self._devices, self.recorder, options.watch, options.confirm, message
+        )
         if isinstance(self.pipeline.strategy, Resumed):
             message("going through what was done")
             self.pipeline.place_tip(pose, q)
             self.pipeline.strategy.recall(self.explorer.task(), self.pipeline, self.recorder)
         self._contacts_before = len(self.recorder.contacts)
         self._seconds["compile"] = perf_counter() - begin
+
+    @property
+    def truth(self) -> GroundTruth | None:
+        """What a simulator knows; None on real devices."""
+        return self._devices.ground_truth
 
     def __enter__(self) -> Self:
         begin = perf_counter()
@@ -225,7 +238,7 @@ class Exploration:
         return True
 
     def _close_recording(self) -> None:
-        """Close streams and bag; where there is no room even for that the outcome says so."""
+        """Close streams and bag; where the disk is full even for that, the outcome says so."""
         outcome = self.explorer.outcome
         try:
             if self.recorder.bag is not None and outcome is not None:
@@ -259,6 +272,11 @@ class Exploration:
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
+        if budget is not None:
+            table_height = 1e-3 * scene.uncertainty.sigma("table_height_mm")
+            summary.fits = fitted_shapes(budget, self.record, table_height)
+            if self.surface is not None:
+                summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
@@ -311,8 +329,8 @@ class Exploration:
 
 
 def explore(scene: Scene, out: Path | None = None, **given: Any) -> dict[str, Any]:
-    """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `Exploration`."""
-    with Exploration(scene, out, **given) as exploration:
+    """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `RunOptions`."""
+    with Exploration(scene, RunOptions(out=out, **given)) as exploration:
         for _ in exploration:
             pass
     return exploration.finish().as_dict()

@@ -14,7 +14,7 @@ from lwrprobe.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene
 
 CYCLES_MS = (1, 2, 4, 5, 10, 20, 50, 100)
-"""That FRI can be opened with and that are told of."""
+"""That FRI can be opened with and that are reported."""
 MISSED = 1e-3
 """Share of the cycles that may be missed: the best rating takes 97 % of the answers, and three missing in a row stop
 the arm."""
@@ -47,7 +47,7 @@ def smallest_cycle(late: np.ndarray) -> float | None:
 
 
 def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> list[HealthCheck]:
-    """Idle for some seconds, half of them with real-time priority where that is permitted, and judge what was seen.
+    """Idle for some seconds, half of them with real-time priority where that is permitted, and evaluate it.
 
     Parameters
     ----------

@@ -29,6 +29,7 @@ from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import WatchFunction
 from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.start_posture import tip_mass_at_start
 from lwrprobe.exploration.stages.pipeline import choose, reaction_delay
 from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
@@ -193,7 +194,7 @@ def repeat(
     did not come to its end.
     """
     devices = Devices.assemble(scene, scene.run.seed, False)
-    fastest = safe_speed(scene, devices.arm.cycle, devices.sensor.latency)
+    fastest = safe_speed(scene, devices.arm.cycle, devices.sensor.latency, devices.arm_mass)
     if not plan.speeds:
         plan = replace(plan, speeds=tuple(share * fastest for share in (0.25, 0.5, 1.0)))
     for speed in plan.speeds:
@@ -207,9 +208,10 @@ def repeat(
     return {"speeds": statistics(touches), "summary": summary}
 
 
-def safe_speed(scene: Scene, cycle: float, latency: float) -> float:
-    """m/s at which the stiffest direction may be touched."""
-    law = touch_law(scene, reaction_delay(scene, cycle, latency, scene.sensor.rate))
+def safe_speed(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0) -> float:
+    """m/s at which the stiffest direction may be touched by an arm of `arm_mass` kg."""
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
+    law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
     if isinstance(law, Refusal):
         raise InputError("contact.stiffness", scene.contact.stiffness, f"something that may be touched: {law.reason}")
     return min(law.approach_speed, scene.motion.approach_speed)

@@ -115,6 +115,15 @@ class Recorder:
         """(k, 7): time, x, y, z, force, touching, clearance."""
         return np.array(self._trace, dtype=np.float64).reshape(-1, 7)
 
+    @property
+    def places(self) -> int:
+        """How many places of the path are recorded."""
+        return len(self._trace)
+
+    def free_places(self, first: int = 0) -> np.ndarray:
+        """(k, 3) m, places from number `first` of the path on at which the sphere touched nothing."""
+        return np.array([row[1:4] for row in self._trace[first:] if not row[5]]).reshape(-1, 3)
+
     def write_again(self) -> None:
         """Contacts and path anew, where the folder was lost while the run went on; raises OSError."""
         assert self.folder is not None

@@ -121,7 +121,7 @@ class RunBag:
         self._stream(TIP, [*pose[:3, 3].tolist(), *quaternion(pose)])
 
     def answer(self, answer: bool) -> bool:
-        """What the strategy was told when it asked for reach or clearance."""
+        """The answer to a strategy's question for reach or clearance."""
         self._send(ANSWERS, messages.kind("std_msgs/msg/Bool")(bool(answer)))
         return answer
 

@@ -12,7 +12,7 @@ from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction,
 from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
     Reach,
-    aligned_point_error,
+    aligned_points,
     coverage,
     coverage_over_time,
     end_errors,
@@ -38,7 +38,7 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.untouched import untouched
-from lwrprobe.exploration.stages.clearance import STICK
+from lwrprobe.exploration.stages.clearance import STICK, ClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 from lwrprobe.scene.solid import Solid
@@ -97,7 +97,7 @@ def summarise(
         slowed_cycles=outcome.slowed_cycles,
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
-        untouched=_untouched(points, normals, surface, pitch, pipeline),
+        untouched=_untouched(scene, points, normals, surface, pitch, pipeline),
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
@@ -129,7 +129,8 @@ def _against_truth(
     keys = (
         "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
         "contact_error_aligned_mm", "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
-        "mesh_error_aligned_mm", "claims_within_95", "lower_bound_time_s", "lower_bound_descending_s",
+        "mesh_error_aligned_mm", "claims_within_95", "claims_aligned_within_95",
+        "lower_bound_time_s", "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
@@ -171,9 +172,11 @@ def _against_truth(
         true_points = np.array([true.point for true in touches if true is not None])
         true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
-        found["contact_error_aligned_mm"] = aligned_point_error(points[known], true_points).as_dict()
+        aligned = aligned_points(points[known], true_points)
+        found["contact_error_aligned_mm"] = point_error(aligned, true_points).as_dict()
         if budget is not None:
             found["claims_within_95"] = budget.claims_within_95(points[known] - true_points, known)
+            found["claims_aligned_within_95"] = budget.claims_within_95(aligned - true_points, known, aligned=True)
         found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
@@ -228,11 +231,24 @@ def _bridged(recorder: Recorder, scene: Scene, pitch: float) -> list[Bridged]:
 
 
 def _untouched(
-    points: np.ndarray, normals: np.ndarray, surface: Reconstruction | None, pitch: float, pipeline: Pipeline
+    scene: Scene,
+    points: np.ndarray,
+    normals: np.ndarray,
+    surface: Reconstruction | None,
+    pitch: float,
+    pipeline: Pipeline,
 ) -> list[dict[str, object]]:
     if surface is None:
         return []
-    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area)
+    pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
+    keeps = scene.clearance.threshold, scene.clearance.stick_threshold
+    stage = ClearanceStage(pipeline.probe.links, pipeline.voxels, pipeline.surface, *keeps)
+
+    def meets(centre: np.ndarray) -> bool:
+        pose[:3, 3] = centre
+        return stage.threatens(pose)
+
+    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area, meets)
     return [place.as_dict() for place in places]
 
 

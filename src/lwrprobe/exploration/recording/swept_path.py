@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 
 from lwrprobe.contact import TRUSTED
@@ -27,28 +29,31 @@ class SweptPath:
         self._times: list[float] = []
         self._joined: list[bool] = []
         self._poses: list[np.ndarray] = []
+        self._last: list[float] = []
         self._broken = True
 
     def note(self, seen: Observation) -> None:
         """One sample; in contact the sphere is where the bent stick holds it."""
         pose, contact = seen.pose, seen.contact
-        if contact is not None:
-            if contact.trust < TRUSTED or not np.isfinite(contact.centre).all():
-                self._broken = True
-                return
-            pose = pose.copy()
-            pose[:3, 3] = contact.centre
+        if contact is not None and contact.trust < TRUSTED:
+            self._broken = True
+            return
+        place = pose[:3, 3].tolist() if contact is None else contact.centre.tolist()
+        if not isfinite(sum(place)):
+            self._broken = True
+            return
         joined = False
         if not self._broken:
-            change = np.abs(pose - self._poses[-1])
-            moved = float(change[:3, 3].max())
-            if moved < APART and change[:3, :3].max() < TURNED:
+            moved = max(abs(a - b) for a, b in zip(place, self._last))
+            if moved < APART and np.abs(pose[:3, :3] - self._poses[-1][:3, :3]).max() < TURNED:
                 return
             joined = moved <= LONGEST
-        self._broken = False
+        self._broken, self._last = False, place
+        pose = pose.copy()
+        pose[:3, 3] = place
         self._times.append(seen.time)
         self._joined.append(joined)
-        self._poses.append(pose.copy())
+        self._poses.append(pose)
 
     def interrupt(self) -> None:
         """What comes next does not continue the path."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,12 @@ TOGETHER = 0.004
 DOWN = -0.3
 """Share of the normal along z, below which a surface faces down."""
 
-REASONS = ("below or beside the area", "faces down", "no line was followed there to its end")
+REASONS = (
+    "below or beside the area",
+    "faces down",
+    "the stick or the body of an upright probe would touch",
+    "no line was followed there to its end",
+)
 
 
 @dataclass(slots=True, frozen=True)
@@ -44,7 +50,13 @@ class Untouched:
 
 
 def untouched(
-    mesh: TriangleMesh, points: np.ndarray, normals: np.ndarray, pitch: float, radius: float, area: Area
+    mesh: TriangleMesh,
+    points: np.ndarray,
+    normals: np.ndarray,
+    pitch: float,
+    radius: float,
+    area: Area,
+    meets: Callable[[np.ndarray], bool] = lambda centre: False,
 ) -> list[Untouched]:
     """Places of the mesh without a contact within half the line pitch plus 1 mm that faces the same way; largest first.
 
@@ -55,6 +67,7 @@ def untouched(
     pitch : m, between two lines
     radius : m, of the sphere
     area : where the sphere's centre could go
+    meets : whether the probe, upright with its centre at a place (3,), would come too near to what was touched
     """
     floor = float(area.lower[2]) - radius
     try:
@@ -67,7 +80,8 @@ def untouched(
     samples, facing = samples[left], facing[left]
     centres = samples + radius * facing
     outside = ((centres < area.lower) | (centres > area.upper)).any(axis=1)
-    why = np.where(outside, 0, np.where(facing[:, 2] < DOWN, 1, 2))
+    near = np.array([meets(centre) for centre in centres], dtype=bool)
+    why = np.where(outside, 0, np.where(facing[:, 2] < DOWN, 1, np.where(near, 2, 3)))
     found = []
     for place in _places(samples):
         if len(place) * each >= SMALLEST:

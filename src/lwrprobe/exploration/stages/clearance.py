@@ -27,25 +27,33 @@ class ClearanceStage:
     Parameters
     ----------
     links : of the probe
-    voxels : what was touched
+    voxels : what was touched, for the body; what an edge of its cubes adds covers a little of what lies between lines
+    surface : the same in finer cubes, for the stick, which is near to what the sphere touches
     body, stick : m, what the stick keeps, and what the rest of the links
     """
 
-    def __init__(self, links: Sequence[LinkShape], voxels: VoxelMap, body: float, stick: float) -> None:
+    def __init__(
+        self, links: Sequence[LinkShape], voxels: VoxelMap, surface: VoxelMap, body: float, stick: float
+    ) -> None:
         behind = [link for link in links if link.name != STICK]
         sticks = [link for link in links if link.name == STICK]
-        groups = [LinkGroup(group, keep) for group, keep in ((behind, body), (sticks, stick)) if group]
-        self._watch = ClearanceWatch(groups, voxels)
-        self._queries = [(ClearanceQuery(group.links, voxels), group.keep) for group in groups]
+        groups = [(group, at, keep) for group, at, keep in ((behind, voxels, body), (sticks, surface, stick)) if group]
+        self._watches = [ClearanceWatch([LinkGroup(group, keep)], at) for group, at, keep in groups]
+        self._queries = [(ClearanceQuery(group, at), keep) for group, at, keep in groups]
 
     @property
     def smallest(self) -> float:
         """m, the smallest distance so far."""
-        return self._watch.smallest
+        return min(watch.smallest for watch in self._watches)
 
     def nearest(self, pose: np.ndarray, q: np.ndarray) -> Clearance:
         """The most urgent pair at a tip pose (4, 4), held by joints q (n,); `required` says how far that link keeps."""
-        return self._watch.nearest(pose)
+        near = [watch.nearest(pose) for watch in self._watches]
+        return min(near, key=lambda one: one.distance - one.required)
+
+    def threatens(self, pose: np.ndarray) -> bool:
+        """Whether a link is nearer than it may be at a tip pose (4, 4), wherever the tip is now."""
+        return any(query.nearest(pose).distance < keep for query, keep in self._queries)
 
     def clear(self, path: Sequence[np.ndarray], q: np.ndarray) -> bool:
         """Whether the links keep their distance straight along tip poses (4, 4), the first of them held by q (n,).

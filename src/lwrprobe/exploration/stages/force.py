@@ -165,15 +165,16 @@ class ForceStage:
             self._adopt(self._touch.compliance)
         if not certain:
             self._forget_presses()
-        elif self._press.update(wrench, pose, contact):
+        elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact):
+            # An arm with mass hardly moves while the force changes: its quick presses show the object alone.
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
-        A strategy that feels for a surface feeds; one that has a goal expects nothing before it, and a touch on the way
-        is found by the force.
+        A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
+        touch on the way is found by the force.
         """
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:
@@ -197,6 +198,8 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+        if self.excess <= 0.0 and self._of_stiffness == 1.0:
+            return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
             share = late * self._share_along(motion.pose[:3, 3] - self._place)

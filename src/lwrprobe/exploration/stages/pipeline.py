@@ -44,7 +44,7 @@ CLOSE = 1.0 + 2.0 * cos(0.1)
 UNNOTICED = 0.001
 """s by which the loop may be slower than stated: the reserve of the force limit covers it."""
 SURFACE = 0.0005
-"""m, edge of the cubes from which the links keep their distance; the contacts of a contour are 0.2 mm apart."""
+"""m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the way off a joint limit begins."""
 
@@ -65,7 +65,7 @@ class Pipeline:
     object_motion: ObjectMotionMonitor | None
     voxels: VoxelMap
     surface: VoxelMap
-    """What the links keep their distance from; finer than the map, whose cubes reach beyond the surface."""
+    """What the stick keeps its distance from; finer than the map, whose cubes reach beyond the surface."""
     sweep: SweptSphere | None
     clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
@@ -175,7 +175,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
     null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
     solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
-    clearance, no_clearance = _clearance(scene, probe, robot, solver, surface)
+    clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels, surface)
     trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
     conditioner = WrenchConditioner(probe, rate)
     estimator = make_estimator(scene.contact.estimator, probe, estimator_settings(scene))
@@ -237,7 +237,7 @@ def _motion(
 
 
 def _clearance(
-    scene: Scene, probe: Probe, robot: Robot, solver: IKSolver, voxels: VoxelMap
+    scene: Scene, probe: Probe, robot: Robot, solver: IKSolver, voxels: VoxelMap, surface: VoxelMap
 ) -> tuple[ClearanceStage | ArmClearanceStage | None, str]:
     """The stage, or why it is left out: no link but the stick can come down to where anything can be touched."""
     settings = scene.clearance
@@ -248,7 +248,7 @@ def _clearance(
         return ArmClearanceStage(probe, robot, solver, voxels, keep, stick, scene.table.plane()), ""
     if not probe.links:
         return None, "the probe has no link shapes"
-    return ClearanceStage(probe.links, voxels, keep, stick), ""
+    return ClearanceStage(probe.links, voxels, surface, keep, stick), ""
 
 
 def _object_motion(scene: Scene, probe: Probe) -> ObjectMotionMonitor | None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import hypot, radians
+from math import hypot, radians, sqrt
 
 import numpy as np
 
+from lwrprobe.calibration.priors import GEAR_WAVES
 from lwrprobe.contact import Settings, TorqueAgreement
 from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
@@ -52,4 +53,10 @@ def torque_errors(scene: Scene, probe: Probe) -> Vector:
 def zero_torque(scene: Scene, probe: Probe) -> float:
     """N m, torque about the sphere by the wandering zero of all axes: one standard deviation."""
     table = scene.uncertainty
-    return hypot(1e-6 * table.sigma("zero_torque_unm"), 1e-3 * table.sigma("zero_force_mn") * probe.sensor_distance)
+    now = hypot(1e-6 * table.sigma("zero_torque_unm"), 1e-3 * table.sigma("zero_force_mn") * probe.sensor_distance)
+    return sqrt(2.0) * now  # now, and when the bias was taken
+
+
+def wave_slope(scene: Scene) -> float:
+    """Largest share by which the wave of a joint's gear makes the joint faster or slower than its motor."""
+    return radians(scene.uncertainty.sigma("gear_ripple_deg")) * GEAR_WAVES

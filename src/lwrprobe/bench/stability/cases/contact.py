@@ -99,7 +99,7 @@ def _touches_on_the_ball(
     """Nominal centres, forces and torques (sensor frame) of presses of about 1 N all over the upper half.
 
     The bent stick is a shift of the sphere in the tip frame that nobody knows of: the sphere touches where it is, and
-    the sensor feels it with that lever.
+    the sensor measures it with that lever.
     """
     ball, reach = np.array([0.0, 0.0, 0.025]), 0.025 + radius
     centres, forces, torques = [], [], []

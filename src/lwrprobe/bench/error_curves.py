@@ -1,0 +1,112 @@
+"""The error of the mesh over a run's time, as if the run had ended at each of some instants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord
+from lwrprobe.evaluation import mesh_error
+from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.exploration.stages.pipeline import Pipeline
+
+INSTANTS = 16
+"""At which a mesh is made, evenly over the run: each takes about a second."""
+SAMPLES = 5000
+"""Of mesh and surface each."""
+MEANS = (1.0, 0.3, 0.1)
+"""mm, of the mesh's mean error, to which the seconds are given."""
+P95 = 1.0
+"""mm, of its 95th percentile, beside a mean of 0.3 mm."""
+
+Row = tuple[float, float, float]
+
+
+def error_curve(exploration: Exploration, truth: GroundTruth, instants: int = INSTANTS) -> list[Row]:
+    """(time s, mean mm, 95th percentile mm) of the mesh from what was touched until then, for a finished run.
+
+    Instants at which the contacts do not carry a mesh are left out.
+    """
+    recorder, pipeline = exploration.recorder, exploration.pipeline
+    trace = recorder.trace()
+    outcome = exploration.explorer.outcome
+    assert outcome is not None
+    rows: list[Row] = []
+    for time in np.linspace(0.0, outcome.time, instants + 1)[1:]:
+        before = trace[(trace[:, 0] <= time) & (trace[:, 5] == 0.0), 1:4]
+        error = _error(_until(exploration.record, time, before), pipeline, truth)
+        if error is not None:
+            rows.append((round(float(time), 2), *error))
+    return rows
+
+
+def seconds_to(curve: list[Row], mean: float, p95: float = np.inf) -> float | None:
+    """s from which on mean and 95th percentile, mm, stay as small as this; None where they never do."""
+    reached = None
+    for time, now, now_p95 in curve:
+        if now > mean or now_p95 > p95:
+            reached = None
+        elif reached is None:
+            reached = time
+    return reached
+
+
+def columns(curve: list[Row]) -> dict[str, float | None]:
+    """The seconds to each of the errors."""
+    found = {f"seconds_{mean:g}": seconds_to(curve, mean) for mean in MEANS}
+    return found | {"seconds_goal": seconds_to(curve, 0.3, P95)}
+
+
+def draw_curves(figure: Any, found: list[dict[str, Any]]) -> None:
+    """Mean error of the mesh against robot time: a panel a scene, a curve a run of the first seed."""
+    shown = [item for item in found if item.get("curve")]
+    if not shown:
+        return
+    seed = min(item["seed"] for item in shown)
+    scenes = list(dict.fromkeys(item["scene"] for item in shown))
+    strategies = list(dict.fromkeys(item["strategy"] for item in shown))
+    wide = min(3, len(scenes))
+    axes = figure.subplots(-(-len(scenes) // wide), wide, squeeze=False, sharey=True).ravel()
+    for panel, scene in zip(axes, scenes):
+        for item in shown:
+            if (item["scene"], item["seed"], item["profile"]) != (scene, seed, "default"):
+                continue
+            times, means, _ = zip(*item["curve"])
+            colour = f"C{strategies.index(item['strategy'])}"
+            panel.semilogy(times, means, colour, label=item["strategy"], lw=1)
+        panel.axhline(0.3, color="grey", lw=0.5)
+        panel.set_title(scene, fontsize=8)
+        panel.set_xlabel("robot time, s", fontsize=7)
+    for panel in axes[len(scenes) :]:
+        panel.set_axis_off()
+    axes[0].set_ylabel("mesh error, mean, mm")
+    axes[0].legend(fontsize=6)
+
+
+def _until(record: TouchRecord, time: float, free_path: np.ndarray) -> TouchRecord:
+    assert record.times is not None
+    assert record.normals is not None
+    assert record.trust is not None
+    kept = record.times <= time
+    return replace(
+        record,
+        points=record.points[kept],
+        normals=record.normals[kept],
+        trust=record.trust[kept],
+        times=record.times[kept],
+        free_path=free_path,
+    )
+
+
+def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth) -> tuple[float, float] | None:
+    if not len(record.points):
+        return None
+    actual = truth.scene
+    try:
+        mesh = pipeline.reconstructor.reconstruct(record).mesh
+        error = mesh_error(mesh, actual.solid(), float(pipeline.area.lower[2]), samples=SAMPLES)
+    except LwrprobeError:  # too few contacts, or none above the lowest height
+        return None
+    return round(1e3 * error.mean, 4), round(1e3 * error.p95, 4)

@@ -1,0 +1,118 @@
+"""Active: long strokes, each chosen by what it is expected to teach per second."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lwrprobe.contracts import Confidence, InputError, Motion, Observation, Progress
+from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe_strategies.coverage import CoverageConfig
+from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.planning.circling_watch import CirclingWatch
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.outline_watch import OutlineWatch
+from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.scheduler import LineScheduler
+from lwrprobe_strategies.planning.stroke_scheduler import StrokeScheduler
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import Procedure, follow_contour, transit
+from lwrprobe_strategies.supervisor import Program
+
+SPACING = 5.0 / 3.0
+"""Line spacing that the strokes are worth, in reaches of a contact; they are between one and two reaches apart."""
+
+
+@dataclass(slots=True, frozen=True)
+class ActiveConfig(CoverageConfig):
+    """The shared options, and when to end.
+
+    Attributes
+    ----------
+    step : m, as far as a contact says something of the surface beside it
+    aim : m, mean expected error at which nothing is left to do
+    """
+
+    step: float = 0.015
+    aim: float = 0.0002
+
+    def __post_init__(self) -> None:
+        CoverageConfig.__post_init__(self)
+        if not (np.isfinite(self.aim) and 0.0 < self.aim <= 0.01):
+            raise InputError("strategy.aim", self.aim, "a length in metres, above 0 and at most 0.01")
+
+
+class Active(GridVersion):
+    """Strokes over an estimate of the surface: lines along x and y, and outlines at constant height.
+
+    Attributes
+    ----------
+    estimate : of the surface and its error
+    """
+
+    Config: ClassVar[type] = ActiveConfig
+
+    def program(self) -> Program:
+        """Stroke after stroke, until the expected error is small."""
+        self.estimate = SurfaceEstimate(self.task.area, (self.task.options or self.Config()).step)
+        self.outline = OutlineWatch()
+        done = yield from super().program()
+        yield from transit(self.tip, super().retraction(), self.begun)
+        return done
+
+    def scheduler(self) -> LineScheduler:
+        """Strokes by their worth."""
+        tip, options = self.tip, self.options
+        speeds = tip.speeds(tip.rotation)
+        self.strokes = StrokeScheduler(
+            self.task, tip.memory, options.step, self.estimate, tip.free, speeds, options.aim
+        )
+        return self.strokes
+
+    def step(self, observation: Observation) -> Motion:
+        """Answer one observation, after noting it in the estimate."""
+        contact = observation.contact
+        if contact is None:
+            self.estimate.passed(observation.pose[:3, 3])
+        elif contact.confidence is Confidence.RELIABLE:
+            self.estimate.touch(contact.centre, contact.normal)
+        return super().step(observation)
+
+    def retraction(self) -> list[Waypoint]:
+        """None yet: the next stroke may begin where this one has ended."""
+        tip, contact = self.tip, self.tip.seen.contact
+        ended = tip.trace.ended is follow_contour and contact is not None and np.isinf(self.back)
+        touching = ended and contact.confidence is Confidence.RELIABLE and self.tip.rotation is self.upright
+        self.strokes.touched = tip.control.normal.copy() if touching else None
+        return []
+
+    def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+        """Off what is touched and to the beginning of a line, or along it at once where it begins here."""
+        self.outline = OutlineWatch()
+        if not self.strokes.chained:
+            return super().approach(line, super().retraction())
+        self.threats, self.circling = 0, CirclingWatch(self.task.area)
+        self.frame = TrackingFrame(line, self.task.area)
+        return self.contour()
+
+    def leaves_descents(self, line: Line) -> bool:
+        """Only where a stroke goes on to the other side of the area."""
+        return line.free_end
+
+    def _end_found(self) -> bool:
+        """An outline ends where it has come around, or leads on under something."""
+        contact = self.tip.seen.contact
+        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        return self.outline.ends(self.tip.here, self.tip.control.normal, reliable)
+
+    @property
+    def line_spacing(self) -> float | None:
+        """m between two strokes, about."""
+        return SPACING * self.options.step
+
+    def progress(self) -> Progress:
+        """The skill that runs, and how near the expected error is to the aim."""
+        doing = f"stroke {self.strokes.count()[0] + 1}: {self.tip.trace.state}"
+        return Progress(doing, self.strokes.share, self.tip.trace.state)

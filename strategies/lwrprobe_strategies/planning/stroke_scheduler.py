@@ -1,0 +1,94 @@
+"""The stroke scheduler: which stroke is driven next, by what it is expected to teach per second."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Task
+from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import FreeSpace
+from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.paths import Speeds, path_to, seconds
+from lwrprobe_strategies.planning.scheduler import LineScheduler
+from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
+
+SHORTLIST = 12
+"""Strokes whose way to the start is computed: those with the best scores without it."""
+P95 = 3.0
+"""95th percentile of the expected error at which nothing is left to do, in aims."""
+DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+
+
+class StrokeScheduler(LineScheduler):
+    """Chooses the stroke with the largest gain per second, until the expected error is small.
+
+    Parameters
+    ----------
+    task, memory, spacing : as of `LineScheduler`
+    estimate : of the surface and its error
+    free : what the probe has shown to be free
+    speeds : how fast a motion of the upright probe may be
+    aim : m, mean expected error at which nothing is left to do
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        memory: ContactMemory,
+        spacing: float,
+        estimate: SurfaceEstimate,
+        free: FreeSpace,
+        speeds: Speeds,
+        aim: float,
+    ) -> None:
+        super().__init__(task, memory, spacing, "middle", low=False, near_sides=False, across=False, ends=False)
+        self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
+        self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE))
+        self.touched: np.ndarray | None = None
+        """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
+        self.chained = False
+        """The present stroke begins there, in contact."""
+        self.share = 0.0
+        """Of the work that is done, by the expected error."""
+
+    def next(self, here: np.ndarray) -> Line | None:
+        """The next line from `here` (3,) m; None when the expected error is as small as wanted."""
+        self.chained = False
+        if self._inserted is not None:
+            return super().next(here)
+        self._estimate.update()
+        if not len(self._estimate):  # nothing touched yet: lines through the middle of what is left
+            line = super().next(here)
+            return line if line is None else replace(line, outline=1)
+        self._driven += 1
+        stroke = self._best(here)
+        if stroke is None:
+            return None
+        self._planner.driven(self._estimate.faces(), stroke)
+        self.chained = stroke.chained
+        return stroke.line if stroke.chained else self._above(stroke.line)
+
+    def _best(self, here: np.ndarray) -> Stroke | None:
+        faces = self._estimate.faces()
+        mean, p95 = faces.error()
+        self.share = min(self._aim / max(mean, 1e-9), 1.0)
+        if mean <= self._aim and p95 <= P95 * self._aim:
+            return None
+        strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
+        strokes = sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]
+        turn = self._task.orientation
+        timed = []
+        for stroke in strokes:
+            if not stroke.chained:
+                way = path_to(stroke.line, here, turn, self._task.area, self._free, self._speeds)
+                stroke = replace(stroke, seconds=stroke.seconds + seconds(way, here, self._speeds))
+            timed.append(stroke)
+        best = max(timed, key=lambda stroke: stroke.score, default=None)
+        return best
+
+    def count(self) -> tuple[int, int]:
+        """Strokes done, and as many as one more."""
+        return max(self._driven, 0), max(self._driven, 0) + 1

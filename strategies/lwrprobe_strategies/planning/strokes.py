@@ -1,0 +1,284 @@
+"""Strokes: long lines and outlines over the estimated surface, and what each is expected to teach.
+
+A stroke is worth the expected error that it removes, integrated over the surface, for each second that it takes. A face
+beside a stroke is afterwards no farther from a contact than from the stroke.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lwrprobe.contracts import Task
+from lwrprobe.mapping.estimate import EXTRUDED, Faces
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.paths import STOP
+
+LIFT = 1.5
+"""s, of leaving a surface and of coming to rest on another one, beside the way itself."""
+CLIMB_BACK = 4.0
+"""s, of leaving the upper edge of a wall and coming to its foot, from where it is climbed."""
+INSIDE = 0.006
+"""m from the edge of the top, at which a stroke over the top begins: the edge is known to a few millimetres."""
+OVER_EDGE = 0.005
+"""m before the wall's plane, at which a stroke over the top ends: the sphere stands on the edge there, and has not yet
+rolled over it."""
+SHORTEST = 0.010
+"""m of a stroke: a shorter one takes longer to reach than to drive."""
+UPRIGHT = 0.7
+"""Share of the normal along a line, from which on a face is one of the walls at its ends."""
+SQUARE = 0.9
+"""Share of the normal along the approach, from which on a wall is met squarely."""
+LOST = 0.04
+"""Share of a stroke's worth that may be clipped from each of its ends."""
+LEVELS = 0.008
+"""m between the heights of outlines that are considered."""
+BELOW = 0.008
+"""m under the top, down to which an outline would run along the top's rounded edge."""
+FORGIVEN = 0.3
+"""Weight of what a stroke was to teach and did not, each time."""
+CELL = 0.006
+"""m, of the cells in which that is remembered."""
+
+
+@dataclass(slots=True, frozen=True)
+class Stroke:
+    """A line and what it is expected to bring.
+
+    Attributes
+    ----------
+    line : to drive
+    gain : m^3, expected error removed, integrated over the surface
+    seconds : of the stroke, without the way to its start
+    chained : it begins where the last one has ended, in contact
+    """
+
+    line: Line
+    gain: float
+    seconds: float
+    chained: bool = False
+
+    @property
+    def score(self) -> float:
+        """m^3/s"""
+        return self.gain / self.seconds
+
+
+@dataclass(slots=True, eq=False)
+class Profile:
+    """What the surface is like along one straight line over the area.
+
+    Attributes
+    ----------
+    along : (n,) m, of the faces within reach, on the line's axis
+    removed : (n,) m^3, of each of them by a stroke along the whole line
+    front, back : (n,) bool, faces of the walls that look along the axis towards - and +
+    path_along, lengths : (k,) m, of the faces under the line and how much of its way each is
+    path_wall : (k,) -1 and +1 on these walls, else 0
+    """
+
+    along: np.ndarray
+    removed: np.ndarray
+    wall: np.ndarray
+    path_along: np.ndarray
+    lengths: np.ndarray
+    path_wall: np.ndarray
+
+    def walled(self, sign: int) -> tuple[float, float]:
+        """m^3 and m, of the walls that look towards a sign of the axis."""
+        return float(self.removed[self.wall == sign].sum()), float(self.lengths[self.path_wall == sign].sum())
+
+    def between(self, begin: float, end: float) -> tuple[float, float]:
+        """m^3 and m, of all but the walls from `begin` to `end` m on the axis."""
+        low, high = min(begin, end), max(begin, end)
+        gained = (self.along >= low) & (self.along <= high) & (self.wall == 0)
+        passed = (self.path_along >= low) & (self.path_along <= high) & (self.path_wall == 0)
+        return float(self.removed[gained].sum()), float(self.lengths[passed].sum())
+
+    def top(self) -> tuple[float, float] | None:
+        """m, from where to where on the axis there is more than walls under the line; None where there is not."""
+        over = self.path_along[self.path_wall == 0]
+        return (float(over.min()), float(over.max())) if len(over) else None
+
+    def clipped(self, begin: float, end: float) -> tuple[float, float]:
+        """m, `begin` and `end` on the axis without what is not worth the way at either end."""
+        low, high = min(begin, end), max(begin, end)
+        inside = (self.along >= low) & (self.along <= high) & (self.wall == 0)
+        worth, along = self.removed[inside], self.along[inside]
+        if not worth.sum() > 0.0:
+            return begin, begin
+        order = np.argsort(along)
+        share = np.cumsum(worth[order]) / worth.sum()
+        first, last = np.searchsorted(share, (LOST, 1.0 - LOST))
+        low, high = float(along[order][first]), float(along[order][min(last, len(order) - 1)])
+        return (low, high) if begin <= end else (high, low)
+
+
+@dataclass(slots=True)
+class StrokePlanner:
+    """Lists strokes over an estimated surface.
+
+    Parameters
+    ----------
+    task : area, probe and speeds
+    down : m/s, of a descent through unknown space
+    across : m/s, at which something may be met from the side
+    """
+
+    task: Task
+    down: float
+    across: float
+    _vain: dict[tuple[int, ...], float] = field(default_factory=dict)
+    _driven: list[Line] = field(default_factory=list)
+
+    def strokes(
+        self, faces: Faces, edge: float, low: float, here: np.ndarray, normal: np.ndarray | None
+    ) -> list[Stroke]:
+        """All strokes that are worth anything.
+
+        Parameters
+        ----------
+        faces : the estimated surface, `edge` m of its grid
+        low : m, height at which the body is clear of all that the area may hold
+        here : (3,) m, of the tip
+        normal : (3,) unit, of the surface that is touched there; None where none is
+        """
+        worth = faces.expected() * faces.areas * self._hope(faces)
+        if not len(worth):
+            return []
+        found: list[Stroke] = []
+        for axis in (X, Y):
+            across = faces.centres[:, 1 - axis]
+            for place in np.arange(across.min(), across.max() + edge, 2.0 * edge).tolist():
+                profile = self._profile(faces, worth, axis, place, edge)
+                if profile is not None:
+                    found += self._cuts(profile, axis, place, low)
+            if normal is not None:
+                profile = self._profile(faces, worth, axis, float(here[1 - axis]), edge)
+                if profile is not None:
+                    found += self._chained(profile, axis, here, normal)
+        for level in np.arange(low, faces.centres[:, Z].max() - BELOW, LEVELS).tolist():
+            found += self._outlines(faces, worth, level, edge, here)
+        return [stroke for stroke in found if stroke.gain > 0.0 and not self._again(stroke.line, edge)]
+
+    def _again(self, line: Line, edge: float) -> bool:
+        """Whether as good as the same stroke has been driven: what it has not taught it never will."""
+        if line.outline:
+            return any(abs(line.height - other.height) < LEVELS for other in self._driven if other.outline)
+        low, high = min(line.begin, line.end) + SHORTEST, max(line.begin, line.end) - SHORTEST
+        return any(
+            other.axis == line.axis
+            and not other.outline
+            and abs(line.place - other.place) < edge
+            and min(other.begin, other.end) <= low
+            and max(other.begin, other.end) >= high
+            for other in self._driven
+        )
+
+    def driven(self, faces: Faces, stroke: Stroke) -> None:
+        """A stroke is driven: what it was to teach and does not, counts less from now on."""
+        line = stroke.line
+        self._driven.append(line)
+        beside = faces.centres[:, Z] - line.height if line.outline else faces.centres[:, line.aside] - line.place
+        if (not line.outline and stroke.line.on_surface) or stroke.chained:
+            low, high = min(line.begin, line.end), max(line.begin, line.end)
+            along = faces.centres[:, line.axis]
+            beside = np.maximum(np.abs(beside), np.maximum(low - along, along - high))
+        for key in set(self._cells(faces.centres[np.abs(beside) < 0.5 * faces.reach])):
+            self._vain[key] = FORGIVEN * self._vain.get(key, 1.0)
+
+    def _hope(self, faces: Faces) -> np.ndarray:
+        """(n,) weight of each face, by how often it was to be touched nearby in vain."""
+        if not self._vain:
+            return np.ones(len(faces.areas))
+        hope = np.array([self._vain.get(key, 1.0) for key in self._cells(faces.centres)])
+        return np.where(faces.distances > 0.6 * faces.reach, hope, 1.0)
+
+    @staticmethod
+    def _cells(places: np.ndarray) -> list[tuple[int, ...]]:
+        return list(map(tuple, np.floor(places / CELL).astype(np.int64).tolist()))
+
+    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> Profile | None:
+        """Along the line at `place` m on the other axis; None where there is no surface under it."""
+        beside = np.abs(faces.centres[:, 1 - axis] - place)
+        path = beside <= 0.51 * edge
+        if not path.any():
+            return None
+        near = beside < faces.reach
+        facing = faces.normals[:, axis]
+        wall = np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
+        return Profile(
+            along=faces.centres[near, axis],
+            removed=faces.removed(worth, near, beside[near]),
+            wall=wall[near],
+            path_along=faces.centres[path, axis],
+            lengths=faces.areas[path] / edge,
+            path_wall=wall[path],
+        )
+
+    def _cuts(self, profile: Profile, axis: int, place: float, low: float) -> Iterator[Stroke]:
+        """Lines both ways: from the side to the other side, from the side over the top, and over the top alone."""
+        task, top = self.task, profile.top()
+        if top is None:
+            return
+        speed, roof = task.contour_speed, float(task.area.upper[Z])
+        sides = float(task.area.lower[axis]), float(task.area.upper[axis])
+        for sign in (1, -1):
+            (start, finish), (first, last) = (sides, top) if sign > 0 else (sides[::-1], top[::-1])
+            up, climbed = profile.walled(-sign)
+            down, descended = profile.walled(sign)
+            over, length = profile.between(first, last)
+            climb = LIFT + abs(first - start) / self.across + (climbed + length) / speed + 3.0 * STOP
+            descent = min(descended / self.down, descended / speed + CLIMB_BACK) + abs(finish - last) / self.across
+            yield Stroke(Line(axis, place, start, finish, low), up + over + down, climb + descent)
+            end = last - sign * OVER_EDGE
+            yield Stroke(Line(axis, place, start, end, low), up + over, climb)
+            begin, stop = profile.clipped(first + sign * INSIDE, end)
+            if (stop - begin) * sign >= SHORTEST:
+                gain, length = profile.between(begin, stop)
+                line = Line(axis, place, begin, stop, low, on_surface=True, free_to=roof)
+                yield Stroke(line, gain, LIFT + length / speed)
+
+    def _chained(self, profile: Profile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
+        """Lines both ways from where the tip touches: over the top, and up the wall that it touches before."""
+        top = profile.top()
+        if top is None:
+            return
+        place, height = float(here[1 - axis]), float(here[Z])
+        for sign in (1, -1):
+            begin = float(here[axis])
+            end = (top[1] if sign > 0 else top[0]) - sign * OVER_EDGE
+            before, climbed = 0.0, 0.0
+            if normal[axis] * sign < -UPRIGHT:
+                before, climbed = profile.walled(-sign)
+            elif normal[Z] < UPRIGHT:
+                continue
+            _, end = profile.clipped(begin, end)
+            if (end - begin) * sign >= SHORTEST:
+                gain, length = profile.between(begin, end)
+                line = Line(axis, place, begin, end, height, on_surface=True)
+                yield Stroke(line, before + gain, STOP + (climbed + length) / self.task.contour_speed, True)
+
+    def _outlines(
+        self, faces: Faces, worth: np.ndarray, level: float, edge: float, here: np.ndarray
+    ) -> Iterator[Stroke]:
+        """Around the object at a height, from the nearest place where a wall is met squarely."""
+        beside = np.abs(faces.centres[:, Z] - level)
+        walls = faces.axes != Z
+        path = np.flatnonzero(walls & (beside <= 0.51 * edge))
+        if not len(path):
+            return
+        near = walls & (EXTRUDED * beside < faces.reach)
+        gain = float(faces.removed(worth, near, EXTRUDED * beside[near]).sum())
+        square = path[np.abs(faces.normals[path, :2]).max(axis=1) > SQUARE]
+        square = square if len(square) else path
+        first = square[np.argmin(np.hypot(*(faces.centres[square, :2] - here[:2]).T))]
+        place, normal = faces.centres[first], faces.normals[first]
+        axis = X if abs(normal[X]) > abs(normal[Y]) else Y
+        side = float((self.task.area.upper if normal[axis] > 0.0 else self.task.area.lower)[axis])
+        inwards = -np.sign(normal[axis]) * 4.0 * faces.reach
+        line = Line(axis, float(place[1 - axis]), side, float(place[axis] + inwards), level, outline=1)
+        length = float(faces.areas[path].sum() / edge)
+        yield Stroke(line, gain, LIFT + abs(side - place[axis]) / self.across + length / self.task.contour_speed)

@@ -1,0 +1,48 @@
+"""The strategy `active` and the rule `accurate`, in whole runs."""
+
+from __future__ import annotations
+
+import pytest
+
+import lwrprobe as lp
+
+SETTINGS = {"truth.profile": "ideal"}
+
+
+@pytest.fixture(scope="module")
+def active():
+    return lp.explore("cylinder_vertical", strategy="active", seed=7, settings=SETTINGS, progress=False).summary
+
+
+def test_it_ends_by_itself_with_an_accurate_mesh(active):
+    assert (active.status, active.stopped_by) == ("done", "strategy")
+    assert active.mesh_error_mm["mean"] <= 0.3
+    assert active.mesh_error_mm["p95"] <= 1.0
+
+
+def test_it_is_as_careful_as_the_others(active):
+    assert active.peak_force_n <= 3.0
+    assert active.link_collisions == 0
+
+
+def test_it_takes_less_time_than_lines(active):
+    assert active.sim_time_s < 0.75 * 167.0  # of surface_contour over the same object
+
+
+def test_a_run_ends_when_the_surface_is_as_accurate_as_wanted():
+    settings = SETTINGS | {"run.until.accurate": 1.0, "run.until.time": 150.0}
+    summary = lp.explore("cylinder_vertical", strategy="active", seed=7, settings=settings, progress=False).summary
+    assert (summary.status, summary.stopped_by) == ("done", "accurate")
+    assert "expected error" in summary.reason
+    assert summary.mesh_error_mm["mean"] < 1.5
+    assert summary.sim_time_s < 150.0
+
+
+def test_random_pokes_touch_from_above():
+    settings = SETTINGS | {"strategy.pokes": 3, "run.until.time": 80.0}
+    summary = lp.explore(
+        "cylinder_vertical", strategy="random_pokes", seed=7, settings=settings, progress=False
+    ).summary
+    assert summary.status == "done"
+    assert summary.peak_force_n <= 3.0
+    assert summary.link_collisions == 0

@@ -1,0 +1,169 @@
+"""The estimate of the surface and of its error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import Area, InputError
+from lwrprobe.mapping import estimate
+from lwrprobe.mapping.estimate import SurfaceEstimate, predicted_height
+from lwrprobe.mapping.estimate_kernels import lower_to_nearest
+
+AREA = Area(np.array([-0.06, -0.05, 0.006]), np.array([0.06, 0.05, 0.05]))
+TOP = 0.04
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def naive_nearest(grid, places, weights):
+    """Squared distances of grid points (n, 3) to the nearest of all places, and which that is."""
+    step = grid[:, None] - places
+    square = weights[:, 0] * (step[..., 0] ** 2 + step[..., 1] ** 2) + weights[:, 1] * step[..., 2] ** 2
+    return square.min(axis=1), square.argmin(axis=1)
+
+
+def table(places):
+    """An estimate that knows places (n, 2) of a level top."""
+    known = SurfaceEstimate(AREA, 0.015)
+    for x, y in places:
+        known.touch(np.array([x, y, TOP]), UP)
+    known.update()
+    return known
+
+
+def line(x):
+    return [(x, y) for y in np.arange(-0.03, 0.0301, 0.002)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nearest_places_are_those_of_a_full_search(seed):
+    rng = np.random.default_rng(seed)
+    shape, edge, origin = (5, 7, 6), 0.003, np.array([-0.01, 0.02, 0.0])
+    grid = origin + edge * np.argwhere(np.ones(shape))
+    places, weights = rng.uniform(-0.02, 0.04, (30, 3)), rng.choice([0.16, 1.0, 2.25], (30, 2))
+    square, owner = np.full(shape, np.inf), np.full(shape, -1, np.int64)
+    for first in range(0, 30, 10):  # as strokes come in
+        part = slice(first, first + 10)
+        lower_to_nearest(square, owner, origin, edge, places[part], weights[part], first)
+    wanted, which = naive_nearest(grid, places, weights)
+    assert np.allclose(square.ravel(), wanted, rtol=1e-12)
+    assert (owner.ravel() == which).all()
+
+
+def test_a_plane_is_predicted_exactly():
+    rng = np.random.default_rng(3)
+    normal = np.array([0.3, -0.2, 0.9]) / np.linalg.norm([0.3, -0.2, 0.9])
+    points = rng.uniform(-0.02, 0.02, (4, 12, 3))
+    points -= (points @ normal)[..., None] * normal
+    away = np.array([0.0, 0.001, -0.002, 0.005])
+    queries = rng.uniform(-0.01, 0.01, (4, 3))
+    queries += (away - queries @ normal)[:, None] * normal
+    found = predicted_height(queries, points, np.broadcast_to(normal, points.shape), 0.02)
+    assert np.allclose(found, away, atol=1e-12)
+
+
+def test_a_ball_is_predicted_far_better_than_by_its_tangent_plane():
+    radius, angles = 0.03, np.linspace(-0.4, 0.4, 8)
+    normals = np.array([[np.sin(a), 0.3 * s, np.cos(a)] for s in (-1.0, 1.0) for a in angles])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    query = radius * np.array([[0.02, 0.0, 1.0]]) / np.hypot(0.02, 1.0)
+    order = np.argsort(np.linalg.norm(radius * normals - query, axis=1))
+    centres = (radius * normals)[order][None]
+    plane = abs(float((query[0] - centres[0, 0]) @ normals[order[0]]))
+    found = predicted_height(query, centres, normals[order][None], 0.02)
+    assert plane > 0.001
+    assert abs(found[0]) < 0.1 * plane
+
+
+def test_nothing_is_expected_before_the_first_contact():
+    empty = SurfaceEstimate(AREA, 0.015)
+    empty.passed(np.zeros(3))
+    empty.update()
+    assert empty.faces().error() == (np.inf, np.inf)
+    assert not len(empty.faces().areas)
+
+
+def test_each_line_makes_the_expected_error_smaller():
+    known = table(line(0.0))
+    errors = [known.faces().error()[0]]
+    for x in (0.03, -0.03, 0.015, -0.015):
+        for place in line(x):
+            known.touch(np.array([*place, TOP]), UP)
+        known.update()
+        errors.append(known.faces().error()[0])
+    assert (np.diff(errors) < 0.0).all()
+
+
+def test_a_surprise_raises_the_expected_error_and_agreement_lowers_it():
+    flat, stepped = table(line(0.0)), table(line(0.0))
+    for x, y in line(0.012):
+        flat.touch(np.array([x, y, TOP]), UP)
+        stepped.touch(np.array([x, y, TOP - 0.004]), UP)
+    flat.update()
+    stepped.update()
+    there = np.array([0.006, 0.0, TOP])
+
+    def rough(known):
+        faces = known.faces()
+        return faces.roughness[np.argmin(np.linalg.norm(faces.centres - there, axis=1))]
+
+    assert rough(flat) < rough(table(line(0.0))) < rough(stepped)
+
+
+def test_the_expected_error_covers_what_the_prediction_misses_on_a_curved_surface():
+    """Lines over a cylinder cap, nearer and nearer: on the average an error is no larger than was expected there."""
+    radius, centre = 0.05, TOP - 0.05
+    known = SurfaceEstimate(AREA, 0.015)
+    for y in (-0.03, -0.01, 0.01, 0.03):
+        for x in np.arange(-0.03, 0.0301, 0.002):
+            normal = np.array([x, 0.0, np.sqrt(radius**2 - x**2)]) / radius
+            known.touch(np.array([0.0, y, centre]) + radius * normal, normal)
+        known.update()
+    faces = known.faces()
+    near = (np.abs(faces.centres[:, 0]) < 0.02) & (np.abs(faces.centres[:, 1]) < 0.03) & (faces.axes == 2)
+    near &= faces.centres[:, 2] > centre + 0.8 * radius  # not what is extrapolated down to the area's bottom
+    assert near.any()
+    off = np.abs(np.hypot(faces.centres[near, 0], faces.centres[near, 2] - centre) - radius)
+    assert off.mean() < faces.expected()[near].mean() + 0.5 * known.edge
+
+
+def test_where_the_sphere_passed_nothing_is():
+    without = table(line(0.0))
+    known = table(line(0.0))
+    for y in np.arange(-0.04, 0.0401, 0.003):
+        known.passed(np.array([0.01, y, 0.02]))
+    known.update()
+
+    def beside(which):
+        return int((which.faces().centres[:, 0] > 0.008).sum())
+
+    assert beside(known) < beside(without)
+
+
+def test_only_new_contacts_are_gone_through(monkeypatch):
+    rows = []
+
+    def counted(square, owner, origin, edge, places, weights, first):
+        rows.append(len(places))
+        lower_to_nearest(square, owner, origin, edge, places, weights, first)
+
+    known = table([(x, y) for x in np.linspace(-0.04, 0.04, 100) for y in np.arange(-0.04, 0.0401, 0.002)])
+    monkeypatch.setattr(estimate, "lower_to_nearest", counted)
+    for place in line(0.0101):
+        known.touch(np.array([*place, TOP]), UP)
+    known.update()
+    known.update()
+    assert len(known) > 4000
+    assert sum(rows) == len(line(0.0101))
+
+
+def test_the_grid_keeps_its_size_in_a_large_area():
+    large = SurfaceEstimate(Area(np.array([-0.2, -0.2, 0.0]), np.array([0.2, 0.2, 0.2])), 0.015)
+    assert large.faces().reach == 0.015
+    assert 0.4 * 0.4 * 0.2 / large.edge**3 == pytest.approx(estimate.MOST_POINTS)
+
+
+@pytest.mark.parametrize("reach", [0.0, -0.01, np.nan, np.inf])
+def test_a_bad_reach_is_refused(reach):
+    with pytest.raises(InputError, match="reach"):
+        SurfaceEstimate(AREA, reach)

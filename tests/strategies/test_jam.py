@@ -1,0 +1,38 @@
+"""When a tip that follows a surface counts as stuck."""
+
+import numpy as np
+
+from lwrprobe.contracts import Observation
+from lwrprobe_strategies.outcomes import Jammed
+from lwrprobe_strategies.skills import reapproach
+from lwrprobe_strategies.supervisor import JAM_TIME, Supervisor
+from lwrprobe_strategies.tip import Tip
+from strategy_task import DOWN, task
+
+PERIOD = 0.008
+
+
+def jams(times, speed=0.0):
+    """Whether a tip that goes on at a speed [m/s] of its own samples jams at any of these times."""
+    tip = Tip(task())
+    supervisor = Supervisor(tip)
+    tip.trace.begin(reapproach)
+    found = []
+    for k, time in enumerate(times):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = DOWN, (0.0, speed * PERIOD * k, 0.02)
+        seen = Observation(time, pose, np.zeros(3), np.zeros(3))
+        tip.observe(seen)
+        found.append(isinstance(supervisor.interruption(seen), Jammed))
+    return any(found)
+
+
+def test_a_tip_that_does_not_come_on_for_a_while_is_stuck():
+    assert jams(np.arange(0.0, JAM_TIME + 0.1, PERIOD))
+    assert not jams(np.arange(0.0, JAM_TIME - 0.1, PERIOD))
+    assert not jams(np.arange(0.0, 2.0 * JAM_TIME, PERIOD), speed=0.005)
+
+
+def test_the_time_in_which_nothing_was_shown_does_not_count():
+    before = np.arange(0.0, 1.0, PERIOD)
+    assert not jams(np.concatenate([before, before + 1.0 + JAM_TIME]))

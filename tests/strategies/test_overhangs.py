@@ -1,0 +1,88 @@
+"""Where the stick may be met before the sphere, and how fast it may go there."""
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import Clearance, Contact, Observation
+from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.tip import Tip
+from strategy_task import AREA, DOWN, task
+
+ALONG = np.array([0.0, 1.0, 0.0])
+LOW, HIGH = 0.006, 0.04
+
+
+def pose_at(place, rotation=DOWN):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, place
+    return pose
+
+
+def contact(point, normal, trust=1.0):
+    point, normal = np.array(point), np.array(normal) / np.linalg.norm(normal)
+    return Contact(0.0, point, normal, normal, point + 0.005 * normal, trust)
+
+
+def touch(overhangs, place, normal, times=1, trust=1.0):
+    for _ in range(times):
+        point = np.array(place) - 0.005 * np.array(normal) / np.linalg.norm(normal)
+        overhangs.note(pose_at(place), contact(point, normal, trust))
+
+
+@pytest.fixture
+def overhangs():
+    return Overhangs(AREA, task().probe, 0.015)
+
+
+def test_a_plain_wall_is_no_overhang(overhangs):
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -1.0, 0.0], 20)
+    assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)
+
+
+def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overhangs):
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES - 1)
+    assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "a few may be noise"
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], 4, trust=0.2)
+    assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "not certain enough"
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES)
+    assert overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)
+    assert overhangs.ahead(np.array([0.01, -0.012, LOW]), -ALONG), "on the other side too"
+    assert not overhangs.ahead(np.array([0.0, -0.035, LOW]), ALONG), "nothing is known there"
+    assert not overhangs.ahead(np.array([0.01, -0.012, HIGH + 0.006]), ALONG), "it is below"
+
+
+def test_where_the_stick_has_stood_nothing_is(overhangs):
+    overhangs.stick_met(np.array([0.0, 0.0, LOW]))
+    assert overhangs.ahead(np.array([0.0, -0.008, LOW]), ALONG)
+    for y in np.arange(-0.012, -0.002, 0.001):
+        overhangs.note(pose_at([0.0, y, LOW]), None)
+    assert not overhangs.ahead(np.array([0.0, -0.008, LOW]), ALONG)
+    assert overhangs.ahead(np.array([0.004, -0.008, LOW]), ALONG), "beside that it has not"
+    assert overhangs.ahead(np.array([0.0, -0.008, LOW - 0.002]), ALONG), "nor lower"
+
+
+def test_places_outside_the_area_are_those_on_its_border(overhangs):
+    overhangs.stick_met(np.array([10.0, 10.0, LOW]))
+    assert not overhangs.ahead(np.array([0.0, 0.0, LOW]), ALONG)
+    assert overhangs.ahead(np.array([9.0, 9.0, LOW]), ALONG)
+
+
+def test_the_higher_the_stick_is_met_the_stiffer_it_is():
+    control = ContourControl(task())
+    speeds = [control.stick_speed(reach) for reach in np.linspace(0.0, 0.06, 13)]
+    assert (np.diff(speeds) <= 0.0).all()
+    assert speeds[-1] < 0.3 * speeds[0]
+    assert control.stick_speed(0.05) == control.stick_speed(0.06), "no more than clamped"
+
+
+def test_towards_what_is_known_beside_the_stick_it_goes_slowly():
+    tip = Tip(task())
+    here = np.array([0.0, 0.0, LOW])
+    edge = here + np.array([0.0, 0.0025, 0.03])
+    near = Clearance(0.0005, edge - [0.0, 0.0005, 0.0], edge, "stick", required=0.0001)
+    tip.observe(Observation(0.0, pose_at(here), np.zeros(3), np.zeros(3), None, near))
+    assert tip.stick_limit(ALONG) == pytest.approx(tip.control.stick_speed(0.03))
+    assert tip.stick_limit(-ALONG) == np.inf
+    assert tip.stick_limit(np.array([1.0, 0.0, 0.0])) == np.inf, "along an edge"
+    assert tip.stick_limit(np.array([0.0, 0.0, 1.0])) == np.inf, "the stick follows its own column"

@@ -1,0 +1,165 @@
+"""Which strokes are considered, and which one is driven next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe_strategies.planning import stroke_scheduler
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.free_space import FreeSpace
+from lwrprobe_strategies.planning.lines import X, Y, Z
+from lwrprobe_strategies.planning.outline_watch import OutlineWatch
+from lwrprobe_strategies.planning.paths import Speeds, path_to
+from lwrprobe_strategies.planning.stroke_scheduler import SHORTLIST, StrokeScheduler
+from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
+from strategy_task import AREA, DOWN, task
+
+UP = np.array([0.0, 0.0, 1.0])
+LOW, TOP = 0.006, 0.045
+HALF = 0.04, 0.03
+"""m, half lengths of a block along x and y, for the sphere's centre."""
+
+
+def outlined(height=0.02):
+    """An estimate that knows a block's outline."""
+    known = SurfaceEstimate(AREA, 0.015)
+    for axis in (X, Y):
+        for sign in (-1.0, 1.0):
+            normal = np.zeros(3)
+            normal[axis] = sign
+            for along in np.arange(-HALF[1 - axis], HALF[1 - axis] + 1e-9, 0.002):
+                place = np.array([along, along, height])
+                place[axis] = sign * HALF[axis]
+                known.touch(place, normal)
+    known.update()
+    return known
+
+
+def over_top(known, x):
+    for y in np.arange(-HALF[1], HALF[1] + 1e-9, 0.002):
+        known.touch(np.array([x, y, TOP]), UP)
+    known.update()
+
+
+def strokes(known, here=(0.0, 0.0, TOP), normal=None):
+    planner = StrokePlanner(task(), 0.007, 0.025)
+    return planner.strokes(known.faces(), known.edge, LOW, np.array(here), normal)
+
+
+def scheduler(known, aim=2e-4):
+    speeds = Speeds(0.2, 0.01, lambda along: 0.02)
+    free = FreeSpace(AREA)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = DOWN, (0.0, -0.1, AREA.upper[Z])
+    free.note(pose, None)
+    return StrokeScheduler(task(), ContactMemory(), 0.015, known, free, speeds, aim)
+
+
+def test_every_stroke_stays_in_the_area_and_is_long():
+    for stroke in strokes(outlined()):
+        line = stroke.line
+        low, high = AREA.lower[line.axis], AREA.upper[line.axis]
+        assert low <= line.begin <= high
+        assert line.outline or low <= line.end <= high
+        assert abs(line.end - line.begin) >= SHORTEST
+        assert stroke.gain > 0.0
+        assert stroke.seconds > 0.0
+
+
+def test_the_unknown_top_comes_before_the_known_walls():
+    best = max(strokes(outlined()), key=lambda stroke: stroke.score)
+    assert best.line.outline == 0
+    assert best.line.on_surface
+
+
+def test_a_stroke_is_worth_less_where_others_agreed():
+    known = outlined()
+
+    def gain(x):
+        near = [s for s in strokes(known) if s.line.axis == Y and s.line.on_surface and abs(s.line.place - x) < 0.004]
+        return max(stroke.gain for stroke in near)
+
+    before = gain(0.006)
+    over_top(known, 0.0)
+    over_top(known, 0.012)
+    assert gain(0.006) < 0.1 * before
+
+
+def test_in_contact_a_stroke_may_begin_where_the_tip_is():
+    known = outlined()
+    wall = strokes(known, (0.0, -HALF[1], 0.02), np.array([0.0, -1.0, 0.0]))
+    chained = [stroke for stroke in wall if stroke.chained]
+    assert chained
+    assert all((s.line.axis, s.line.sign, s.line.begin) == (Y, 1.0, -HALF[1]) for s in chained)
+    assert not any(stroke.chained for stroke in strokes(known))
+
+
+def test_no_stroke_is_driven_twice():
+    known = outlined()
+    planner = StrokePlanner(task(), 0.007, 0.025)
+    seen = set()
+    for _ in range(12):
+        found = planner.strokes(known.faces(), known.edge, LOW, np.zeros(3), None)
+        best = max(found, key=lambda stroke: stroke.score)
+        assert best.line not in seen
+        seen.add(best.line)
+        planner.driven(known.faces(), best)  # and nothing was touched
+
+
+def test_lines_through_the_middle_come_before_the_first_contact():
+    line = scheduler(SurfaceEstimate(AREA, 0.015)).next(np.array([0.0, -0.1, 0.06]))
+    assert (line.axis, line.place, line.outline) == (Y, 0.0, 1)
+
+
+def test_it_ends_when_the_expected_error_is_as_small_as_wanted():
+    known = outlined()
+    assert scheduler(known, aim=0.01).next(np.array([0.0, -0.1, 0.06])) is None
+    assert scheduler(known, aim=1e-4).next(np.array([0.0, -0.1, 0.06])) is not None
+
+
+def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
+    """At 10 000 contacts: what a choice costs is bounded by counts."""
+    known = outlined()
+    for z in np.arange(0.006, 0.045, 0.001):
+        for along in np.arange(-HALF[0], HALF[0], 0.0006):
+            known.touch(np.array([along, HALF[1], z]), np.array([0.0, 1.0, 0.0]))
+            known.touch(np.array([along, -HALF[1], z]), np.array([0.0, -1.0, 0.0]))
+    known.update()
+    calls = []
+
+    def counted(*given):
+        calls.append(given)
+        return path_to(*given)
+
+    monkeypatch.setattr(stroke_scheduler, "path_to", counted)
+    assert len(known) > 10_000
+    assert scheduler(known, aim=1e-5).next(np.array([0.0, -0.1, 0.06])) is not None
+    assert len(calls) <= SHORTLIST
+    assert len(strokes(known)) <= 300
+
+
+def test_an_outline_ends_where_it_began():
+    watch = OutlineWatch()
+    angles = np.linspace(0.0, 2.0 * np.pi, 400)
+    around = np.stack([np.cos(angles), np.sin(angles), np.zeros(400)], axis=1)
+    ends = [watch.ends(0.03 * normal, normal, reliable=True) for normal in around]
+    assert ends.index(True) > 370
+
+
+@pytest.mark.parametrize(("lean", "reliable"), [(-0.4, True), (0.0, False)])
+def test_an_outline_under_an_overhang_is_given_up(lean, reliable):
+    watch, normal = OutlineWatch(), np.array([np.sqrt(1.0 - lean**2), 0.0, lean])
+    ways = np.arange(0.0, 0.02, 0.0005)
+    ends = [watch.ends(np.array([0.0, way, 0.01]), normal, reliable) for way in ways]
+    assert 0.005 < ways[ends.index(True)] < 0.008
+
+
+@pytest.mark.parametrize("aim", [0.0, -1.0, np.nan, 0.5])
+def test_a_bad_aim_is_refused(aim):
+    from lwrprobe.contracts import InputError
+    from lwrprobe_strategies.active import ActiveConfig
+
+    with pytest.raises(InputError, match="aim"):
+        ActiveConfig(aim=aim)
