@@ -6,8 +6,9 @@ import pytest
 from lwrprobe.contracts import Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.reconstruction import reconstruct
 from lwrprobe.reconstruction.choice import better_method, offsets
-from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.scene.mesh_distance import MeshDistance
+
+pytestmark = pytest.mark.slow
 
 RADIUS = 0.03
 SPHERE = 0.005
@@ -95,18 +96,11 @@ def test_a_method_stays_where_it_fits_or_nothing_fits_twice_as_well(factor, othe
     assert better_method(record, own(record), own, {"other": lambda given: scaled(given, other)}, 0.005) is None
 
 
-@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("share", [0.02, 0.1])
 def test_the_default_is_never_much_worse_than_the_best_other_method(share):
     record = with_false_contacts(ball(), share)
-    default = error(reconstruct(record).mesh)
+    found = reconstruct(record)
     others = [error(reconstruct(record, name).mesh) for name in ("convex_hull", "hermite_rbf")]
-    assert default <= 1.1 * min(others)
-
-
-def test_the_choice_is_stated():
-    record = with_false_contacts(ball(), 0.45)
-    own = ContactSurface(ContactSurface.Config(compare=False)).reconstruct(record).report
-    assert own["method"] == "contact_surface"
-    report = reconstruct(record).report
-    assert report["method"] in ("convex_hull", "hermite_rbf")
-    assert report["method"] in report["instead_of_contact_surface"]
+    assert error(found.mesh) <= 1.1 * min(others)
+    assert found.report["method"] == "convex_hull"
+    assert found.report["instead_of_contact_surface"].startswith("convex_hull predicts")
