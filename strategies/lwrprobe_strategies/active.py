@@ -83,8 +83,9 @@ class Active(GridVersion):
     def retraction(self) -> list[Waypoint]:
         """None yet: the next stroke may begin where this one has ended."""
         tip, contact = self.tip, self.tip.seen.contact
-        ended = tip.trace.ended is follow_contour and contact is not None and np.isinf(self.back)
-        touching = ended and contact.confidence is Confidence.RELIABLE and self.tip.rotation is self.upright
+        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        ended = tip.trace.ended is follow_contour and np.isinf(self.back)
+        touching = reliable and ended and self.tip.rotation is self.upright
         self.strokes.touched = tip.control.normal.copy() if touching else None
         return []
 
