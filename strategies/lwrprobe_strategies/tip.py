@@ -26,6 +26,9 @@ STICK = "stick"
 """Name of the stick among the probe's links."""
 SIDEWAYS = 0.1
 """Share of a motion across the stick, up to which the stick goes where it has been."""
+UNEXPECTED = 3.0
+"""Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
+then gives about 1.5 times the force limit, near its middle no more than the limit."""
 NEAR = 0.0015
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
 reaches 3 mm further out, would have met a plain wall before."""
@@ -104,6 +107,8 @@ class Tip:
         limit = inf
         if self.overhangs.ahead(here, along):
             limit = self.control.stick_speed(self.overhangs.reach(here)) / side
+        elif not self.touches and self.overhangs.possible(here, along):
+            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
         near = self.seen.clearance
         if near is not None and near.link == STICK and near.distance - near.required < NEAR:
             back = -self.seen.pose[:3, 2]

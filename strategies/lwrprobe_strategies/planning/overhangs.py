@@ -1,8 +1,9 @@
 """Where a motion sideways may meet something with the stick before the sphere meets it.
 
 That takes an overhang: something that reaches further out above the sphere than beside it. It may be anywhere near
-what was touched above the sphere's height, as soon as a touch has shown that the object overhangs up there. It is not
-where the upright stick itself has stood.
+what was touched above the sphere's height, as soon as a touch has shown that the object overhangs up there; and near
+what was touched up there for a motion through free space, as long as no touch at the sphere's height has shown a
+surface that faces the motion. It is not where the upright stick itself has stood.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ TWICE = 2
 """Contacts of the stick in a row, from which on it is one: the first alone may be too weak to decide."""
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
+FACING = 0.5
+"""Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
@@ -39,7 +42,8 @@ class Overhangs:
         self._low = area.lower[:2] - beside
         shape = tuple(np.ceil((area.upper[:2] + beside - self._low) / CELL).astype(int) + 1)
         self._touched, self._overhang = np.full(shape, -np.inf), np.full(shape, -np.inf)
-        self._stood = np.full(shape, np.inf)
+        self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
+        self._normal = np.zeros((*shape, 2))
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
         self._leaning, self._above, self._found = 0, 0, False
@@ -57,6 +61,8 @@ class Overhangs:
             px, py, pz = contact.point.tolist()
             k, m = self._cell(px, py)
             self._touched[k, m] = max(self._touched.item(k, m), pz)
+            if pz < self._lowest.item(k, m) and contact.normal.item(2) > LEANS:
+                self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
             self._leaning = self._leaning + 1 if contact.normal.item(2) < LEANS else 0
             if self._leaning >= WITNESSES:
                 self._add(k, m, pz)
@@ -82,19 +88,42 @@ class Overhangs:
         """Whether the upright stick may meet one, for a sphere that goes from a place (3,) along a unit vector (3,)."""
         if not self._found:
             return False
-        z = place.item(2)
-        i, j = self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
+        z, (i, j) = place.item(2), self._ahead(place, along)
+        return self._beside_taller(z, i, j) and self._highest(self._overhang, i, j, round(FAR * self._cells)) > z
+
+    def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
+        """Whether one may be ahead of a motion through free space although no touch has shown any.
+
+        Something taller is near, and no surface that faces the motion was touched at the sphere's height.
+        """
+        z, (i, j) = place.item(2), self._ahead(place, along)
+        return self._beside_taller(z, i, j) and not self._faced(z, along, i, j)
+
+    def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
+        return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
+
+    def _beside_taller(self, z: float, i: int, j: int) -> bool:
+        """Whether something taller than a height [m] was touched near a square on which the stick has not stood."""
         if self._stood.item(i, j) < z + CELL:
             return False
-        return self._highest(self._touched, i, j, self._cells) > z + self._probe.radius and (
-            self._highest(self._overhang, i, j, round(FAR * self._cells)) > z
-        )
+        return self._highest(self._touched, i, j, self._cells) > z + self._probe.radius
+
+    def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
+        """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
+        near = _window(i, j, round(FAR * self._cells))
+        facing = self._normal[near] @ along[:2] < -FACING * np.hypot(along.item(0), along.item(1))
+        return bool((facing & (self._lowest[near] < z + 2.0 * self._probe.radius)).any())
 
     @staticmethod
     def _highest(heights: np.ndarray, i: int, j: int, cells: int) -> float:
-        return float(heights[max(i - cells, 0) : i + cells + 1, max(j - cells, 0) : j + cells + 1].max())
+        return float(heights[_window(i, j, cells)].max())
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
         i, j = int((x - self._low.item(0)) / CELL), int((y - self._low.item(1)) / CELL)
         return min(max(i, 0), self._touched.shape[0] - 1), min(max(j, 0), self._touched.shape[1] - 1)
+
+
+def _window(i: int, j: int, cells: int) -> tuple[slice, slice]:
+    """So many squares to all sides of a square."""
+    return slice(max(i - cells, 0), i + cells + 1), slice(max(j - cells, 0), j + cells + 1)

@@ -25,8 +25,10 @@ BESIDE = 0.02
 """m from a place on the way back to the start of a line at the same height, up to which that is a way to it."""
 STOP = 0.15
 """s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
+NEARER = 0.0005
+"""m that the nearest of the contacts of one wall differ in distance."""
 RISE = 0.0015
-"""m by which something may be higher than what was touched of it."""
+"""m by which something may reach further than what was touched of it."""
 DEEP = 5.0
 """Metres sideways that take as long as one down into the unknown."""
 FARTHEST = 0.3
@@ -150,16 +152,21 @@ def path_to(
 
 
 def clear_of(points: np.ndarray, task: Task) -> Clear:
-    """Whether the upright probe stays clear of the points (n, 3) that it is not near to already."""
+    """Whether the upright probe keeps its distance from the points (n, 3), or comes no nearer than at its ends."""
     parts = [(float(half.max()), bottom - task.clearance_threshold) for half, bottom in body(task)]
     parts = [(wide + task.clearance_threshold, low) for wide, low in [*parts, (task.probe.stick_radius, RISE)]]
 
     def clear(begin: np.ndarray, end: np.ndarray) -> bool:
         step, there = (end - begin)[:2], points[:, :2] - begin[:2]
         share = np.clip(there @ step / max(float(step @ step), 1e-12), 0.0, 1.0)
-        off = np.hypot(*(there - share[:, None] * step).T)
-        far, height = np.hypot(*there.T), points[:, Z] - min(begin[Z], end[Z])
-        return not any(((off < wide) & (far >= wide) & (height > low)).any() for wide, low in parts)
+        height = points[:, Z] - min(begin[Z], end[Z])
+        near = np.hypot(*(there - share[:, None] * step).T)
+        ends = np.minimum(np.hypot(*there.T), np.hypot(*(there - step).T))
+        for wide, low in parts:
+            beside = height > low
+            if beside.any() and near[beside].min() < min(wide, float(ends[beside].min()) - NEARER):
+                return False
+        return True
 
     return clear
 
