@@ -150,8 +150,8 @@ class FreeSpace:
         if not way[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
             return None
         off = way[:, 3:6] - way[:, :3]
-        touching = off.any(axis=1)
-        bends = (np.diff(off, axis=0) * steps).sum(axis=1)[touching[1:] & touching[:-1]]
+        touching = off.any(axis=1)  # a contact may be lost for a moment just at the edge
+        bends = (np.diff(off[touching], axis=0) * np.diff(way[touching, :3], axis=0)).sum(axis=1)
         if len(bends) and bends.min() < -HOLLOW:
             return None
         first = len(self._rows) - len(rows)
