@@ -177,7 +177,8 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path):
     assert again["status"] == "done", again["reason"]
     unbroken = lp.explore("sphere", seed=5, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
-    assert again["coverage"] > unbroken.coverage - 0.02
+    # The noise is another one after the cut, and unbroken runs with other noise cover 0.86 to 0.94 of this sphere.
+    assert again["coverage"] > unbroken.coverage - 0.1
     assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
 
 

@@ -16,7 +16,7 @@ from lwrprobe.mapping import VoxelMap
 
 pytestmark = pytest.mark.slow
 
-SETTINGS = {"run.time_limit": 32.0, "run.seed": 7}
+SETTINGS = {"run.time_limit": 40.0, "run.seed": 7}
 
 
 @pytest.fixture(scope="module")

@@ -47,9 +47,24 @@ def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overh
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "not certain enough"
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)
-    assert overhangs.ahead(np.array([0.01, -0.012, LOW]), -ALONG), "on the other side too"
+    assert overhangs.ahead(np.array([0.01, 0.008, LOW]), -ALONG), "on the other side too"
+    assert not overhangs.ahead(np.array([0.01, -0.016, LOW]), -ALONG), "a motion away from it"
     assert not overhangs.ahead(np.array([0.0, -0.035, LOW]), ALONG), "nothing is known there"
     assert not overhangs.ahead(np.array([0.01, -0.012, HIGH + 0.006]), ALONG), "it is below"
+
+
+def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_motion_was_touched(overhangs):
+    here = np.array([0.0, -0.02, LOW])
+    assert not overhangs.possible(here, ALONG), "nothing is known"
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.6, 0.8])
+    assert overhangs.possible(here, ALONG)
+    assert not overhangs.possible(here, -ALONG), "a motion away from it"
+    assert overhangs.possible(np.array([-0.01, 0.0, LOW]), np.array([1.0, 0.0, 0.0]))
+    touch(overhangs, [0.02, 0.0, LOW], [1.0, 0.0, 0.0])
+    assert overhangs.possible(here, ALONG), "that surface faces another way"
+    touch(overhangs, [0.01, -0.01, LOW], [0.0, -1.0, 0.0])
+    assert not overhangs.possible(here, ALONG)
+    assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
 
 
 def test_where_the_stick_has_stood_nothing_is(overhangs):

@@ -11,8 +11,8 @@ from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Contact
 from lwrprobe.contracts.samples import Vector
 
-LEAST_CHANGE = 0.03
-"""N between two samples: ten times the noise of a reading."""
+LEAST_CHANGE = 0.02
+"""N between two samples: seven times the noise of a reading, which makes the slope some percent too small."""
 GAP = 0.02
 """s between two samples, from which on they are not compared."""
 ALONG = 0.9

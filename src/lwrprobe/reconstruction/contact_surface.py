@@ -103,7 +103,8 @@ class ContactSurface:
         if better is None:
             return found
         seconds = time.perf_counter() - begin
-        better.surface.report |= {"seconds": seconds, "instead_of_contact_surface": better.why}
+        without = found.report["without"]  # what the data lacks decided which methods could be compared
+        better.surface.report |= {"seconds": seconds, "without": without, "instead_of_contact_surface": better.why}
         return better.surface
 
     def _own(self, record: TouchRecord) -> Reconstruction:

@@ -89,7 +89,9 @@ class Overhangs:
         if not self._found:
             return False
         z, (i, j) = place.item(2), self._ahead(place, along)
-        return self._beside_taller(z, i, j) and self._highest(self._overhang, i, j, round(FAR * self._cells)) > z
+        return self._below_taller(z, along, i, j) and bool(
+            self._overhang[_window(i, j, round(FAR * self._cells))].max() > z
+        )
 
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion through free space although no touch has shown any.
@@ -97,26 +99,28 @@ class Overhangs:
         Something taller is near, and no surface that faces the motion was touched at the sphere's height.
         """
         z, (i, j) = place.item(2), self._ahead(place, along)
-        return self._beside_taller(z, i, j) and not self._faced(z, along, i, j)
+        return self._below_taller(z, along, i, j) and not self._faced(z, along, i, j)
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
 
-    def _beside_taller(self, z: float, i: int, j: int) -> bool:
-        """Whether something taller than a height [m] was touched near a square on which the stick has not stood."""
+    def _below_taller(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
+        """Whether something taller than a height [m] was touched near the course from a square: ahead or abreast.
+
+        Where the stick has stood it does not count.
+        """
         if self._stood.item(i, j) < z + CELL:
             return False
-        return self._highest(self._touched, i, j, self._cells) > z + self._probe.radius
+        side = max(float(np.hypot(along.item(0), along.item(1))), 1e-9)
+        x, y = along.item(0) / side, along.item(1) / side
+        near = _span(i, x, self._cells), _span(j, y, self._cells)
+        return bool(self._touched[near].max() > z + self._probe.radius)
 
     def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
         """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
         near = _window(i, j, round(FAR * self._cells))
         facing = self._normal[near] @ along[:2] < -FACING * np.hypot(along.item(0), along.item(1))
         return bool((facing & (self._lowest[near] < z + 2.0 * self._probe.radius)).any())
-
-    @staticmethod
-    def _highest(heights: np.ndarray, i: int, j: int, cells: int) -> float:
-        return float(heights[_window(i, j, cells)].max())
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
@@ -127,3 +131,9 @@ class Overhangs:
 def _window(i: int, j: int, cells: int) -> tuple[slice, slice]:
     """So many squares to all sides of a square."""
     return slice(max(i - cells, 0), i + cells + 1), slice(max(j - cells, 0), j + cells + 1)
+
+
+def _span(i: int, share: float, cells: int) -> slice:
+    """Along one axis: so many squares ahead for a motion that has this share along it, and to both sides the less."""
+    beside = round((1.0 - abs(share)) * cells)
+    return slice(max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1)

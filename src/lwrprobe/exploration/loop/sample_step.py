@@ -35,6 +35,8 @@ FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
 GIVE_WAY = 0.001
 """m off the surface when samples are missing: more than the stick bends under the target force."""
+MISSED = 0.02
+"""s between two samples of a touch, from which on the tip has given way meanwhile and the touch begins anew."""
 SETTLED = 3
 """Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
 
@@ -190,6 +192,8 @@ class SampleStep:
                 pipeline.sweep.move_to(place)
                 clock.lap("carve")
             return None
+        if sample.time - self._last_touch > MISSED:
+            self._touch_age = 0
         if sample.time - self._last_touch > FORGET:
             pipeline.estimator.reset()
         self._last_touch = sample.time
