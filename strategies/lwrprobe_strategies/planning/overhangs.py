@@ -89,31 +89,28 @@ class Overhangs:
         if not self._found:
             return False
         z, (i, j) = place.item(2), self._ahead(place, along)
-        return self._below_taller(z, along, i, j) and bool(
-            self._overhang[_window(i, j, round(FAR * self._cells))].max() > z
-        )
+        if self._overhang[_window(i, j, round(FAR * self._cells))].max() <= z:
+            return False
+        return self._below_taller(z, i, j, _window(i, j, self._cells))
 
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion through free space although no touch has shown any.
 
-        Something taller is near, and no surface that faces the motion was touched at the sphere's height.
+        Something taller is near, ahead or abreast, and no surface that faces the motion was touched at the sphere's
+        height.
         """
         z, (i, j) = place.item(2), self._ahead(place, along)
-        return self._below_taller(z, along, i, j) and not self._faced(z, along, i, j)
+        side = max(float(np.hypot(along.item(0), along.item(1))), 1e-9)
+        near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
+        return self._below_taller(z, i, j, near) and not self._faced(z, along, i, j)
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
 
-    def _below_taller(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
-        """Whether something taller than a height [m] was touched near the course from a square: ahead or abreast.
-
-        Where the stick has stood it does not count.
-        """
+    def _below_taller(self, z: float, i: int, j: int, near: tuple[slice, slice]) -> bool:
+        """Whether something taller than a height [m] was touched in the squares near one where no stick has stood."""
         if self._stood.item(i, j) < z + CELL:
             return False
-        side = max(float(np.hypot(along.item(0), along.item(1))), 1e-9)
-        x, y = along.item(0) / side, along.item(1) / side
-        near = _span(i, x, self._cells), _span(j, y, self._cells)
         return bool(self._touched[near].max() > z + self._probe.radius)
 
     def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
