@@ -79,3 +79,8 @@ def test_priority_is_given_back():
         )
         assert int(begun.stdout) == os.SCHED_OTHER
     assert (os.sched_getscheduler(0), os.sched_getparam(0)) == before
+
+
+def test_a_heavy_arm_may_approach_less_fast():
+    light, heavy = (host_checks(load_scene("block"), 0.01, 0.006, 0.1, mass)[-1] for mass in (0.0, 16.0))
+    assert 0.0 < heavy.detail["speed_without_mm_s"] < 0.7 * light.detail["speed_without_mm_s"]

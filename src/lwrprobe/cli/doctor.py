@@ -70,7 +70,7 @@ def _installation() -> Iterator[tuple[str, bool]]:
 
 
 def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool | None]]:
-    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError
+    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError, MassiveArm
     from lwrprobe.contracts.plugins import load
     from lwrprobe.options import configure
     from lwrprobe.scene import load_scene
@@ -87,19 +87,18 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
             raise InputError("driver", name, "a driver of a device: a simulator has nothing to check")
         for reading in checks:
             yield f"{name} {reading.name:<24} {reading.value}", reading.good
+    mass = faces["arm"].mass if isinstance(faces.get("arm"), MassiveArm) else 0.0
     if {"arm", "sensor"} <= faces.keys():
-        from lwrprobe.contracts import MassiveArm
         from lwrprobe.exploration.procedures.dry_run import stability
 
         arm = faces["arm"]
-        mass = arm.mass if isinstance(arm, MassiveArm) else 0.0
         reading = stability(loaded, arm.cycle, faces["sensor"].latency, mass)
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
     if "arm" in faces:
         from lwrprobe.exploration.procedures.host_stalls import host_checks
 
         latency = faces["sensor"].latency if "sensor" in faces else 0.0
-        for reading in host_checks(loaded, faces["arm"].cycle, latency, min(seconds, 5.0)):
+        for reading in host_checks(loaded, faces["arm"].cycle, latency, min(seconds, 5.0), mass):
             # Some seconds beside whatever else runs say what to improve; whether cycles are missed the arm itself says.
             yield f"host {reading.name:<24} {reading.value}", reading.good or None
 

@@ -24,6 +24,9 @@ from lwrprobe.mapping.estimate_kernels import lower_to_nearest
 
 REACH = 0.015
 """m, D unless something else is wanted: beyond it a curve of a man-made object is not foreseen."""
+P95 = 3.0
+"""95th percentile of the expected error that is small enough, in wanted means: a half-normal error has 2.5, sharp edges
+have more."""
 FINEST = 0.003
 """m between grid points at least: strokes are planned in steps that are not smaller."""
 MOST_POINTS = 60_000
@@ -261,8 +264,8 @@ class SurfaceEstimate:
         if len(self._centres) < 2:
             return found
         chosen = np.unique(np.linspace(0, len(places) - 1, min(QUERIES, len(places))).astype(np.int64))
-        kept = self._centres[_thinned(self._centres)]
-        normals = self._normals[_thinned(self._centres)]
+        thinned = _thinned(self._centres)
+        kept, normals = self._centres[thinned], self._normals[thinned]
         tree = cKDTree(kept)
         distance, near = tree.query(places[chosen], k=min(DATA, len(kept)))
         distance, near = distance.reshape(len(chosen), -1), near.reshape(len(chosen), -1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Task
-from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe.mapping.estimate import P95, SurfaceEstimate
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line
@@ -17,8 +17,6 @@ from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 
 SHORTLIST = 12
 """Strokes whose way to the start is computed: those with the best scores without it."""
-P95 = 3.0
-"""95th percentile of the expected error at which nothing is left to do, in aims."""
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -86,8 +84,7 @@ class StrokeScheduler(LineScheduler):
                 way = path_to(stroke.line, here, turn, self._task.area, self._free, self._speeds)
                 stroke = replace(stroke, seconds=stroke.seconds + seconds(way, here, self._speeds))
             timed.append(stroke)
-        best = max(timed, key=lambda stroke: stroke.score, default=None)
-        return best
+        return max(timed, key=lambda stroke: stroke.score, default=None)
 
     def count(self) -> tuple[int, int]:
         """Strokes done, and as many as one more."""

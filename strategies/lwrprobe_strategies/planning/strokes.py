@@ -74,7 +74,7 @@ class Profile:
     ----------
     along : (n,) m, of the faces within reach, on the line's axis
     removed : (n,) m^3, of each of them by a stroke along the whole line
-    front, back : (n,) bool, faces of the walls that look along the axis towards - and +
+    wall : (n,) -1 and +1 for faces of the walls that look along the axis towards - and +, else 0
     path_along, lengths : (k,) m, of the faces under the line and how much of its way each is
     path_wall : (k,) -1 and +1 on these walls, else 0
     """
@@ -182,7 +182,7 @@ class StrokePlanner:
         line = stroke.line
         self._driven.append(line)
         beside = faces.centres[:, Z] - line.height if line.outline else faces.centres[:, line.aside] - line.place
-        if (not line.outline and stroke.line.on_surface) or stroke.chained:
+        if (not line.outline and line.on_surface) or stroke.chained:
             low, high = min(line.begin, line.end), max(line.begin, line.end)
             along = faces.centres[:, line.axis]
             beside = np.maximum(np.abs(beside), np.maximum(low - along, along - high))

@@ -61,8 +61,8 @@ class Devices:
         calibration, face = calibration_of(scene), sensor.sensor()
         if calibration is not None:
             face = CalibratedSensor(face, calibration)
-        hand = arm.arm()
-        return cls(hand, face, drivers, float(hand.mass) if isinstance(hand, MassiveArm) else 0.0)
+        moved = arm.arm()
+        return cls(moved, face, drivers, float(moved.mass) if isinstance(moved, MassiveArm) else 0.0)
 
     def __enter__(self) -> Devices:
         try:

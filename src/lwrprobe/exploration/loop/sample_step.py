@@ -35,8 +35,9 @@ FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
 GIVE_WAY = 0.001
 """m off the surface when samples are missing: more than the stick bends under the target force."""
-MISSED = 0.02
-"""s between two samples of a touch, from which on the tip has given way meanwhile and the touch begins anew."""
+MISSED = 2.5
+"""Periods of the sensor between two samples of a touch, from which on the tip has given way meanwhile: the touch begins
+anew."""
 SETTLED = 3
 """Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
 
@@ -79,6 +80,7 @@ class SampleStep:
         self._recorder, self._record, self._clock = recorder, record, clock
         self._silence, self._confirm = silence, confirm
         self._strategy_name = scene.strategy.name
+        self._missed = MISSED / scene.sensor.rate
         self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / scene.motion.contour_speed, "sensor silent")
         self._way_speed = scene.motion.contour_speed
         contact, torque = scene.contact, scene.safety.torque_share * pipeline.probe.torque_range
@@ -192,7 +194,7 @@ class SampleStep:
                 pipeline.sweep.move_to(place)
                 clock.lap("carve")
             return None
-        if sample.time - self._last_touch > MISSED:
+        if sample.time - self._last_touch > self._missed:
             self._touch_age = 0
         if sample.time - self._last_touch > FORGET:
             pipeline.estimator.reset()

@@ -6,14 +6,13 @@ from lwrprobe.exploration.recording.certification import Certification
 from lwrprobe.exploration.recording.expected_error import ExpectedError
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.mapping.estimate import P95
 from lwrprobe.scene.scene import UntilTable
 
 CERTIFY_EVERY = 5.0
 """s of the robot's time between two looks at the certificate, which takes some tenths of a second."""
 ESTIMATE_EVERY = 2.0
 """s of the robot's time between two looks at the expected error, which takes some hundredths of a second."""
-P95 = 3.0
-"""95th percentile of the expected error, in wanted means: a half-normal error has 2.5, sharp edges have more."""
 
 
 class StopRules:

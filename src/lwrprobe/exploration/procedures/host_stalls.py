@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import HealthCheck
 from lwrprobe.control import ForceLaw
+from lwrprobe.exploration.procedures.start_posture import tip_mass_at_start
 from lwrprobe.exploration.stages.pipeline import reaction_delay
 from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.real_time import LOOP, real_time_priority
@@ -46,13 +47,14 @@ def smallest_cycle(late: np.ndarray) -> float | None:
     return None
 
 
-def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> list[HealthCheck]:
+def host_checks(scene: Scene, cycle: float, latency: float, seconds: float, arm_mass: float = 0.0) -> list[HealthCheck]:
     """Idle for some seconds, half of them with real-time priority where that is permitted, and evaluate it.
 
     Parameters
     ----------
     cycle : s, of the arm
     latency : s, of the sensor
+    arm_mass : kg, of the arm's moving links
     """
     ordinary = stalls(0.5 * seconds)
     with real_time_priority(LOOP) as permitted:
@@ -75,7 +77,7 @@ def host_checks(scene: Scene, cycle: float, latency: float, seconds: float) -> l
             {"cycle_ms": None if allowed is None else 1e3 * allowed},
         ),
     ]
-    return [*checks, _speed(scene, cycle, latency, float(np.quantile(preferred, 0.999)))]
+    return [*checks, _speed(scene, cycle, latency, float(np.quantile(preferred, 0.999)), arm_mass)]
 
 
 def _described(late: np.ndarray) -> str:
@@ -83,12 +85,12 @@ def _described(late: np.ndarray) -> str:
     return f"median {median:.2f} ms, p99.9 {high:.2f} ms, longest {longest:.2f} ms of {len(late)} wake-ups"
 
 
-def _speed(scene: Scene, cycle: float, latency: float, stall: float) -> HealthCheck:
+def _speed(scene: Scene, cycle: float, latency: float, stall: float, arm_mass: float) -> HealthCheck:
     """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
-    speeds = []
+    mass, speeds = tip_mass_at_start(scene, arm_mass), []
     for seconds in (delay, delay + stall):
-        law = touch_law(scene, seconds, max_speed=1.0)
+        law = touch_law(scene, seconds, mass, max_speed=1.0)
         speeds.append(1e3 * law.approach_speed if isinstance(law, ForceLaw) else 0.0)
     return HealthCheck(
         "speed along the stick",
