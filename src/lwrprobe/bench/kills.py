@@ -130,15 +130,8 @@ def _tables(
     for title, rows in (("Killed in real time", kills), ("Killed while prepared", early)):
         cells = [[k.seed, k.after, k.contacts, k.lost, k.lost_in_bag, k.problem or "no"] for k in rows]
         report.table(title, columns, cells)
-    columns = [
-        "run",
-        "killed at s",
-        "status",
-        "robot time s",
-        "coverage",
-        *(f"{name} mm" for name in _ERRORS),
-        "reason",
-    ]
+    errors = [f"{name} mm" for name in _ERRORS]
+    columns = ["run", "killed at s", "status", "robot time s", "coverage", *errors, "reason"]
     report.table(
         "Resumed",
         columns,
