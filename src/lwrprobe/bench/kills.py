@@ -43,8 +43,9 @@ _MORE_ERROR, _LESS_COVERAGE = 0.02, 0.02
 """mm and share by which a resumed run may be worse."""
 _MOST = 0.5
 """Share of the kills that must come after the first contact: before it there is nothing to lose."""
-_TIME, _CONTACT, _CONTACTS = range(3)
-"""What a run writes into shared memory: its time and that of its last contact in s, the number of contacts."""
+_TIME, _CONTACTS, _NOTED = range(3)
+"""What a run writes into shared memory: its time in s, the number of its contacts, and when it knew each of them."""
+_MOST_CONTACTS = 100_000
 
 
 @dataclass(slots=True)
@@ -56,7 +57,8 @@ class Kill:
     seed : of the run
     after : s, of the run's own time when it was killed
     contacts : that the run knew
-    lost : s of contacts that it knew and that are not in contacts.csv; lost_in_bag : not in its bag
+    lost : s by the clock on the wall, from the last contact in contacts.csv to the last one that it knew
+    lost_in_bag : s, the same of its bag
     problem : why the folder cannot be read, empty where it can
     resumed : summary of the resumed run, empty where that was not asked for
     """
@@ -77,7 +79,8 @@ class Running:
     Attributes
     ----------
     process : it
-    known : what it knows, in memory that outlives it: time s, time of the last contact s, number of contacts
+    known : what it knows, in memory that outlives it: time s, number of contacts, and the time by the clock on the
+        wall s of each contact
     folder : of its run
     """
 
@@ -117,7 +120,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         f"in real time: {scene} on a small area, {_AT_ONCE} runs side by side, each killed at a random time of the "
         f"{length:.1f} s that the unbroken run takes; the time counts from the strategy's first sample",
         "while prepared: after a random time since the process was started; most of these have not moved yet",
-        "lost: between the last contact that the run knew when it was killed and the last one on disk",
+        "lost: by the clock on the wall, between the last contact that the run knew when it was killed and the last one "
+        "on disk; a run that this machine held up catches up with the robot's time afterwards, faster than it",
         f"resumed: {scene} as it is, faster than real time, killed at a random time of the whole run",
     ]
     return report
@@ -253,7 +257,7 @@ def _started_small(scene: str, seed: int, folder: Path) -> Running:
 
 
 def _started(scene: str, settings: list[str], folder: Path, *, realtime: bool) -> Running:
-    known = RawArray("d", 3)
+    known = RawArray("d", _NOTED + _MOST_CONTACTS)
     process = multiprocessing.get_context("fork").Process(
         target=_explore, args=(scene, settings, folder, realtime, known), daemon=True
     )
@@ -276,8 +280,9 @@ def _explore(scene: str, settings: list[str], folder: Path, realtime: bool, know
         contacts = exploration.recorder.contacts
         for seen in exploration:
             known[_TIME] = seen.time
-            if contacts:
-                known[_CONTACT], known[_CONTACTS] = contacts[-1].time, len(contacts)
+            for number in range(int(known[_CONTACTS]), min(len(contacts), _MOST_CONTACTS)):
+                known[_NOTED + number] = time.monotonic()
+                known[_CONTACTS] = number + 1
 
 
 def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
@@ -294,8 +299,10 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
         kill.problem = f"{type(error).__name__}: {error}"
         return kill
     if kill.contacts:
-        last = float(known[_CONTACT])
-        kill.lost = max(0.0, last - times[-1]) if len(times) else last
-        kept = min(in_bag, len(times))
-        kill.lost_in_bag = max(0.0, last - times[kept - 1]) if kept else last - (times[0] if len(times) else 0.0)
+        kill.lost, kill.lost_in_bag = (_since(known, min(kept, kill.contacts)) for kept in (len(times), in_bag))
     return kill
+
+
+def _since(known: Any, kept: int) -> float:
+    """s from contact number `kept` to the last one that is known; all of them where none was kept."""
+    return float(known[_NOTED + int(known[_CONTACTS]) - 1] - known[_NOTED + max(kept, 1) - 1])
