@@ -140,6 +140,7 @@ def _messages(stream: BinaryIO, size: int, state: BagState) -> Iterator[BagMessa
             KeyError,
             UnicodeDecodeError,
             EOFError,
+            OverflowError,
             ValueError,
             RuntimeError,
         ) as bad:
