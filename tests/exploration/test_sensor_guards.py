@@ -63,9 +63,9 @@ def test_torque_yields_as_force_does():
     guard = ForceGuard(3.0, 0.8, 0.04, np.full(3, 0.09))
     force, torque = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.05, 0.0])
     assert guard.check(0.0, force, torque) is None
-    feed = guard.check(0.1, force, 2.0 * torque)
-    assert feed.velocity == pytest.approx([0.04, 0.0, 0.0])
-    assert feed.reason == "torque limit"
+    command = guard.check(0.1, force, 2.0 * torque)
+    assert command.velocity == pytest.approx([0.04, 0.0, 0.0])
+    assert command.reason == "torque limit"
     assert guard.check(0.2, 0.5 * force, torque) is None
     guard.check(0.3, force, 2.0 * torque)
     with pytest.raises(SafetyStop, match="stays above"):

@@ -1,9 +1,9 @@
 """Moving the tip by straight lines in joint space: the source's mode, in which the tip's own path bows.
 
 The class has the interface of `CartesianTrajectory` that the loop uses. A goal becomes joint values (inverse kinematics
-along the straight line to it, so that the arm stays on its branch) and the joints go there together. A feed becomes
-such a goal as far ahead as the tip gets while the feed holds, set anew at every call, as the source does it: so it
-stops by itself, and there is one generator, whose limits hold through every change from goals to feeds and back.
+along the straight line to it, so that the arm stays on its branch) and the joints go there together. A velocity command
+becomes such a goal as far ahead as the tip gets while the command holds, set anew at every call, as the source does it:
+it stops by itself. There is one generator, whose limits hold through every change from goals to velocities and back.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class JointSpaceTip:
         return IKStatus.CONVERGED
 
     def _aim_ahead(self) -> int:
-        """Aim at where the feed leads while it holds."""
+        """Aim at where the velocity command leads while it holds."""
         speed = float(np.sqrt(self._commanded @ self._commanded))
         ahead = min(self._left, FORESIGHT)
         axis, angle = axis_angle(self.pose[:3, :3].T @ self._turn)
