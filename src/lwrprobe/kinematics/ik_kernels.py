@@ -104,8 +104,8 @@ def _drift(chain, settings, places, target, q, work):
     largest = project(n, work)
     damped_step(n, q, settings[dls.DAMPING] * error + dls.MIN_DAMPING, work)
     push, step = work[dls.PUSH], work[dls.STEP]
-    step = settings[NULL_SPACE_STEP]
-    share = step / largest if largest > step else 1.0
+    allowed = settings[NULL_SPACE_STEP]
+    share = allowed / largest if largest > allowed else 1.0
     for i in range(n):
         step[i] += share * push[i]
     move(n, q, work, q)
