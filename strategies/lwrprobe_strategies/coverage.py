@@ -357,7 +357,7 @@ class Coverage(SkillStrategy):
         if not self.options.climb or self.tip.seen.contact is None or not self.leaves_descents(self.frame.line):
             return False
         up = descent.climb(self.tip.seen, self.frame, self.upright)
-        if up is None or self.lines.hopeless(up):
+        if up is None or self.lines.blocked_before(up):
             return False
         self.lines.insert(up)
         return True

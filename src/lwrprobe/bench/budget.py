@@ -28,7 +28,7 @@ from lwrprobe.scene.table import Pose
 
 SEED = 7
 """Of the run whose contacts are moved."""
-MOST = 1500
+MAX_CONTACTS = 1500
 """Contacts that are moved."""
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 WANTED = (0.90, 0.98)
@@ -100,7 +100,7 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
             pass
     exploration.finish()
     recorder, pipeline = exploration.recorder, exploration.pipeline
-    at = np.unique(np.linspace(0, len(recorder.contacts) - 1, MOST).astype(int))
+    at = np.unique(np.linspace(0, len(recorder.contacts) - 1, MAX_CONTACTS).astype(int))
     states = [state for k in at if (state := recorder.states[k]) is not None]
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
     table = scene.uncertainty

@@ -46,10 +46,10 @@ COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
 RETURN = 2.0
 """Of the target force, that the return to a lost contact may reach. The rest is for surfaces stiffer than assumed."""
-THROWN_OFF = 0.5
+BOUNCE = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
-CAREFUL = 0.6
+STICK_SHARE = 0.6
 """Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
 directions than in others."""
 DIVE = 0.3
@@ -105,9 +105,9 @@ class ContourControl:
         safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
         back = RETURN * task.force_target - task.force_threshold
-        gentle = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
-        gentle = np.minimum(gentle, THROWN_OFF * task.force_target / np.maximum(struck, 1e-9))
-        self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
+        slow = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
+        slow = np.minimum(slow, BOUNCE * task.force_target / np.maximum(struck, 1e-9))
+        self._return = np.minimum(np.minimum.accumulate(slow), self._safe).tolist()
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
@@ -193,15 +193,15 @@ class ContourControl:
         stiffness = 1.0 / (series + lateral * left**3)
         delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
         safe = approach_speed(self._reserve, stiffness, delay, self.task.acceleration)
-        return min(CAREFUL * safe, self.task.approach_speed)
+        return min(STICK_SHARE * safe, self.task.approach_speed)
 
     def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a contact that was just lost is sought again along `direction` (unit).
 
         As `approach_speed`, for `RETURN` times the target force in place of the limit: the surface is near, so that
-        little time is lost. An arm with mass strikes so gently that it is not thrown off again.
+        little time is lost. An arm with mass strikes so slowly that it does not bounce.
         """
-        return self._gentle[self._step(float(rotation[:, 2] @ direction))]
+        return self._return[self._step(float(rotation[:, 2] @ direction))]
 
     def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
         """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""

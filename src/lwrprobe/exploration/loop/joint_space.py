@@ -14,7 +14,7 @@ from lwrprobe.kinematics import IKSolver, IKStatus, Robot, straight_line
 from lwrprobe.kinematics.path import axis_angle, rotations
 from lwrprobe.trajectory import CartesianLimits, JointTrajectory
 
-FORESIGHT = 0.1
+LOOK_AHEAD = 0.1
 """s, no velocity command is extrapolated further than that; a longer one is renewed meanwhile."""
 STRIDE, STRIDE_TURN = 0.02, 0.1
 """m and rad between the poses at which inverse kinematics follows the line to a goal."""
@@ -119,7 +119,7 @@ class JointSpaceTip:
 
     def step(self) -> None:
         """Advance by one cycle."""
-        if self._left > FORESIGHT:
+        if self._left > LOOK_AHEAD:
             self._left -= self.cycle
             self._aim_ahead()
         self._joints.step()
@@ -146,7 +146,7 @@ class JointSpaceTip:
     def _aim_ahead(self) -> int:
         """Aim at where the velocity command leads while it holds."""
         speed = float(np.sqrt(self._commanded @ self._commanded))
-        ahead = min(self._left, FORESIGHT)
+        ahead = min(self._left, LOOK_AHEAD)
         axis, angle = axis_angle(self.pose[:3, :3].T @ self._turn)
         if speed * ahead < 1e-9 and angle < 1e-9:
             self._joints.stop()
