@@ -178,7 +178,7 @@ def test_one_lost_sample_is_no_gap_and_two_are():
         guard, begun = SilenceGuard(0.1, 0.001, 0.008), 0
         for k in range(400):
             if k % 8 == 0 and not 100 <= k < 100 + 8 * lost:
-                guard.heard(0)
+                guard.update(0)
             begun += guard.check(0.001 * k)
         assert begun == guard.yields == expected
 

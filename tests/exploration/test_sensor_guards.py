@@ -13,7 +13,7 @@ def run_silent(guard, cycle, status=None):
     """Cycles until it stops, with a sample of that status each cycle, or none."""
     for n in range(1, 1000):
         if status is not None:
-            guard.heard(int(status))
+            guard.update(int(status))
         try:
             guard.check(n * cycle)
         except SensorLost:
@@ -50,13 +50,13 @@ def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
 def test_saturation_in_a_row():
     guard = SilenceGuard(0.1, 0.01, 0.008)
     for _ in range(5):
-        guard.heard(SampleStatus.SATURATED)
-        guard.heard(SampleStatus.SATURATED)
-        guard.heard(0)
-    guard.heard(SampleStatus.SATURATED)
-    guard.heard(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
+        guard.update(0)
+    guard.update(SampleStatus.SATURATED)
+    guard.update(SampleStatus.SATURATED)
     with pytest.raises(SensorLost, match="end of its range"):
-        guard.heard(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
 
 
 def test_torque_yields_as_force_does():
