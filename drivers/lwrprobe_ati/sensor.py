@@ -40,7 +40,7 @@ class AtiSensor:
         self._console = Console(as_address(config.telnet, "drivers.ati.telnet"), config.timeout)
         self._socket: socket.socket | None = None
         self._sequence = 0
-        self._heard = 0.0
+        self._last_received = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
         self._last_counters: dict[str, int] = {}
@@ -94,7 +94,7 @@ class AtiSensor:
         if not self._console.is_open:
             self._open_console()
         take_bias(self._console, self.config.transducer)
-        self._heard = self._valid_from = time.monotonic()
+        self._last_received = self._valid_from = time.monotonic()
 
     def stop(self) -> None:
         """Stop streaming."""
@@ -171,7 +171,7 @@ class AtiSensor:
                 self._asked = now
             time.sleep(0.002)
             self._received(stream)
-        self._heard = self._asked = time.monotonic()
+        self._last_received = self._asked = time.monotonic()
 
     def _received(self, stream: Stream) -> list[WrenchSample]:
         samples: list[WrenchSample] = []
@@ -187,7 +187,7 @@ class AtiSensor:
                 raise ConnectionLost(f"the data line to {self.config.udp} broke: {error.strerror}") from None
             samples += stream.samples(data, time.monotonic())
         if samples:
-            self._heard = time.monotonic()
+            self._last_received = time.monotonic()
         return samples
 
     def _discard(self) -> None:
@@ -203,7 +203,7 @@ class AtiSensor:
 
     def _watch_silence(self) -> None:
         now = time.monotonic()
-        silent = now - self._heard
+        silent = now - self._last_received
         if silent > self.config.lost_after:
             raise ConnectionLost(f"the sensor at {self.config.udp} has been silent for {silent:.2f} s")
         if silent > self.config.silence and now - self._asked > self.config.silence:
