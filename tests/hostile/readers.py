@@ -12,7 +12,7 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -109,6 +109,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "scene.toml": load_scene,
     "plan.toml": read_plan,
     "bag.mcap": bag,
+    "bag.db3": bag,
     "cloud.pcd": read_cloud,
     "cloud.ply": read_cloud,
     "cloud.csv": read_cloud,
@@ -163,6 +164,7 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
         writer.send("/lwrprobe/run", k + 1, messages.text(_ABOUT))
     writer.close()
     found["bag.mcap"] = [writer.path.read_bytes(), _foreign_bag(folder / "foreign")]
+    found["bag.db3"] = [_sqlite_bag(folder / "sqlite")]
     rows = "\n".join(",".join(f"{v:.4f}" for v in row) for row in generator.normal(size=(5, 9)))
     found["contacts.csv"] = [f"{CONTACT_COLUMNS}\n{rows}\n".encode()]
     rows = "\n".join(",".join(f"{v:.4f}" for v in row) + ",approach" for row in generator.normal(size=(5, 7)))
@@ -185,11 +187,36 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
 
 
 def _foreign_bag(folder: Path) -> bytes:
-    """With the messages of any robot: wrenches, joint states and poses over two seconds."""
-    from lwrprobe.bags import messages
+    """With the messages of any robot."""
     from lwrprobe.bags.bag_writer import BagWriter
 
     writer = BagWriter(folder, "a")
+    for topic, kind, stamp, data in _foreign_messages():
+        writer.write(topic, kind, stamp, data)
+    writer.close()
+    return writer.path.read_bytes()
+
+
+def _sqlite_bag(folder: Path) -> bytes:
+    """The same, written by rosbags."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2.enums import StoragePlugin
+
+    from lwrprobe.bags import messages
+
+    connections = {}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic, kind, stamp, data in _foreign_messages():
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=messages.type_store())
+            writer.write(connections[topic], stamp, data)
+    return next(folder.glob("*.db3")).read_bytes()
+
+
+def _foreign_messages() -> Iterator[tuple[str, str, int, bytes]]:
+    """Wrenches, joint states and poses over two seconds."""
+    from lwrprobe.bags import messages
+
     for k in range(20):
         time = 100_000_000 * (k + 1)
         for topic, kind, template, numbers in (
@@ -197,9 +224,7 @@ def _foreign_bag(folder: Path) -> bytes:
             ("/joint_states", _JOINT, messages.joint_state(list("abcdefg")), range(7)),
             ("/tip", "geometry_msgs/msg/PoseStamped", messages.pose(), (0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0)),
         ):
-            writer.write(topic, kind, time, template.at(time, numbers))
-    writer.close()
-    return writer.path.read_bytes()
+            yield topic, kind, time, template.at(time, numbers)
 
 
 _ABOUT = json.dumps(
