@@ -86,6 +86,25 @@ def test_the_arm_stands_where_the_bag_has_it(runs):
     assert alone.contact_times == pytest.approx(contacts.times, abs=1e-4)
 
 
+def test_uncertainty_and_certificate_are_shown(runs):
+    shown = playback(runs[0])
+    own = np.loadtxt(runs[0] / "contact_errors.csv", delimiter=",", skiprows=1)
+    assert shown.sigmas == pytest.approx(1e-3 * own[:, 2])
+    cloud = lp.mapping.clouds.read_cloud(runs[0] / "hiding.ply")
+    assert (shown.hiding == cloud.points).all()
+    assert shown.sizes.max() == pytest.approx(1e-3 * lp.open_run(runs[0]).summary.certified_mm, rel=0.01)
+    viewer = Viewer(shown, port=0)
+    try:
+        viewer._handles["colour"].value = "uncertainty"
+        painted = viewer._handles["points"].colors.reshape(-1, 3)
+        assert len(np.unique(painted, axis=0)) > 3
+        assert not viewer._handles["hiding"].visible
+        viewer._handles["box hiding"].value = True
+        assert viewer._handles["hiding"].visible
+    finally:
+        viewer.close()
+
+
 def test_without_a_bag_the_arm_follows_the_path_of_the_sphere(runs):
     shown = playback(runs[1])
     places = np.array([shown.robot.fk(q).A[:3, 3] for q in shown.joints[::20]])

@@ -167,7 +167,7 @@ def _dives(here: np.ndarray, there: np.ndarray) -> bool:
 
 def _remember(pipeline: Pipeline, seen: Observation) -> None:
     place = seen.pose[:3, 3]
-    known = seen.contact if seen.contact is not None and seen.contact.confidence > RELIABLE else None
+    known = seen.contact if seen.contact is not None and seen.contact.confidence_score > RELIABLE else None
     wrench = Wrench(seen.time, seen.pose[:3, :3].T @ seen.force, np.zeros(3), seen.force)
     pipeline.force.update(wrench, seen.pose, known)
     if pipeline.sweep is not None:
