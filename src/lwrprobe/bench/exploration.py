@@ -27,7 +27,7 @@ from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.scene import Scene
-from lwrprobe.sweeps.execute import run_local
+from lwrprobe.sweeps.execute import run_in_order
 
 SOURCE_SCENES = (
     "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
@@ -73,12 +73,7 @@ COLUMNS = {
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench exploration`."""
     jobs, processes = _jobs(quick, options)
-    if processes > 1:
-        tasks = {str(number): job for number, job in enumerate(jobs)}
-        results = dict(run_local(tasks, _explored, processes))
-        found = [results[key] for key in tasks]
-    else:
-        found = [_explored(job) for job in jobs]
+    found = run_in_order(jobs, _explored, processes)
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
