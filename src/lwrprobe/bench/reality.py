@@ -2,8 +2,8 @@
 
 Every run is a full one with the scene's `[truth]` set; see docs/explanation/simulator.md. Options (`--set`): `rows`,
 names of departures separated by commas, `all` or `none`; `scenes`, `strategies`, `profiles` (`lab`, `datasheet`,
-`rough`, or `none`) as comma-separated lists; `count`, draws of each profile and of each departure that is drawn; `jobs`,
-processes.
+`rough`, or `none`) as comma-separated lists; `count`, draws of each profile and of each departure that is drawn;
+`jobs`, processes.
 """
 
 from __future__ import annotations
