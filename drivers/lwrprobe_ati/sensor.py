@@ -7,6 +7,7 @@ import socket
 import time
 from dataclasses import asdict
 
+from lwrprobe.arrival_time import note_arrivals, receive
 from lwrprobe.contracts import ConnectionLost, DriverError, WrenchSample
 from lwrprobe.contracts.address import as_address
 from lwrprobe_ati import shutdown_hook
@@ -43,6 +44,7 @@ class AtiSensor:
         self._heard = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
+        self._emptied = 0.0
         self._last_counters: dict[str, int] = {}
         self.ahead: int | None = None
         """`Stream.ahead` of the last stream that was closed."""
@@ -139,6 +141,7 @@ class AtiSensor:
         line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         line.setblocking(False)
+        note_arrivals(line)
         try:
             line.bind(as_address(self.config.local, "drivers.ati.local"))
             # Connected: the kernel drops what anybody else sends.
@@ -177,15 +180,18 @@ class AtiSensor:
         samples: list[WrenchSample] = []
         line = self._data_line()
         for _ in range(_AT_ONCE):
+            before = time.monotonic()
             try:
-                data = line.recv(2048)
+                data, arrival = receive(line, 2048)
             except BlockingIOError:
+                self._emptied = before
                 break
             except ConnectionRefusedError:
                 continue  # nobody listens there just now: that is silence
             except OSError as error:
                 raise ConnectionLost(f"the data line to {self.config.udp} broke: {error.strerror}") from None
-            samples += stream.samples(data, time.monotonic())
+            # It cannot have come before all was read last: that bounds what a jump of the system's clock may do.
+            samples += stream.samples(data, max(arrival, self._emptied), time.monotonic())
         if samples:
             self._heard = time.monotonic()
         return samples
