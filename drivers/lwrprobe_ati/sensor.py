@@ -41,7 +41,7 @@ class AtiSensor:
         self._console = Console(as_address(config.telnet, "drivers.ati.telnet"), config.timeout)
         self._socket: socket.socket | None = None
         self._sequence = 0
-        self._heard = 0.0
+        self._last_received = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
         self._emptied = 0.0
@@ -96,7 +96,7 @@ class AtiSensor:
         if not self._console.is_open:
             self._open_console()
         take_bias(self._console, self.config.transducer)
-        self._heard = self._valid_from = time.monotonic()
+        self._last_received = self._valid_from = time.monotonic()
 
     def stop(self) -> None:
         """Stop streaming."""
@@ -174,7 +174,7 @@ class AtiSensor:
                 self._asked = now
             time.sleep(0.002)
             self._received(stream)
-        self._heard = self._asked = time.monotonic()
+        self._last_received = self._asked = time.monotonic()
 
     def _received(self, stream: Stream) -> list[WrenchSample]:
         samples: list[WrenchSample] = []
@@ -193,7 +193,7 @@ class AtiSensor:
             # It cannot have come before all was read last: that bounds what a jump of the system's clock may do.
             samples += stream.samples(data, max(arrival, self._emptied), time.monotonic())
         if samples:
-            self._heard = time.monotonic()
+            self._last_received = time.monotonic()
         return samples
 
     def _discard(self) -> None:
@@ -209,7 +209,7 @@ class AtiSensor:
 
     def _watch_silence(self) -> None:
         now = time.monotonic()
-        silent = now - self._heard
+        silent = now - self._last_received
         if silent > self.config.lost_after:
             raise ConnectionLost(f"the sensor at {self.config.udp} has been silent for {silent:.2f} s")
         if silent > self.config.silence and now - self._asked > self.config.silence:

@@ -77,7 +77,7 @@ class Answering:
         self._following = False
         self._braking = False
         self._silent = True
-        self._quiet_since = time.monotonic()
+        self._silent_since = time.monotonic()
         self._misses_before: int | None = None
         self._misses: deque[int] = deque(maxlen=_RECENT)
         self._controller = controller
@@ -117,9 +117,9 @@ class Answering:
                 break
         self._obey()
         if newest is not None:
-            self._quiet_since = measured
+            self._silent_since = measured
             self._answer(newest, steps, measured, source, raw)
-        elif arrival - self._quiet_since > self.config.silence:
+        elif arrival - self._silent_since > self.config.silence:
             self._fall_silent(arrival)  # datagrams come, but none of them is a measurement of the controller's
 
     def _obey(self) -> None:
@@ -246,7 +246,7 @@ class Answering:
         return late
 
     def _fall_silent(self, now: float) -> None:
-        self._quiet_since = now
+        self._silent_since = now
         if not self._silent:
             self._silent = True
             self.packets.forget()

@@ -64,7 +64,7 @@ class Connection:
         self._latest: Arrival | None = None
         self._report: m.Report | None = None
         self._silent = True
-        self._heard = False
+        self._answered = False
         self._failure = ""
         self._line: socket.socket | None = None
         self._process: subprocess.Popen | None = None
@@ -270,7 +270,7 @@ class Connection:
                 self._break(packet[1:].decode("utf-8", "replace"))
             case _:
                 self._break("its process is gone")
-        self._heard = self._heard or packet[:1] != m.SCHEDULING
+        self._answered = self._answered or packet[:1] != m.SCHEDULING
 
     def _note(self, report: m.Report) -> None:
         measurement = decode_measurement(report.measurement)
@@ -290,7 +290,7 @@ class Connection:
     def _await_first_word(self) -> None:
         """The time-outs count from where the process is up and listens, be it only to silence."""
         end = time.monotonic() + _START_UP
-        while not self._heard:
+        while not self._answered:
             left = end - time.monotonic()
             if self._failure or left <= 0.0:
                 raise ConnectionLost(self._failure or f"the answering process did not start within {_START_UP:g} s")
@@ -307,10 +307,10 @@ class Connection:
 
     def _timeout_error(self, otherwise: str, timeout: float) -> DriverError:
         traffic = self._traffic
-        heard = f"{traffic.foreign} datagrams came from other addresses, {traffic.malformed} were malformed"
+        received = f"{traffic.foreign} datagrams came from other addresses, {traffic.malformed} were malformed"
         if self._silent or self._latest is None:
             where = f"from {self.config.remote} at {self.config.bind}"
-            return ConnectionLost(f"{otherwise} {where} within {timeout:g} s; {heard}")
+            return ConnectionLost(f"{otherwise} {where} within {timeout:g} s; {received}")
         latest = self._latest.measurement
         return DeviceRefused(
             f"{otherwise} within {timeout:g} s: state {latest.state.name}, quality {latest.quality.name}, "

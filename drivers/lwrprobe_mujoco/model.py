@@ -16,7 +16,7 @@ from lwrprobe_mujoco.solids import Piece, pieces
 
 TOUCHED, TOUCHING = 1, 2
 """Collision bits of what stands around, and of what moves."""
-LEAST_RADIUS = 0.05
+MIN_RADIUS = 0.05
 """m, of a body that counts for nothing."""
 NEAR = 0.002
 """m, at which the steps become short."""
@@ -184,7 +184,7 @@ def _set_small_inertia(body: Any, mass: float) -> None:
     """A body that counts for nothing, but that MuJoCo needs an inertia of."""
     body.explicitinertial = True
     body.mass, body.ipos = mass, np.zeros(3)
-    body.inertia = np.full(3, mass * 0.4 * LEAST_RADIUS**2)
+    body.inertia = np.full(3, mass * 0.4 * MIN_RADIUS**2)
 
 
 def _add_link(body: Any, name: str, link: LinkShape, pose: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from lwrprobe.scene.solid import Solid
 
 SKIN = 0.002
 """m, thickness of the prisms: a sphere that presses by some micrometres is never behind them."""
-LEAST_AREA = 1e-11
+MIN_AREA = 1e-11
 """m^2; smaller triangles are left out."""
 ENDLESS = 1.0
 """m, edge of the box that stands for a half space."""
@@ -62,7 +62,7 @@ def _skin(mesh: TriangleMesh, frame: np.ndarray) -> list[Piece]:
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice_area = np.linalg.norm(normals, axis=1)
-    good = twice_area > 2.0 * LEAST_AREA
+    good = twice_area > 2.0 * MIN_AREA
     corners, normals = corners[good], normals[good] / twice_area[good, None]
     inner = corners - SKIN * normals[:, None, :]
     return [Piece("hull", (), frame, np.concatenate(pair)) for pair in zip(corners, inner)]

@@ -149,10 +149,10 @@ class World:
         self._sample(before)
         return self._transmission.arrived(self.time)
 
-    def cycles_until_sample(self, most: int) -> int:
-        """How many of the next cycles, up to `most`, end before a sample arrives."""
+    def cycles_until_sample(self, limit: int) -> int:
+        """How many of the next cycles, up to `limit`, end before a sample arrives."""
         arrival, cycles = self._transmission.next_arrival, 0
-        while cycles < most and (self._cycles + cycles + 1) * self.config.cycle + 1e-12 < arrival:
+        while cycles < limit and (self._cycles + cycles + 1) * self.config.cycle + 1e-12 < arrival:
             cycles += 1
         return cycles
 

@@ -9,7 +9,7 @@ from lwrprobe.contracts import UnknownNameError
 from lwrprobe.scene import scene_content
 from lwrprobe_rig.world import SimulatedWorld
 
-_MOST = 200
+_MAX_SAMPLES = 200
 """Contacts that fit into one datagram."""
 
 
@@ -42,7 +42,7 @@ class GroundTruth:
             case ["scene"]:
                 return json.dumps(scene_content(self._world.ground_truth.scene))
             case ["contacts", first, count] if first.isdigit() and count.isdigit():
-                return json.dumps(self._world.contacts(int(first), min(int(count), _MOST)))
+                return json.dumps(self._world.contacts(int(first), min(int(count), _MAX_SAMPLES)))
             case ["mark"]:
                 self._world.mark()
                 return "ok"

@@ -151,9 +151,9 @@ class SimArm:
         if status != 0:
             self._refuse(q, status)
 
-    def cycles_until_sample(self, most: int) -> int:
-        """How many of the next cycles, up to `most`, end without a new sample; 0 where the wall clock sets the pace."""
-        return 0 if self._realtime else self._world.cycles_until_sample(most)
+    def cycles_until_sample(self, limit: int) -> int:
+        """How many of the next cycles, up to `limit`, end without a new sample; 0 in real time."""
+        return 0 if self._realtime else self._world.cycles_until_sample(limit)
 
     def step_many(self, set_points: np.ndarray, times: np.ndarray, joints: np.ndarray, away: float) -> tuple[int, int]:
         """Set points (m, n) rad, a cycle each; see `lwrprobe.contracts.SteppedArm`. Raises what `command` does."""

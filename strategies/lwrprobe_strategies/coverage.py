@@ -29,7 +29,7 @@ from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
-from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, way_back
+from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -311,9 +311,9 @@ class Coverage(SkillStrategy):
         tip.leave()
         back, self.back = self.back, np.inf
         if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):
-            return way_back(tip.seen, tip.free, back)
+            return return_path(tip.seen, tip.free, back)
         if tip.trace.ended is guarded_move and not tip.leaving:
-            return way_back(tip.seen, tip.free) if self.frame.line.fallback is not None else []
+            return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
 
     def _beneath(self) -> bool:
@@ -357,7 +357,7 @@ class Coverage(SkillStrategy):
         if not self.options.climb or self.tip.seen.contact is None or not self.leaves_descents(self.frame.line):
             return False
         up = descent.climb(self.tip.seen, self.frame, self.upright)
-        if up is None or self.lines.hopeless(up):
+        if up is None or self.lines.blocked_before(up):
             return False
         self.lines.insert(up)
         return True

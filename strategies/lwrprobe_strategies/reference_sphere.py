@@ -14,7 +14,7 @@ import numpy as np
 from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
 from lwrprobe_strategies.planning.paths import Waypoint
-from lwrprobe_strategies.planning.sphere_touches import SphereTouch, sphere_touches, way_round
+from lwrprobe_strategies.planning.sphere_touches import SphereTouch, path_around, sphere_touches
 from lwrprobe_strategies.skills import Procedure, approach, load, rest, transit, unload
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
@@ -198,7 +198,7 @@ class ReferenceSphere(SkillStrategy):
         out = centre + self._off(STANDOFF) * touch.normal
         way = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
-            for normal, rotation in way_round(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
+            for normal, rotation in path_around(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
         ]
         pressed = _pose(touch.rotation, centre + (self._reach - BEYOND) * touch.normal)
         poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in way]
@@ -283,7 +283,7 @@ class ReferenceSphere(SkillStrategy):
         centre = self._centre()
         way = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
-            for normal, rotation in way_round(self._at.normal, top.normal, self._at.rotation, top.rotation)
+            for normal, rotation in path_around(self._at.normal, top.normal, self._at.rotation, top.rotation)
         ]
         outcome = yield from transit(self.tip, way)
         self.tip.rotation, self._at = self._upright.copy(), top

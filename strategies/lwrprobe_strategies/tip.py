@@ -100,7 +100,11 @@ class Tip:
 
         It may where something is known near the stick, and where the object may overhang.
         """
-        side = hypot(along.item(0), along.item(1))
+        near = self.seen.clearance
+        watched = near is not None and near.link == STICK and near.distance - near.required < NEAR
+        if self.touches and not watched and not self.overhangs.found:
+            return inf
+        side = hypot(along[0], along[1])
         if side < SIDEWAYS:
             return inf
         here = self.here
@@ -109,8 +113,7 @@ class Tip:
             limit = self.control.stick_speed(self.overhangs.reach(here)) / side
         elif not self.touches and self.overhangs.possible(here, along):
             limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
-        near = self.seen.clearance
-        if near is not None and near.link == STICK and near.distance - near.required < NEAR:
+        if near is not None and watched:
             back = -self.seen.pose[:3, 2]
             there = near.on_map - here
             reach = float(there @ back)

@@ -49,7 +49,7 @@ def run_folder(tmp_path_factory):
         f"{0.01 * i:.4f}," + ",".join(f"{v:.7f}" for v in (*p, *n)) + ",0.8,0.9"
         for i, (p, n) in enumerate(zip(record.points, record.normals))
     ]
-    text = "time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(lines) + "\n3.0,0.01,0.0"
+    text = "time,x,y,z,nx,ny,nz,force,confidence\n" + "\n".join(lines) + "\n3.0,0.01,0.0"
     (folder / "contacts.csv").write_text(text)
     trace = "\n".join(f"{i},{p[0]},{p[1]},{p[2]},0.0,0,inf,line" for i, p in enumerate(record.free_path))
     (folder / "trace.csv").write_text("time,x,y,z,force,touching,clearance,state\n" + trace + "\n")
@@ -172,7 +172,7 @@ def test_what_is_wrong_is_told_in_one_sentence(tmp_path, arguments, words):
 
 def test_a_line_that_is_no_contact_is_named(run_folder, tmp_path):
     (tmp_path / "scene.toml").write_text((run_folder[0] / "scene.toml").read_text())
-    (tmp_path / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,trust\n1,2,3\n")
+    (tmp_path / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,confidence\n1,2,3\n")
     with pytest.raises(FormatError, match="line 2"):
         read_run(tmp_path)
 

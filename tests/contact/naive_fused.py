@@ -36,7 +36,7 @@ MEMORY = {
     "path": (fk.S_PATH, ()), "streak": (fk.S_STREAK, ()), "turn": (fk.S_TURN, (3,)), "before": (fk.S_BEFORE, (3,)),
     "offset": (fk.S_OFFSET, (3,)), "offset_cov": (fk.S_OFFSET_COV, (3, 3)), "offset_time": (fk.S_OFFSET_TIME, ()),
     "zeroing": (fk.S_ZEROING, ()), "velocity": (fk.S_VELOCITY, (3,)), "speed_var": (fk.S_SPEED_VAR, ()),
-    "turn_way": (fk.S_TURN_WAY, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
+    "turn_way": (fk.S_TURN_PATH, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
     "ring": (fk.S_RING, (fk.RING, fk.ROW)),
 }  # fmt: skip
 
@@ -395,12 +395,12 @@ def refuse(g, p, reason):
 
 def deliver(g, p, normal, sigma, reason, force):
     point = g.centre - (p.radius - p.indentation * max(normal @ force, 0.0)) * normal
-    trust = 1.0 / (1.0 + (sigma / p.trusted_error) ** 2)
-    if reason == k.GOOD and trust < 0.5:
+    confidence = 1.0 / (1.0 + (sigma / p.trusted_error) ** 2)
+    if reason == k.GOOD and confidence < 0.5:
         reason = k.IMPRECISE
     if reason not in (k.GOOD, k.IMPRECISE):
-        trust = 0.3 if reason == k.AMBIGUOUS else 0.0
-    return reason, np.concatenate([point, normal, force, [trust, sigma]])
+        confidence = 0.3 if reason == k.AMBIGUOUS else 0.0
+    return reason, np.concatenate([point, normal, force, [confidence, sigma]])
 
 
 def fused(g, p, s):

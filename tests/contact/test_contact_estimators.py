@@ -4,7 +4,16 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import ESTIMATORS, REASONS, TRUSTED, UNCONFIRMED, Settings, Wrench, WrenchNoise, make_estimator
+from lwrprobe.contact import (
+    ESTIMATORS,
+    REASONS,
+    RELIABLE_FROM,
+    UNCONFIRMED,
+    Settings,
+    Wrench,
+    WrenchNoise,
+    make_estimator,
+)
 from lwrprobe.contact import fused_kernels as fk
 from lwrprobe.contact import kernels as kk
 from lwrprobe.contact.estimator import Given, shared_params
@@ -230,7 +239,7 @@ def test_every_reason_is_given_and_none_is_trusted(name):
         assert np.isfinite(contact.point).all()
         assert np.isfinite(contact.force).all()
         assert np.linalg.norm(contact.normal) == pytest.approx(1.0 if contact.force.any() else 0.0)
-        assert (contact.trust >= TRUSTED) == (contact.reason == "")
+        assert (contact.confidence_score >= RELIABLE_FROM) == (contact.reason == "")
         return contact.reason
 
     good = naive.contact_wrench(PROBE, np.eye(3), [(n, 2.0 * n)])
@@ -268,22 +277,22 @@ def test_a_stick_contact_is_never_taken_for_the_sphere(height):
         step = np.repeat([PROBE.force_resolution, PROBE.torque_resolution], 3)
         values = np.concatenate([force, np.cross(place, force)]) + step * rng.normal(size=6)
         contact = estimator.estimate(Wrench(0.0, values[:3], values[3:], force), STILL, np.eye(3), STILL)
-        trusted += contact.trust >= TRUSTED
+        trusted += contact.confidence_score >= RELIABLE_FROM
     assert trusted <= (3 if height <= 0.006 else 0)
 
 
-def test_trust_falls_with_the_force_and_says_imprecise():
+def test_confidence_falls_with_the_force_and_says_imprecise():
     rng = np.random.default_rng(11)
     estimator = make_estimator("wrench_axis", Probe())
     n = naive.unit([0.2, 0.1, 1.0])
-    trust = []
+    confidence = []
     for force in (0.1, 0.3, 1.0, 3.0):
         contact = estimator.estimate(
             naive.contact_wrench(Probe(), np.eye(3), [(n, force * n)], rng=rng), STILL, np.eye(3), STILL
         )
-        trust.append(contact.trust)
-    assert trust == sorted(trust)
-    assert trust[0] < TRUSTED < trust[2]
+        confidence.append(contact.confidence_score)
+    assert confidence == sorted(confidence)
+    assert confidence[0] < RELIABLE_FROM < confidence[2]
 
 
 def test_unknown_names_and_bad_settings_are_refused():
@@ -307,7 +316,7 @@ def test_a_centre_that_is_not_finite_is_an_invalid_sample(name, bad, axis):
     centre = STILL.copy()
     centre[axis] = bad
     contact = estimator.estimate(naive.contact_wrench(PROBE, np.eye(3), [(n, n)]), centre, np.eye(3), STILL)
-    assert (contact.reason, contact.trust) == ("invalid", 0.0)
+    assert (contact.reason, contact.confidence_score) == ("invalid", 0.0)
     assert np.array_equal(contact.point, np.zeros(3))
     assert np.allclose(contact.normal, n)
 
@@ -329,7 +338,7 @@ def test_no_input_makes_nan_or_an_exception(name):
         assert np.isfinite(contact.point).all()
         assert np.isfinite(contact.normal).all()
         assert np.isfinite(contact.force).all()
-        assert 0.0 <= contact.trust <= 1.0
+        assert 0.0 <= contact.confidence_score <= 1.0
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
@@ -339,4 +348,4 @@ def test_a_sensor_without_noise_is_no_special_case(name):
     n = naive.unit([0.1, -0.3, 1.0])
     contact = estimator.estimate(naive.contact_wrench(probe, np.eye(3), [(n, n)]), STILL, np.eye(3), STILL)
     np.testing.assert_allclose(contact.normal, n, atol=1e-6)
-    assert contact.trust >= TRUSTED
+    assert contact.confidence_score >= RELIABLE_FROM

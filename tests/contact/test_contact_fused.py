@@ -4,7 +4,7 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import TRUSTED, make_estimator
+from lwrprobe.contact import RELIABLE_FROM, make_estimator
 from lwrprobe.contracts import Probe
 
 PROBE = Probe()
@@ -74,7 +74,7 @@ def test_sliding_at_one_newton_is_within_a_tenth_of_a_millimetre_and_one_degree(
     errors, contacts, estimator = follow(path(mu))
     assert np.median(errors[:, 0]) <= 1.0
     assert np.median(errors[:, 1]) <= 0.10
-    assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.98
+    assert np.mean([c.confidence_score >= RELIABLE_FROM for c in contacts]) > 0.98
     friction, sigma = estimator.friction
     assert friction == pytest.approx(mu, abs=0.03)
     assert sigma < 0.03
@@ -87,7 +87,7 @@ def test_fast_sensors_are_no_worse(rate):
     for path in (plane(Z, Y, 0.3, count=int(0.8 * rate)), cylinder(0.3)):
         errors, contacts, _ = follow(path)
         assert np.median(errors[:, 0]) <= 1.0
-        assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.98
+        assert np.mean([c.confidence_score >= RELIABLE_FROM for c in contacts]) > 0.98
 
 
 def test_fusing_beats_both_of_its_parts():
@@ -152,7 +152,7 @@ def test_a_convex_edge_is_followed_without_rounding_and_stays_trusted():
         on_edge = errors[60 : 60 + len(angles), 0]
         assert np.median(on_edge) < 1.5
         assert np.percentile(errors[:, 0], 95) < 2.5
-        assert np.mean([c.trust >= TRUSTED for c in contacts]) > 0.97
+        assert np.mean([c.confidence_score >= RELIABLE_FROM for c in contacts]) > 0.97
 
 
 @pytest.mark.parametrize("rate", [125, 1000])
@@ -166,7 +166,7 @@ def test_an_inner_edge_is_marked_ambiguous_until_the_first_wall_is_left(mu, rate
     both = [(corner, 0.0 * Y, [(Z, Z - (1 - g) * mu * Y), (-Y, -g * Y)]) for g in growth]
     climb = [(corner + travel * (k + 1) * Z, 0.02 * Z, [(-Y, -Y - mu * Z)]) for k in range(60 * many)]
     _, contacts, _ = follow(floor + both + climb)
-    trusted = np.array([c.trust >= TRUSTED for c in contacts])
+    trusted = np.array([c.confidence_score >= RELIABLE_FROM for c in contacts])
     assert trusted[: 60 * many].mean() > 0.95
     assert not trusted[68 * many : 100 * many].any()  # the force has built up to most of the floor's
     assert {c.reason for c in contacts[68 * many : 100 * many]} == {"ambiguous normal"}
@@ -198,7 +198,7 @@ def test_stated_error_is_honest():
     for path in (plane(Z, Y, 0.3), cylinder(0.3)):
         estimator = make_estimator("fused", PROBE)
         errors, contacts, _ = follow(path, estimator=estimator)
-        stated = np.degrees([0.1 * np.sqrt(1 / c.trust - 1) for c in contacts])
+        stated = np.degrees([0.1 * np.sqrt(1 / c.confidence_score - 1) for c in contacts])
         ratio = np.sqrt(np.mean(errors[20:, 0] ** 2) / np.mean(stated[20:] ** 2))
         assert 0.4 < ratio < 2.0
     assert kk.O_SIGMA == 10
@@ -242,4 +242,4 @@ def test_the_same_samples_give_the_same_contacts():
     one, other = follow(cylinder(0.3), seed=3)[1], follow(cylinder(0.3), seed=3)[1]
     for a, b in zip(one, other):
         np.testing.assert_array_equal(a.point, b.point)
-        assert a.trust == b.trust
+        assert a.confidence_score == b.confidence_score

@@ -95,7 +95,7 @@ def test_a_soft_object_is_told_from_the_stick(normal, damping, delay):
     changed = [touch.update(*sample) for sample in press(800.0, normal, damping, delay)]
     assert sum(changed) == 1
     assert touch.settled
-    # Force and speed go in step here, so damping and delay cannot be told from stiffness.
+    # Force and speed go in step here, so damping and delay cannot be distinguished from stiffness.
     own = Deflection(Probe(compliance=STICK)).along(DOWN, np.array(normal, dtype=float))
     series = (1 / 800.0 + own) * (1.0 + delay / SLOWING)
     seen = 1.0 / (1.0 / series - damping / SLOWING) if damping else series

@@ -362,7 +362,7 @@ def one_sample(row, state):
     expected, wanted = naive.fused(naive.unpack(row, naive.GIVEN), P, memory)
     assert reason == expected
     close(out[:9], wanted[:9], "contact", 1e-6)
-    close(out[9:], wanted[9:], "trust and error", 1e-5)
+    close(out[9:], wanted[9:], "confidence and error", 1e-5)
     after = naive.unpack(state, naive.MEMORY)
     for name in naive.MEMORY:
         close(getattr(after, name), getattr(memory, name), name, 1e-5)
@@ -426,7 +426,7 @@ def test_extreme_samples_give_the_same_reason_and_finite_numbers(force, torque, 
     assert reason == expected
     assert np.isfinite(out).all()
     assert np.isfinite(case.state).all()
-    assert 0.0 <= out[kernels.O_TRUST] <= 1.0
+    assert 0.0 <= out[kernels.O_CONFIDENCE] <= 1.0
     size = wrench_size(out[kernels.O_NORMAL : kernels.O_NORMAL + 3])
     assert size == pytest.approx(1.0, abs=1e-6) or (size == 0.0 and reason not in (kernels.GOOD, kernels.IMPRECISE))
     close(out[:9], wanted[:9], "contact", 1e-5)

@@ -29,7 +29,7 @@ def make_run(folder, name, summary=True):
         f"{0.05 * i:.4f}," + ",".join(f"{v:.7f}" for v in (*p, *n)) + ",0.8,0.9"
         for i, (p, n) in enumerate(zip(record.points, record.normals))
     ]
-    (folder / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,trust\n" + "\n".join(rows) + "\n")
+    (folder / "contacts.csv").write_text("time,x,y,z,nx,ny,nz,force,confidence\n" + "\n".join(rows) + "\n")
     trace = "\n".join(
         f"{0.05 * i},{p[0]},{p[1]},{p[2]},{0.5 + 0.5 * np.sin(i)},0,inf,line" for i, p in enumerate(record.free_path)
     )

@@ -49,11 +49,11 @@ def test_what_holds_the_tip_does_not_move_it():
     assert not held.velocity.any()
 
 
-def test_a_feed_is_one_motion_whatever_its_velocity():
+def test_a_velocity_command_is_one_motion_whatever_its_velocity():
     confirm = Operator("").confirm(1)
     for k in range(5):
-        feed = VelocityCommand(np.array([0.001 * k, 0.0, 0.0]), reason="contour")
-        assert confirm.filter(feed) is feed
+        command = VelocityCommand(np.array([0.001 * k, 0.0, 0.0]), reason="contour")
+        assert confirm.filter(command) is command
 
 
 @pytest.mark.parametrize("lines", [("q",), ("", "")])

@@ -8,13 +8,9 @@ import pytest
 from lwrprobe.bench.budget import Contacts, drawn_errors
 from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
 from lwrprobe.evaluation import aligned_points
-from lwrprobe.exploration.recording.error_budget import (
-    ErrorBudget,
-    _of_arm,
-    error_budget,
-    expect_mesh_errors,
-    without_rigid_motion,
-)
+from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rigid_motion
+from lwrprobe.exploration.recording.error_sources import _of_arm, error_budget
+from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.scene import load_scene
 
@@ -70,7 +66,7 @@ def test_without_uncertainty_only_noise_and_the_rest_remain():
     made = budget(alone())
     assert made.along_normal() == pytest.approx(2e-5)
     assert made.causes["kinematics"] == made.causes["base"] == made.causes["probe length"] == 0.0
-    turned = 0.1 * np.sqrt(0.5 * (1.0 / 0.95 - 1.0))  # rad in each of two directions, at this trust
+    turned = 0.1 * np.sqrt(0.5 * (1.0 / 0.95 - 1.0))  # rad in each of two directions, at this confidence
     assert np.trace(made.covariance()[0]) == pytest.approx(2.0 * (0.005 * turned) ** 2 + 3.0 * 2e-5**2)
 
 

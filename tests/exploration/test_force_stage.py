@@ -51,21 +51,21 @@ def test_a_stream_that_fails_stops_the_run():
         force.update(wrench(2.1, (0, 0, 0)), np.eye(4), None)
 
 
-def test_a_force_that_swings_slows_the_feed_and_calm_gives_it_back():
+def test_a_force_that_swings_slows_the_velocity_and_calm_gives_it_back():
     force, _ = stage("uncertainty.profile=ideal")
     force.begin(0.0135)
-    feed, pose = VelocityCommand(np.array([0.01, 0.0, 0.0])), np.eye(4)
+    command, pose = VelocityCommand(np.array([0.01, 0.0, 0.0])), np.eye(4)
     time = 0.0
     for k in range(24):
         time = 0.024 * k
         size = 0.8 + (0.6 if k % 2 else -0.6)
         force.update(wrench(time, (0, 0, size)), pose, touching(size))
-    slowed = force.limit(feed, wrench(time, (0, 0, 0.8)), 0.0)
+    slowed = force.limit(command, wrench(time, (0, 0, 0.8)), 0.0)
     assert slowed.velocity[0] < 0.006
     assert force.report()["limit_cycles"] >= 1
     for k in range(2000):
         force.update(wrench(time + 0.008 * k, (0, 0, 0.8)), pose, touching(0.8))
-    assert force.limit(feed, wrench(time + 16.1, (0, 0, 0.8)), 0.0).velocity[0] == 0.01
+    assert force.limit(command, wrench(time + 16.1, (0, 0, 0.8)), 0.0).velocity[0] == 0.01
 
 
 @pytest.mark.parametrize(("motion", "moved"), [(Goal(np.eye(4), 0.1), True), (VelocityCommand(np.zeros(3)), False)])

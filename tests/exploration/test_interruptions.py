@@ -7,7 +7,7 @@ from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.safety.reaction import MOST_LATE, ReactionExcess
+from lwrprobe.exploration.safety.reaction import MAX_LATE, ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.scene import load_scene
@@ -178,7 +178,7 @@ def test_one_lost_sample_is_no_gap_and_two_are():
         guard, begun = SilenceGuard(0.1, 0.001, 0.008), 0
         for k in range(400):
             if k % 8 == 0 and not 100 <= k < 100 + 8 * lost:
-                guard.heard(0)
+                guard.update(0)
             begun += guard.check(0.001 * k)
         assert begun == guard.yields == expected
 
@@ -193,9 +193,9 @@ def test_reaction_is_as_stated_until_something_is_late():
     assert excess.seconds == pytest.approx(0.01)
     for k in range(10):
         excess.note_state(1.01 + 0.01 * k, True)
-    assert excess.seconds == pytest.approx(MOST_LATE * 0.01)
+    assert excess.seconds == pytest.approx(MAX_LATE * 0.01)
     excess.note_state(11.1, False)
-    assert excess.seconds == pytest.approx(MOST_LATE * 0.01 / np.e, rel=0.01)
+    assert excess.seconds == pytest.approx(MAX_LATE * 0.01 / np.e, rel=0.01)
     excess.note_age(10.0)
     assert 0.03 < excess.seconds < 0.05, "what comes later than that finds the tip already off the surface"
     assert excess.largest >= excess.seconds

@@ -1,4 +1,4 @@
-"""The tip moved by straight lines in joint space: limits, speeds, feeds, and what cannot be reached."""
+"""The tip moved by straight lines in joint space: limits, speeds, velocities, and what cannot be reached."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def test_velocity_is_the_derivative_of_the_place():
     assert (tip.pose[:3, 3] - before) / tip.cycle == pytest.approx(0.5 * (velocity_before + tip.velocity), abs=1e-5)
 
 
-def test_a_feed_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call():
+def test_a_velocity_command_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call():
     _, tip = tip_at_rest()
     velocity = np.array((0.012, 0.016, 0.0))
     rotation = tip.pose[:3, :3].copy()
@@ -92,11 +92,11 @@ def test_a_feed_repeated_keeps_its_speed_and_stops_by_itself_after_the_last_call
     last = tip.pose[:3, 3].copy()
     way_of(tip, 200)
     assert np.linalg.norm(tip.velocity) == 0.0
-    assert not tip.arrived  # a feed has no goal
+    assert not tip.arrived  # a command has no goal
     assert np.linalg.norm(tip.pose[:3, 3] - last) == pytest.approx(0.02 * 0.05, rel=0.3)
 
 
-def test_a_long_feed_goes_on_for_as_long_as_it_holds():
+def test_a_long_velocity_command_goes_on_for_as_long_as_it_holds():
     _, tip = tip_at_rest()
     start = tip.pose[:3, 3].copy()
     tip.set_velocity(np.array((0.0, 0.02, 0.0)), 1.0)
@@ -105,7 +105,7 @@ def test_a_long_feed_goes_on_for_as_long_as_it_holds():
     assert np.linalg.norm(tip.velocity) == 0.0
 
 
-def test_a_feed_turns_towards_its_pose_no_faster_than_allowed():
+def test_a_velocity_command_turns_towards_its_pose_no_faster_than_allowed():
     _, tip = tip_at_rest()
     wanted = moved(tip.pose, (0.0, 0.0, 0.0), 0.3)
     angles = []
@@ -117,7 +117,7 @@ def test_a_feed_turns_towards_its_pose_no_faster_than_allowed():
     assert np.max(-np.diff(angles)) <= LIMITS.turn_rate * tip.cycle * 1.05
 
 
-def test_changes_between_goals_and_feeds_keep_the_joints_limits():
+def test_changes_between_goals_and_velocities_keep_the_joints_limits():
     robot, tip = tip_at_rest()
     rng = np.random.default_rng(3)
     home = tip.pose.copy()

@@ -49,7 +49,7 @@ def run_folder(folder, name, record, settings=(), known=True):
     write_scene(load_scene(name, list(settings)), folder / "scene.toml")
     n, free = len(record.points), record.free_path
     rows = np.column_stack([0.01 * np.arange(n), record.points, record.normals, np.full(n, 0.8), np.ones(n)])
-    np.savetxt(folder / "contacts.csv", rows, "%.7f", ",", header="time,x,y,z,nx,ny,nz,force,trust", comments="")
+    np.savetxt(folder / "contacts.csv", rows, "%.7f", ",", header="time,x,y,z,nx,ny,nz,force,confidence", comments="")
     zero = np.zeros(len(free))
     displacement = np.column_stack([zero, free, zero, zero, zero + 0.05])
     np.savetxt(

@@ -108,7 +108,7 @@ def test_a_log_gives_back_what_was_shown(cut_off, tmp_path):
         for name in ("pose", "velocity", "point", "normal", "force", "centre", "on_robot", "on_map"):
             if hasattr(own, name):
                 assert (getattr(mine, name) == getattr(own, name)).all()
-    assert (back.contact.trust, back.contact.reason) == (0.7, Doubt.IMPRECISE)
+    assert (back.contact.confidence_score, back.contact.reason) == (0.7, Doubt.IMPRECISE)
     assert (back.clearance.link, back.clearance.required, back.clearance.distance) == ("sensor", 0.02, 0.01)
     assert past.observation(0).contact is None
     assert past.observation(0).clearance is None
@@ -192,7 +192,7 @@ def rows_of(observations):
     for row, one in zip(rows, observations, strict=True):
         row[2:14] = one.pose[:3].ravel()
         if one.contact is not None:
-            row[22], row[24], row[28:31] = 1.0, one.contact.trust, one.contact.normal
+            row[22], row[24], row[28:31] = 1.0, one.contact.confidence_score, one.contact.normal
     return Past(np.eye(3), NOTHING, 0.0, rows, [""], len(rows) - 1)
 
 

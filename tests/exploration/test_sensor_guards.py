@@ -13,7 +13,7 @@ def run_silent(guard, cycle, status=None):
     """Cycles until it stops, with a sample of that status each cycle, or none."""
     for n in range(1, 1000):
         if status is not None:
-            guard.heard(int(status))
+            guard.update(int(status))
         try:
             guard.check(n * cycle)
         except SensorLost:
@@ -50,22 +50,22 @@ def test_a_standstill_of_the_whole_rig_is_no_silence_but_the_next_cycles_are():
 def test_saturation_in_a_row():
     guard = SilenceGuard(0.1, 0.01, 0.008)
     for _ in range(5):
-        guard.heard(SampleStatus.SATURATED)
-        guard.heard(SampleStatus.SATURATED)
-        guard.heard(0)
-    guard.heard(SampleStatus.SATURATED)
-    guard.heard(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
+        guard.update(0)
+    guard.update(SampleStatus.SATURATED)
+    guard.update(SampleStatus.SATURATED)
     with pytest.raises(SensorLost, match="end of its range"):
-        guard.heard(SampleStatus.SATURATED)
+        guard.update(SampleStatus.SATURATED)
 
 
 def test_torque_yields_as_force_does():
     guard = ForceGuard(3.0, 0.8, 0.04, np.full(3, 0.09))
     force, torque = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.05, 0.0])
     assert guard.check(0.0, force, torque) is None
-    feed = guard.check(0.1, force, 2.0 * torque)
-    assert feed.velocity == pytest.approx([0.04, 0.0, 0.0])
-    assert feed.reason == "torque limit"
+    command = guard.check(0.1, force, 2.0 * torque)
+    assert command.velocity == pytest.approx([0.04, 0.0, 0.0])
+    assert command.reason == "torque limit"
     assert guard.check(0.2, 0.5 * force, torque) is None
     guard.check(0.3, force, 2.0 * torque)
     with pytest.raises(SafetyStop, match="stays above"):

@@ -82,7 +82,7 @@ def test_rows_are_those_of_one_cycle_after_the_other(speed):
     assert ours.guard.peaks == naive.guard.peaks
 
 
-def test_a_feed_that_nobody_renews_stops_within_the_rows():
+def test_a_velocity_command_that_nobody_renews_stops_within_the_rows():
     naive, ours = Bench(), Bench()
     for bench in (naive, ours):
         bench.tip.set_velocity(np.array([0.03, -0.01, 0.0]), 0.05)

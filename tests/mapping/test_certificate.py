@@ -64,7 +64,7 @@ def test_nothing_swept_leaves_the_whole_height_of_the_area():
 
 
 def test_all_swept_leaves_no_more_than_the_grid():
-    certificate = Certificate(small_area(), RADIUS, opening=OPENING, most_voxels=60_000)
+    certificate = Certificate(small_area(), RADIUS, opening=OPENING, max_voxels=60_000)
     for x in np.linspace(-0.03, 0.03, 61):
         for z in np.linspace(0.006, 0.03, 13):
             certificate.sweep(np.array([[x, -0.03, z], [x, 0.03, z]]))
@@ -74,7 +74,7 @@ def test_all_swept_leaves_no_more_than_the_grid():
 def test_between_lines_on_a_plate_what_fits_under_two_sweeps_hides():
     """Lines 10 mm apart and a sphere of 5 mm: a ball of 2.5 mm touches plate and both sweeps."""
     area = Area(np.array([-0.03, -0.02, 0.006]), np.array([0.03, 0.02, 0.02]))
-    certificate = Certificate(area, RADIUS, opening=OPENING, most_voxels=2_000_000)
+    certificate = Certificate(area, RADIUS, opening=OPENING, max_voxels=2_000_000)
     top = 0.007
     for x in np.arange(-0.03, 0.0301, 0.01):
         y = np.linspace(-0.02, 0.02, 81)
@@ -104,7 +104,7 @@ def test_the_links_sweep_too():
 def test_more_motion_and_more_contacts_never_make_it_larger(seed, parts):
     rng = np.random.default_rng(seed)
     links = (LinkShape("stick", "cylinder", (0.002, 0.02), np.eye(4)),)
-    certificate = Certificate(small_area(), RADIUS, links, opening=OPENING, tolerance=1e-4, most_voxels=8000)
+    certificate = Certificate(small_area(), RADIUS, links, opening=OPENING, tolerance=1e-4, max_voxels=8000)
     last = certificate.hiding().diameter
     for _ in range(parts):
         count = int(rng.integers(1, 30))
@@ -126,7 +126,7 @@ def test_no_ball_hides_that_is_larger_than_certified(seed):
     pitch = float(rng.choice([0.002, 0.004, 0.007, 0.01]))
     skip = bool(rng.random() < 0.5)
     centres, touched = world.raster(area, RADIUS, pitch, skip=skip, rng=rng)
-    certificate = Certificate(area, RADIUS, opening=OPENING, most_voxels=int(rng.choice([20_000, 60_000])))
+    certificate = Certificate(area, RADIUS, opening=OPENING, max_voxels=int(rng.choice([20_000, 60_000])))
     certificate.sweep(centres, np.zeros(len(centres), bool))
     certificate.touch(touched)
     claimed, swept = certificate.hiding().diameter, cKDTree(centres)
@@ -150,7 +150,7 @@ def test_no_ball_hides_that_is_larger_than_certified(seed):
         ("opening", {"opening": 0.009}),
         ("opening", {"opening": np.inf}),
         ("tolerance", {"tolerance": 0.006}),
-        ("most_voxels", {"most_voxels": 3}),
+        ("max_voxels", {"max_voxels": 3}),
     ],
 )
 def test_bad_numbers_are_refused(field, given):

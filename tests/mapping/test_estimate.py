@@ -160,7 +160,7 @@ def test_only_new_contacts_are_gone_through(monkeypatch):
 def test_the_grid_keeps_its_size_in_a_large_area():
     large = SurfaceEstimate(Area(np.array([-0.2, -0.2, 0.0]), np.array([0.2, 0.2, 0.2])), 0.015)
     assert large.faces().reach == 0.015
-    assert 0.4 * 0.4 * 0.2 / large.edge**3 == pytest.approx(estimate.MOST_POINTS)
+    assert 0.4 * 0.4 * 0.2 / large.edge**3 == pytest.approx(estimate.MAX_POINTS)
 
 
 @pytest.mark.parametrize("reach", [0.0, -0.01, np.nan, np.inf])

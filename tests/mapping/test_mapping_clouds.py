@@ -14,7 +14,7 @@ from lwrprobe.mapping.cloud_kernels import expand_lzf
 from lwrprobe.mapping.clouds import ENDINGS, Cloud, read_cloud, write_cloud
 
 
-def random_cloud(count=50, normals=True, scalars=("force", "trust")):
+def random_cloud(count=50, normals=True, scalars=("force", "confidence")):
     rng = np.random.default_rng(0)
     return Cloud(
         rng.uniform(-1.0, 1.0, (count, 3)),
@@ -34,7 +34,7 @@ def test_reads_back_what_was_written(ending, normals, count, tmp_path):
     assert (back.normals is None) == (cloud.normals is None)
     if normals:
         np.testing.assert_allclose(back.normals, cloud.normals, atol=tolerance)
-    assert list(back.scalars) == ["force", "trust"]
+    assert list(back.scalars) == ["force", "confidence"]
     for name, column in cloud.scalars.items():
         np.testing.assert_allclose(back.scalars[name], column, atol=tolerance)
 
@@ -112,11 +112,11 @@ def test_other_peoples_ply(tmp_path):
 
 def test_a_run_folders_contacts_are_a_cloud(tmp_path):
     path = tmp_path / "contacts.csv"
-    path.write_text("time,x,y,z,nx,ny,nz,force,trust\n0.1,1,2,3,0,0,1,0.5,1\n\n0.2,4,5,6,0,1,0,0.6,0.9\n")
+    path.write_text("time,x,y,z,nx,ny,nz,force,confidence\n0.1,1,2,3,0,0,1,0.5,1\n\n0.2,4,5,6,0,1,0,0.6,0.9\n")
     cloud = read_cloud(path)
     np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
     np.testing.assert_array_equal(cloud.normals, [[0, 0, 1], [0, 1, 0]])
-    assert list(cloud.scalars) == ["time", "force", "trust"]
+    assert list(cloud.scalars) == ["time", "force", "confidence"]
 
 
 PCD = naive.pcd([("x", "F", 4), ("y", "F", 4), ("z", "F", 4)], "ascii", [[1, 2, 3], [4, 5, 6]])

@@ -141,7 +141,7 @@ def test_it_says_what_it_had_to_do_without(scenes):
     solid, record = scenes("polystyrene_2")
     bare = TouchRecord(record.points, normals=record.normals)
     result = surface(bare)
-    assert set(result.report["without"]) == {"trust", "free path", "probe radius", "table"}
+    assert set(result.report["without"]) == {"confidence", "free path", "probe radius", "table"}
     assert error(result.mesh, solid).mean < 1e-3
     result = surface(TouchRecord(record.points))
     assert "normals" in result.report["without"]
@@ -162,12 +162,12 @@ def test_heaps_that_a_shape_makes_are_no_lines(scenes):
     assert line_pitch(record.points + record.probe_radius * record.normals) == pytest.approx(0.01, rel=0.05)
 
 
-def test_low_trust_counts_little(scenes):
+def test_low_confidence_counts_little(scenes):
     solid, record = scenes("polystyrene_2")
     rng = np.random.default_rng(7)
     wrong = rng.random(len(record.points)) < 0.1
     points = record.points + np.where(wrong[:, None], 2e-3 * record.normals, 0.0)
-    trusted = surface(replace(record, points=points, trust=np.where(wrong, 0.01, 1.0)))
+    trusted = surface(replace(record, points=points, confidence=np.where(wrong, 0.01, 1.0)))
     naively = surface(replace(record, points=points))
     assert error(trusted.mesh, solid).mean < 0.7 * error(naively.mesh, solid).mean
 
@@ -195,11 +195,11 @@ def test_degenerate_contacts_get_one_typed_error(points, normals):
         surface(TouchRecord(points, normals=up, probe_radius=0.005, table=0.0))
 
 
-def test_normals_without_length_and_contacts_without_trust_are_left_out(scenes):
+def test_normals_without_length_and_contacts_without_confidence_are_left_out(scenes):
     _, record = scenes("polystyrene_2")
-    normals, trust = record.normals.copy(), np.ones(len(record.points))
-    normals[:5], normals[5:10], trust[10:15] = 0.0, np.nan, 0.0
-    result = surface(replace(record, normals=normals, trust=trust))
+    normals, confidence = record.normals.copy(), np.ones(len(record.points))
+    normals[:5], normals[5:10], confidence[10:15] = 0.0, np.nan, 0.0
+    result = surface(replace(record, normals=normals, confidence=confidence))
     assert result.report["contacts"] == len(record.points) - 15
     with pytest.raises(InputError, match="at least 4"):
         surface(replace(record, normals=np.zeros_like(normals)))
@@ -349,7 +349,7 @@ def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     def inferred(name):
         solid, record = scenes(name, 0.01, 0.375)
         touches = prepare(record, 0.002)
-        clusters = cluster(touches.centres, touches.normals, touches.trust, 0.0033)
+        clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
         below = find_undersides(touches, clusters, 0.01)
         return solid, below.points - touches.radius * below.normals, below.normals, below.value_sd
 

@@ -185,9 +185,9 @@ def test_clusters_hold_every_point_near_and_facing_alike(seed):
     rng = np.random.default_rng(seed)
     points, normals = rng.random((150, 3)), rng.normal(size=(150, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    trust = rng.uniform(0.1, 1.0, 150)
-    groups = cluster(points, normals, trust, 0.3)
-    assert np.bincount(groups.label, trust) == pytest.approx(groups.weight)
+    confidence = rng.uniform(0.1, 1.0, 150)
+    groups = cluster(points, normals, confidence, 0.3)
+    assert np.bincount(groups.label, confidence) == pytest.approx(groups.weight)
     assert (np.linalg.norm(groups.points[groups.label] - points, axis=1) < 0.6).all()
     assert (np.einsum("ij,ij->i", groups.normals[groups.label], normals) > 0.2).all()
 

@@ -42,8 +42,8 @@ def blend(shape, p):
         return np.linalg.norm(p - np.array(ball.centre), axis=1) - ball.radius
 
     s = -k * np.log(np.sum([np.exp(-distance(b) / k) for b in shape.balls], axis=0))
-    if shape.dents:
-        s = k * np.log(np.exp(s / k) + np.sum([np.exp(-distance(b) / k) for b in shape.dents], axis=0))
+    if shape.hollows:
+        s = k * np.log(np.exp(s / k) + np.sum([np.exp(-distance(b) / k) for b in shape.hollows], axis=0))
     return s
 
 

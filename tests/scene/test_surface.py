@@ -64,7 +64,7 @@ def test_samples_are_even():
     assert cKDTree(points).query(others)[0].max() < 0.004
 
 
-def test_samples_of_a_blend_are_as_dense_on_lobes_as_in_dents():
+def test_samples_of_a_blend_are_as_dense_on_lobes_as_in_hollows():
     """A thin shell around the surface, counted by membership, against the share of samples, octant by octant."""
     solid = odd.scene(_blend().model_dump()).solid()
     points, _ = solid.sample_surface(5000, seed=3)

@@ -11,8 +11,8 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import LIFT, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import OFF, Pace
-from lwrprobe_strategies.planning.retraction import goes_up, off_surface, way_back
+from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
+from lwrprobe_strategies.planning.retraction import goes_up, off_surface, return_path
 from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from strategy_task import AREA, DOWN, task
@@ -115,20 +115,20 @@ def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_
     assert third[1:] == (BORDER, False)
 
 
-def seen(place, trust=None, rotation=DOWN, clearance=None):
+def seen(place, confidence=None, rotation=DOWN, clearance=None):
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, place
     normal = np.array([0.0, 0.0, 1.0])
-    contact = None if trust is None else Contact(0.0, pose[:3, 3], normal, normal, pose[:3, 3], trust)
+    contact = None if confidence is None else Contact(0.0, pose[:3, 3], normal, normal, pose[:3, 3], confidence)
     return Observation(0.0, pose, np.zeros(3), np.zeros(3), contact, clearance)
 
 
 def test_a_surface_is_left_along_its_normal():
     place = np.array([0.026, 0.0, 0.011])
     (up,) = off_surface(seen(place, 1.0), np.array([0.0, 0.0, 1.0]), 0.01)
-    assert (up.pace, up.place[2]) == (Pace.FREE, pytest.approx(0.011 + OFF)), "the probe's own column"
+    assert (up.speed_limit, up.place[2]) == (SpeedLimit.FREE, pytest.approx(0.011 + OFF)), "the probe's own column"
     (side,) = off_surface(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.01)
-    assert (side.pace, side.place[0]) == (Pace.GUARDED, pytest.approx(0.026 + OFF))
+    assert (side.speed_limit, side.place[0]) == (SpeedLimit.GUARDED, pytest.approx(0.026 + OFF))
     (doubted,) = off_surface(seen(place, 0.2), np.array([1.0, 0.0, 0.0]), 0.01)
     assert doubted.place[0] == pytest.approx(0.036), "further where the point is imprecise"
     assert off_surface(seen(place), np.array([0.0, 0.0, 1.0]), 0.01) == []
@@ -151,14 +151,14 @@ def test_under_something_the_probe_goes_back_the_way_it_came():
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)))
     stand(free, *([0.0, 0.01, z] for z in np.arange(0.006, 0.0301, 0.0012)), normal=np.array([0.0, -1.0, 0.0]))
-    path = way_back(seen([0.0, 0.01, 0.03], 1.0), free)
-    assert all(piece.pace is Pace.FREE for piece in path)
+    path = return_path(seen([0.0, 0.01, 0.03], 1.0), free)
+    assert all(piece.speed_limit is SpeedLimit.FREE for piece in path)
     places = np.array([piece.place for piece in path])
     assert places[0] == pytest.approx([0.0, 0.01 - LIFT, 0.03]), "off the wall first"
     assert places[-1][1] == pytest.approx(-0.05, abs=0.003), "to where it came down"
     assert (places[:, 2] <= 0.03 + 1e-9).all()
     assert 2 <= len(path) <= 8
-    short = way_back(seen([0.0, 0.01, 0.03], 1.0), free, 0.01)
+    short = return_path(seen([0.0, 0.01, 0.03], 1.0), free, 0.01)
     assert short[-1].place == pytest.approx([0.0, 0.01 - LIFT, 0.02], abs=0.0015)
 
 
@@ -167,6 +167,6 @@ def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     leaning = turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
     stand(free, [0.0, -0.05, 0.006], *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)), rotation=leaning)
-    path = way_back(seen([0.0, 0.01, 0.006], rotation=leaning), free)
+    path = return_path(seen([0.0, 0.01, 0.006], rotation=leaning), free)
     assert np.allclose(path[0].rotation, leaning)
     assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"

@@ -19,15 +19,15 @@ def pose_at(place, rotation=DOWN):
     return pose
 
 
-def contact(point, normal, trust=1.0):
+def contact(point, normal, confidence=1.0):
     point, normal = np.array(point), np.array(normal) / np.linalg.norm(normal)
-    return Contact(0.0, point, normal, normal, point + 0.005 * normal, trust)
+    return Contact(0.0, point, normal, normal, point + 0.005 * normal, confidence)
 
 
-def touch(overhangs, place, normal, times=1, trust=1.0):
+def touch(overhangs, place, normal, times=1, confidence=1.0):
     for _ in range(times):
         point = np.array(place) - 0.005 * np.array(normal) / np.linalg.norm(normal)
-        overhangs.note(pose_at(place), contact(point, normal, trust))
+        overhangs.note(pose_at(place), contact(point, normal, confidence))
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_a_plain_wall_is_no_overhang(overhangs):
 def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overhangs):
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES - 1)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "a few may be noise"
-    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], 4, trust=0.2)
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], 4, confidence=0.2)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "not certain enough"
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)

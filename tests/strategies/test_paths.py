@@ -16,7 +16,7 @@ from lwrprobe_strategies.planning.paths import (
     HOVER,
     RISE,
     THERE,
-    Pace,
+    SpeedLimit,
     Speeds,
     clear_of,
     line_height,
@@ -60,10 +60,10 @@ def column(x, y, low):
 def test_an_unknown_column_is_come_down_slowly_below_what_may_be_there():
     line = Line(1, 0.03, BORDER, -BORDER, 0.006)
     *over, down, last = way(line, [0.0, 0.0, 0.058])
-    assert [piece.pace for piece in over] == [Pace.FREE] * len(over)
+    assert [piece.speed_limit for piece in over] == [SpeedLimit.FREE] * len(over)
     assert all(piece.place[2] == TOP for piece in over)
-    assert (down.pace, down.place[2]) == (Pace.FREE, pytest.approx(TOP))
-    assert last.pace is Pace.GUARDED
+    assert (down.speed_limit, down.place[2]) == (SpeedLimit.FREE, pytest.approx(TOP))
+    assert last.speed_limit is SpeedLimit.GUARDED
     assert tuple(last.place) == tuple(line.start)
 
 
@@ -71,7 +71,7 @@ def test_a_column_the_probe_has_stood_in_is_come_down_fast_and_left_sideways():
     line = Line(1, 0.03, BORDER, -BORDER, 0.006)
     *_, over, down, last = way(line, [0.0, 0.0, 0.05], column(0.02, BORDER, 0.006))
     assert over.place == pytest.approx([0.02, BORDER, TOP])
-    assert (down.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
+    assert (down.speed_limit, last.speed_limit) == (SpeedLimit.FREE, SpeedLimit.GUARDED)
     assert down.place == pytest.approx([0.02, BORDER, 0.006])
     assert tuple(last.place) == tuple(line.start)
 
@@ -80,12 +80,12 @@ def test_up_from_under_an_overhang_that_only_the_stick_has_passed_is_slow():
     here, there = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, TOP])
     along = stand(column(0.0, -0.05, 0.02), *([0.0, y, 0.02] for y in np.arange(-0.05, 0.0001, 0.0011)))
     slow, fast = up_from(here, there, along)
-    assert (slow.pace, slow.place[2]) == (Pace.COLUMN, pytest.approx(TOP))
-    assert (fast.pace, fast.place[2]) == (Pace.FREE, TOP)
+    assert (slow.speed_limit, slow.place[2]) == (SpeedLimit.COLUMN, pytest.approx(TOP))
+    assert (fast.speed_limit, fast.place[2]) == (SpeedLimit.FREE, TOP)
     (up,) = up_from(np.array([0.0, -0.05, 0.02]), there, along)
-    assert up.pace is Pace.FREE, "where the sphere came down"
+    assert up.speed_limit is SpeedLimit.FREE, "where the sphere came down"
     beside = up_from(np.array([1.1 * SIDE, -0.05, 0.02]), there, along)
-    assert beside[0].pace is Pace.COLUMN, "the sphere is wider than the stick"
+    assert beside[0].speed_limit is SpeedLimit.COLUMN, "the sphere is wider than the stick"
 
 
 def test_a_probe_that_turns_under_something_may_not_go_straight_up_any_more():
@@ -116,7 +116,7 @@ def test_lines_across_come_down_where_the_grid_has_been():
     line = Line(0, 0.01, -0.06, -0.05, 0.006)
     *_, down, last = way(line, [0.0, 0.0, 0.05], column(-0.06, 0.005, 0.006))
     assert down.place == pytest.approx([-0.06, 0.005, 0.006])
-    assert (down.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
+    assert (down.speed_limit, last.speed_limit) == (SpeedLimit.FREE, SpeedLimit.GUARDED)
 
 
 @pytest.mark.parametrize(("distance", "above"), [(0.01, False), (0.15, True)])
@@ -174,10 +174,10 @@ def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():
     stand(free, *([-0.04, 0.0, z] for z in np.arange(0.007, 0.0451, 0.001)))
     here, line = np.array([-0.04, 0.0, 0.045]), Line(0, 0.01, -0.05, -0.04, 0.006)
     *back, last = way(line, here, free)
-    assert {piece.pace for piece in back} == {Pace.FREE}
+    assert {piece.speed_limit for piece in back} == {SpeedLimit.FREE}
     assert max(piece.place[2] for piece in back) < 0.046, "not over the top"
     assert back[-1].place == pytest.approx([-0.05, 0.0, 0.006], abs=0.011)
-    assert (last.pace, tuple(last.place)) == (Pace.GUARDED, tuple(line.start))
+    assert (last.speed_limit, tuple(last.place)) == (SpeedLimit.GUARDED, tuple(line.start))
     far = Line(0, 0.05, -0.05, -0.04, 0.006)
     assert any(piece.place[2] == TOP for piece in way(far, here, free)), "too far beside"
     leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
@@ -196,7 +196,7 @@ def test_only_known_or_high_places_are_driven_to_fast(x, y, z, known, low, heigh
     here = np.array([0.0, 0.0, z])
     before = here
     for piece in way(line, here, free):
-        if piece.pace is Pace.FREE and np.abs(piece.place - before).max() > 1e-9:
+        if piece.speed_limit is SpeedLimit.FREE and np.abs(piece.place - before).max() > 1e-9:
             lowest = min(piece.place[2], before[2])
             high, level = lowest >= TOP - RADIUS - GAP, lowest >= low - GAP - 1e-9
             in_column = np.abs(np.array([before, piece.place])[:, :2] - [known, y]).max() < SIDE + 2.0 * SPACING
@@ -244,7 +244,7 @@ def test_a_known_touch_is_come_down_to_at_the_pace_of_a_column_that_the_stick_ha
     line = Line(0, 0.0, 0.05, 0.06, 0.03, True, 0.031)
     *_, known, last = way(line, [0.0, 0.0, 0.05])
     assert known.place[2] == pytest.approx(0.031 + HOVER)
-    assert (known.pace, last.pace) == (Pace.COLUMN, Pace.GUARDED)
+    assert (known.speed_limit, last.speed_limit) == (SpeedLimit.COLUMN, SpeedLimit.GUARDED)
     assert last.place[2] < line.height
     *_, known, last = way(line, [0.0, 0.0, 0.05], column(0.05, 0.0, 0.03))
-    assert (known.pace, last.pace) == (Pace.FREE, Pace.GUARDED)
+    assert (known.speed_limit, last.speed_limit) == (SpeedLimit.FREE, SpeedLimit.GUARDED)

@@ -71,10 +71,10 @@ def test_what_had_to_be_given_up_beside_is_not_tried_again():
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
     lines.give_up(Line(1, 0.0, BORDER, 0.02, 0.006, fallback=down))
     assert lines.next(NEAR) is down
-    assert lines.hopeless(Line(1, 0.01, BORDER, 0.02, 0.006))
-    assert not lines.hopeless(Line(1, 0.02, BORDER, 0.02, 0.006)), "two lines on"
-    assert not lines.hopeless(Line(1, 0.01, -BORDER, -0.02, 0.006)), "the other side"
-    assert not lines.hopeless(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
+    assert lines.blocked_before(Line(1, 0.01, BORDER, 0.02, 0.006))
+    assert not lines.blocked_before(Line(1, 0.02, BORDER, 0.02, 0.006)), "two lines on"
+    assert not lines.blocked_before(Line(1, 0.01, -BORDER, -0.02, 0.006)), "the other side"
+    assert not lines.blocked_before(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
 
 
 def test_a_line_beside_a_raised_one_is_raised_as_high():

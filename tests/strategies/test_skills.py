@@ -12,7 +12,7 @@ from lwrprobe.contracts import Clearance, Done
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, Lost
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import (
     find_edge,
@@ -82,7 +82,7 @@ def nothing():
 
 
 def test_a_transit_goes_through_its_waypoints_in_turn():
-    path = [Waypoint(np.array([0.0, 0.0, 0.05])), Waypoint(np.array([0.02, 0.0, 0.05]), Pace.GUARDED)]
+    path = [Waypoint(np.array([0.0, 0.0, 0.05])), Waypoint(np.array([0.02, 0.0, 0.05]), SpeedLimit.GUARDED)]
     surface = over(plane(), [0.0, -0.05, 0.05])
     strategy, _ = run(lambda tip: transit(tip, path), surface)
     assert strategy.end is Ended.ARRIVED
@@ -91,7 +91,7 @@ def test_a_transit_goes_through_its_waypoints_in_turn():
 
 
 def test_a_transit_ends_where_something_is_touched():
-    path = [Waypoint(np.array([0.0, 0.0, 0.0]), Pace.GUARDED)]
+    path = [Waypoint(np.array([0.0, 0.0, 0.0]), SpeedLimit.GUARDED)]
     strategy, _ = run(lambda tip: transit(tip, path), over(plane(), [0.0, 0.0, 0.05]))
     assert strategy.end is Ended.CONTACT
     assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, 1.0])

@@ -66,7 +66,7 @@ actions = st.lists(
             st.integers(0, 200),
         ),
         st.tuples(
-            st.just("feed"),
+            st.just("velocity"),
             st.tuples(*[st.floats(-0.2, 0.2)] * 3),
             st.one_of(st.none(), st.tuples(*[st.floats(-1.5, 1.5)] * 3)),
             st.floats(1e-3, 0.1),
@@ -84,7 +84,7 @@ def act(watch, action):
     tip = watch.tip
     if action[0] == "goal":
         tip.set_goal(pose(*action[1], action[2]), action[3])
-    elif action[0] == "feed":
+    elif action[0] == "velocity":
         tip.set_velocity(np.array(action[1]), action[3], None if action[2] is None else pose(turn=action[2]))
     elif action[0] == "stop":
         tip.stop()
@@ -292,14 +292,14 @@ def test_scaling_slows_down_and_speeds_up_on_the_line():
     assert tip.arrived
 
 
-def test_a_feed_is_kept_and_stops_by_itself():
+def test_a_velocity_command_is_kept_and_stops_by_itself():
     watch = Watch(tip_at_rest())
     tip = watch.tip
     for _ in range(400):
         tip.set_velocity(np.array((0.03, -0.04, 0.0)), 0.05)
         watch.step()
     assert tip.velocity == pytest.approx([0.03, -0.04, 0.0], abs=1e-12)
-    assert tip.status == TrajectoryStatus.FEEDING
+    assert tip.status == TrajectoryStatus.TRACKING_VELOCITY
     for _ in range(48):
         watch.step()
     assert np.linalg.norm(tip.velocity) == pytest.approx(0.05)
@@ -308,7 +308,7 @@ def test_a_feed_is_kept_and_stops_by_itself():
     assert not tip.arrived
 
 
-def test_a_feed_turns_to_its_orientation_meanwhile():
+def test_a_velocity_command_turns_to_its_orientation_meanwhile():
     watch = Watch(tip_at_rest())
     tip = watch.tip
     wanted = pose(turn=(0.2, -0.3, 0.1))
@@ -319,7 +319,7 @@ def test_a_feed_turns_to_its_orientation_meanwhile():
     assert tip.velocity == pytest.approx([0.01, 0.02, 0.0], abs=1e-12)
 
 
-def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
+def test_a_velocity_command_whose_direction_turns_at_every_tick_is_followed_at_speed():
     watch = Watch(tip_at_rest())
     tip = watch.tip
     for n in range(3000):
@@ -330,7 +330,7 @@ def test_a_feed_whose_direction_turns_at_every_tick_is_followed_at_speed():
             assert np.linalg.norm(tip.velocity - wanted) < 0.02
 
 
-def test_a_feed_above_the_limit_is_shortened():
+def test_a_velocity_command_above_the_limit_is_shortened():
     watch = Watch(tip_at_rest())
     watch.tip.set_velocity(np.array((3.0, 4.0, 0.0)), 1.0)
     for _ in range(600):

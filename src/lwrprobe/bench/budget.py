@@ -20,14 +20,15 @@ from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import Contact, Probe
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.evaluation.machine import machine, versions
-from lwrprobe.exploration.recording.error_budget import ALONG, ASIDE, ErrorBudget
+from lwrprobe.exploration.recording.error_budget import ErrorBudget
+from lwrprobe.exploration.recording.error_sources import ALONG, ASIDE
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 from lwrprobe.scene.table import Pose
 
 SEED = 7
 """Of the run whose contacts are moved."""
-MOST = 1500
+MAX_CONTACTS = 1500
 """Contacts that are moved."""
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 WANTED = (0.90, 0.98)
@@ -88,7 +89,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBudget]:
     """Contacts of a run in a world as its scene states it, and their budget with the uncertainty of the profile."""
     from lwrprobe.exploration.procedures.explore import Exploration
-    from lwrprobe.exploration.recording.error_budget import error_budget
+    from lwrprobe.exploration.recording.error_sources import error_budget
     from lwrprobe.scene import load_scene
 
     belief = profile if profile in ("lab", "datasheet") else "datasheet"
@@ -99,7 +100,7 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
             pass
     exploration.finish()
     recorder, pipeline = exploration.recorder, exploration.pipeline
-    at = np.unique(np.linspace(0, len(recorder.contacts) - 1, MOST).astype(int))
+    at = np.unique(np.linspace(0, len(recorder.contacts) - 1, MAX_CONTACTS).astype(int))
     states = [state for k in at if (state := recorder.states[k]) is not None]
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
     table = scene.uncertainty
@@ -167,8 +168,8 @@ def _of_turned_normals(known: Contacts, probe: Probe, of: Any, random: np.random
     along = ALONG * wandering(axis) / size
     aside = ASIDE * wandering(axis) / size + wandering(force) / size
     aside = aside + of("object_friction") * np.radians(of("friction_direction_deg"))
-    trust = np.clip([contact.trust for contact in known.contacts], 0.01, 0.9999)
-    noise = 0.1 * np.sqrt(0.5 * (1.0 / trust - 1.0))
+    confidence = np.clip([contact.confidence_score for contact in known.contacts], 0.01, 0.9999)
+    noise = 0.1 * np.sqrt(0.5 * (1.0 / confidence - 1.0))
     along, aside = (part + noise * random.standard_normal(len(size)) for part in (along, aside))
     return probe.radius * (along[:, None] * paths + aside[:, None] * np.cross(normals, paths))
 

@@ -19,7 +19,7 @@ from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.bench.timing import interleave
 from lwrprobe.contact import (
     ESTIMATORS,
-    TRUSTED,
+    RELIABLE_FROM,
     Deflection,
     Payload,
     Wrench,
@@ -72,17 +72,17 @@ class Condition:
 
 @dataclass(slots=True)
 class Errors:
-    """Errors of one estimator: point [mm], normal [deg], and the trust, (n,) each."""
+    """Errors of one estimator: point [mm], normal [deg], and the confidence, (n,) each."""
 
     point: np.ndarray
     normal: np.ndarray
-    trust: np.ndarray
+    confidence: np.ndarray
 
     def row(self) -> list[float]:
         """Median and 95th percentile of both over all that is not refused outright, and the share that is trusted."""
-        given = self.trust > 0.0
+        given = self.confidence > 0.0
         spread = [np.percentile(e[given], q) for e in (self.point, self.normal) for q in (50, 95)]
-        return [*map(float, spread), float(np.mean(self.trust >= TRUSTED))]
+        return [*map(float, spread), float(np.mean(self.confidence >= RELIABLE_FROM))]
 
 
 FAULTS = {
@@ -254,7 +254,7 @@ def _sliding_forces(track: Track, condition: Condition) -> np.ndarray:
 def _follow(
     name: str, probe: Probe, track: Track, wrenches: list[Wrench], rotation: np.ndarray, velocities: np.ndarray
 ) -> np.ndarray:
-    """(n, 3) point error [mm], normal error [deg], trust."""
+    """(n, 3) point error [mm], normal error [deg], confidence."""
     estimator = make_estimator(name, probe)
     rows = np.empty((len(wrenches), 3))
     for k, wrench in enumerate(wrenches):
@@ -263,7 +263,7 @@ def _follow(
         rows[k] = (
             1e3 * np.linalg.norm(contact.point - truth),
             _degrees(contact.normal, track.normals[k]),
-            contact.trust,
+            contact.confidence_score,
         )
     return rows
 

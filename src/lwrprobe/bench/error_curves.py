@@ -88,13 +88,13 @@ def draw_curves(figure: Any, found: list[dict[str, Any]]) -> None:
 def _until(record: TouchRecord, time: float, free_path: np.ndarray) -> TouchRecord:
     assert record.times is not None
     assert record.normals is not None
-    assert record.trust is not None
+    assert record.confidence is not None
     kept = record.times <= time
     return replace(
         record,
         points=record.points[kept],
         normals=record.normals[kept],
-        trust=record.trust[kept],
+        confidence=record.confidence[kept],
         times=record.times[kept],
         free_path=free_path,
     )

@@ -51,7 +51,7 @@ class Outcome:
     residual: Array
 
     @classmethod
-    def room(cls, count: int) -> Outcome:
+    def empty(cls, count: int) -> Outcome:
         """Of so many targets, to be filled in."""
         answered, success, jump = np.zeros((3, count), bool)
         return cls(np.empty(count), np.empty(count), answered, success, jump, np.empty(count))
@@ -217,7 +217,7 @@ def _outcomes(
     robot: Robot, solvers: dict[Key, Solve], poses: Array, seeds: Array, rounds: int = 1
 ) -> dict[Key, Outcome]:
     """What the solvers made of the poses, taking turns; the answers of the first round are rated."""
-    outcomes = {name: Outcome.room(len(poses)) for name in solvers}
+    outcomes = {name: Outcome.empty(len(poses)) for name in solvers}
 
     def check(name: Key, k: int, q: Any) -> None:
         _rate(robot, outcomes[name], k, q, poses[k], seeds[k])

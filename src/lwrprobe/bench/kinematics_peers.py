@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -152,7 +153,7 @@ def _optik(robot: Robot, file: Path) -> list[Peer]:
 
     arm = optik.Robot.from_urdf_file(str(file), "base", "tip")
 
-    def with_config(**settings: float) -> Solve:
+    def with_config(**settings: Any) -> Solve:
         config = optik.SolverConfig(solution_mode="speed", max_time=0.1, **settings)
 
         def solve(pose: Array, seed: Array) -> Array | None:

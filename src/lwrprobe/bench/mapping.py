@@ -151,7 +151,7 @@ def _carving() -> list[str]:
     seconds = interleave({"steps": lambda: voxels.carve_path(path, 0.005), "sweep": sweep}, 5)
     steps, sweeping = (1e6 * float(np.median(seconds[name])) / (len(path) - 1) for name in ("steps", "sweep"))
     return [
-        f"marking free what a 5 mm sphere sweeps in steps of 0.05 mm costs {steps:.2g} us a step; told place after "
+        f"marking free what a 5 mm sphere sweeps in steps of 0.05 mm costs {steps:.2g} us a step; checked place after "
         f"place, as in a run, {sweeping:.2g} us, since a straight path is marked at once"
     ]
 

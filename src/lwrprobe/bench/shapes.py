@@ -41,7 +41,7 @@ WORST = 20
 _SURFACE = 4000  # points of the true surface
 _CONTACTS = 5000  # contacts that are measured, of many
 _FALSE = 1.5e-3  # m from every link to the object, at which a collision threat is a false alarm
-_SAME_WAY = 0.5  # cosine between a contact's normal and the surface's, for the contact to count there
+SAME_SIDE = 0.5  # cosine between a contact's normal and the surface's, for the contact to count there
 
 _FACES = 0.5  # of a normal's z: a top or an underside
 
@@ -302,7 +302,7 @@ def _coverage(record: TouchRecord, points: np.ndarray, normals: np.ndarray) -> f
     if not len(points) or record.normals is None or not record.pitch:
         return None
     near = cKDTree(record.points).query_ball_point(points, 0.5 * record.pitch + 0.001)
-    return float(np.mean([bool((record.normals[rows] @ n > _SAME_WAY).any()) for rows, n in zip(near, normals)]))
+    return float(np.mean([bool((record.normals[rows] @ n > SAME_SIDE).any()) for rows, n in zip(near, normals)]))
 
 
 def _threats(folder: Path, trace: np.ndarray) -> np.ndarray:

@@ -175,7 +175,7 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
         "JointTrajectory, 7 joints": (arm, lambda n: arm.set_goal(goals[n % 64])),
         "CartesianTrajectory, straight": (straight, go_straight),
         "CartesianTrajectory, goal turns": (bent, turn),
-        "CartesianTrajectory, feed turns": (fed, feed),
+        "CartesianTrajectory, velocity turns": (fed, feed),
     }
     seconds = {name: np.empty(rounds) for name in candidates}
     for n in range(rounds):
@@ -340,7 +340,7 @@ def _long_enough(tip: CartesianTrajectory, goal: np.ndarray, speed: float) -> in
 
 
 def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
-    """Goals, feeds and stops at random moments, over all cycles; then a last goal."""
+    """Goals, velocities and stops at random moments, over all cycles; then a last goal."""
     rows, over, missed = [], 0, 0
     for name, cycle in (("0.1 ms", 1e-4), ("1 ms", 1e-3), ("4 ms", 4e-3), ("20 ms", 0.02), ("0.1 .. 20 ms", None)):
         watch = Watch(CartesianTrajectory(cycle or 1e-3, LIMITS))
@@ -359,7 +359,7 @@ def _cycles(report: BenchReport, rng: np.random.Generator, moves: int) -> None:
         over += watch.over
         missed += error > 1e-15
     columns = ["cycle", *NAMES, "error at the end"]
-    report.table("Largest use of each limit less 1, goals, feeds and stops at random moments", columns, rows)
+    report.table("Largest use of each limit less 1, goals, velocities and stops at random moments", columns, rows)
     report.require("limits held at every tick, cycle 0.1 to 20 ms and irregular", f"{over} over", over == 0)
     report.require("ends exactly on the goal at every cycle", f"{missed} missed", missed == 0)
 

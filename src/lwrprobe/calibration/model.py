@@ -24,7 +24,7 @@ _BENT = 0.1
 """Share of the slope of a gear's wave that its model leaves."""
 _TURNS_BACK = 0.2
 """Share of the sensor's hysteresis that is taken for noise of a single sample."""
-_LEAST_RISE = 0.1
+_MIN_RISE = 0.1
 """N, of a touch's force, for its softness."""
 _STEP = 1e-6
 """rad and m, by which a parameter of the kinematic table is moved for its derivative."""
@@ -139,7 +139,7 @@ class Model:
             side = np.where(self._up[mine], 1.0, -1.0)
             # The zero may have been taken anywhere in the hysteresis: a force that is off bends the stick.
             size = np.linalg.norm(self.rows.reading[mine, :3], axis=1)
-            soft = np.ptp(way) / max(np.ptp(size), _LEAST_RISE)
+            soft = np.ptp(way) / max(np.ptp(size), _MIN_RISE)
             zero = 0.5 * self.priors.hysteresis * self._probe.force_range[0] * soft
             cover = _PLACE_NOISE**2 * np.eye(len(mine)) + sigma**2 + zero**2 + np.outer(bend, bend)
             cover += self._turn_error**2 * np.outer(side, side)

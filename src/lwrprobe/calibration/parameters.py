@@ -81,7 +81,7 @@ def sensor_prior(gaps: Vector, priors: Priors) -> np.ndarray:
     """(6, 6) standard deviations of the sensor's matrix.
 
     Torque is meant about the point straight behind the sphere's centre at the scene's sensor distance. How far the
-    sensor's origin lies from there is a part of the matrix, and cannot be told from crosstalk.
+    sensor's origin lies from there is a part of the matrix, and cannot be distinguished from crosstalk.
     """
     sigma = priors.sensor_crosstalk * gaps[:, None] / gaps
     np.fill_diagonal(sigma, priors.sensor_gain)

@@ -217,6 +217,6 @@ def _check(touches: list[Touch], reference_radius: float) -> None:
 
 
 def _taken(known: Vector, parameters: Parameters) -> float:
-    """How many numbers the places have determined: each counts by how much the touches told of it."""
+    """How many numbers the places have determined: each counts by how much the touches determine it."""
     places = ("tool", "centre", "radius", "arm", "surface", "dh", "ripple", "table")
     return float(sum(known[parameters.slices[name]].sum() for name in places))

@@ -56,13 +56,13 @@ def _keys(rows: Sequence[Sequence[str]], widths: Sequence[int], width: int) -> i
 
 def _parts(widths: Sequence[int], keys: int, width: int) -> list[list[int]]:
     """Indices of the columns beside the keys, part by part, each part as wide as the console allows."""
-    room = width - sum(widths[:keys]) - _GAP * keys
+    available = width - sum(widths[:keys]) - _GAP * keys
     parts: list[list[int]] = [[]]
-    left = room
+    left = available
     for i in range(keys, len(widths)):
         if parts[-1] and widths[i] > left:
             parts.append([])
-            left = room
+            left = available
         parts[-1].append(i)
         left -= widths[i] + _GAP
     return parts

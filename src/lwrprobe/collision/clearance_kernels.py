@@ -35,7 +35,7 @@ PENDING = 64 * (TOP + 1)
 FIRST_SET = sum(((flags & -flags).bit_length() - 1) << (2 * flags) for flags in range(1, 16))
 LAST_SET = sum(flags.bit_length() << (4 * flags) for flags in range(1, 16))
 """Of four flags the first that is set, and one past the last: a table in the bits of a number, without a branch."""
-PROJECTIONS, MOST_STEPS = 2, 8  # of the steps from a cube towards a link
+PROJECTIONS, MAX_STEPS = 2, 8  # of the steps from a cube towards a link
 
 
 class Plane(NamedTuple):
@@ -154,7 +154,7 @@ def take_cube(shape, who, plane, centre, half, scratch, answer):
     s = plane.offset  # at the centre
     x0, x1, y0, y1, z0, z1 = x - half, x + half, y - half, y + half, z - half, z + half
     ox, oy, oz, hx, hy, hz = x, y, z, gx, gy, gz  # the place and the gradient before
-    for step in range(MOST_STEPS):
+    for step in range(MAX_STEPS):
         if s <= 0.0:
             record(answer, who, 0.0, x, y, z, x, y, z)
             return

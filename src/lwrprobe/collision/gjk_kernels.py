@@ -14,7 +14,7 @@ from lwrprobe.collision.shape_kernels import support
 from lwrprobe.compiled import allocation_free_kernel
 
 TOLERANCE = 1e-7  # m, between upper and lower bound
-MOST_STEPS = 100
+MAX_STEPS = 100
 
 
 @allocation_free_kernel
@@ -76,7 +76,7 @@ def core_distance(a, b, simplex, work, cutoff, pair):
     v0, v1, v2 = simplex[0, 0], simplex[0, 1], simplex[0, 2]
     p0, p1, p2 = simplex[0, 3], simplex[0, 4], simplex[0, 5]
     length2 = v0 * v0 + v1 * v1 + v2 * v2
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         length = np.sqrt(length2)
         if length <= TOLERANCE:
             break

@@ -37,7 +37,7 @@ def turn_between(a, b, turn):
 
 @kernel
 def pose_between(a, b, turn, t, pose):
-    """Pose a fraction t of the way from a to b: origin on the line, orientation turning about one axis."""
+    """Pose a fraction t of the travel from a to b: origin on the line, orientation turning about one axis."""
     angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2) * t
     first = t if angle < 1e-9 else np.sin(angle) / angle * t
     second = 0.5 * t * t if angle < 1e-4 else (1.0 - np.cos(angle)) / (angle * angle) * t * t
@@ -54,11 +54,11 @@ def pose_between(a, b, turn, t, pose):
 
 @kernel
 def prepare(rows, first, last, turns):
-    """Rotation vectors (1 + m, 3) of all carriers, into `turns`, and an upper bound of any link point's way.
+    """Rotation vectors (1 + m, 3) of all carriers, into `turns`, and an upper bound of any link point's travel.
 
     No point moves farther than its carrier's shift plus its turn times the link's reach.
     """
-    way = 0.0
+    travel = 0.0
     for i in range(first.shape[0]):
         turn_between(first[i], last[i], turns[i])
     for i in range(rows.shape[0]):
@@ -67,12 +67,12 @@ def prepare(rows, first, last, turns):
         for k in range(3):
             shift += (last[carrier, k, 3] - first[carrier, k, 3]) ** 2
             angle += turns[carrier, k] ** 2
-        way = max(way, np.sqrt(shift) + np.sqrt(angle) * reach(rows[i]))
-    return way
+        travel = max(travel, np.sqrt(shift) + np.sqrt(angle) * reach(rows[i]))
+    return travel
 
 
 @kernel
 def poses_between(first, last, turns, t, poses):
-    """All carriers' poses a fraction t of the way."""
+    """All carriers' poses a fraction t of the travel."""
     for i in range(first.shape[0]):
         pose_between(first[i], last[i], turns[i], t, poses[i])

@@ -1,7 +1,7 @@
 """The most urgent of several groups of links, for repeated queries (kernels, private).
 
 From one call to the next little changes, and that is used twice. A group cannot have come nearer than its distance then
-less the way of its farthest point since: while that bound says enough, nothing is measured. And the place on the map
+less the travel of its farthest point since: while that bound says enough, nothing is measured. And the place on the map
 that was nearest then is a first answer now.
 """
 
@@ -39,9 +39,9 @@ ENOUGH = 0.5
 
 
 @allocation_free_kernel
-def way_since(group, tip, frames):
+def motion_since(group, tip, frames):
     """Upper bound of how much nearer the group may have come since it was measured."""
-    way = 0.0
+    travel = 0.0
     for c in range((group.size - CARRIERS) // CARRIER):
         at = CARRIERS + c * CARRIER
         if group[at] < 0.0:
@@ -53,8 +53,8 @@ def way_since(group, tip, frames):
             for j in range(3):
                 turn += (pose[i, j] - group[at + TURNED + 3 * i + j]) ** 2
         # no vector grows, from one rotation to another, by more than the root of half the sum of squares
-        way = max(way, np.sqrt(shift) + group[at] * np.sqrt(0.5 * turn))
-    return 2.0 * way if group[KIND] == EACH_OTHER else way  # two links may move towards each other
+        travel = max(travel, np.sqrt(shift) + group[at] * np.sqrt(0.5 * turn))
+    return 2.0 * travel if group[KIND] == EACH_OTHER else travel  # two links may move towards each other
 
 
 @allocation_free_kernel
@@ -111,7 +111,7 @@ def estimate(words, group, tip, frames):
     if group[SEEN] != (words[COUNT] if group[KIND] == MAP else group[SEEN]):  # as is a NaN from itself
         return False
     distance = group[HELD + DISTANCE]
-    group[LOW] = distance - way_since(group, tip, frames)
+    group[LOW] = distance - motion_since(group, tip, frames)
     return group[LOW] >= max(group[KEEP], group[LEAST], ENOUGH * distance)
 
 

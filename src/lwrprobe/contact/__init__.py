@@ -7,7 +7,7 @@ from lwrprobe.contact.drift import BiasChange, DriftWatch
 from lwrprobe.contact.estimator import (
     ESTIMATORS,
     REASONS,
-    TRUSTED,
+    RELIABLE_FROM,
     Estimator,
     Settings,
     check_estimator,
@@ -27,7 +27,7 @@ from lwrprobe.contact.wrench import UNCONFIRMED, Wrench, WrenchNoise
 __all__ = [
     "ESTIMATORS",
     "REASONS",
-    "TRUSTED",
+    "RELIABLE_FROM",
     "UNCONFIRMED",
     "AgreedBias",
     "BiasChange",

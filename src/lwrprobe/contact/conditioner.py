@@ -18,7 +18,7 @@ _BAD_RUN_LIMIT = 3
 _GOOD_SHARE = 0.8
 _SPIKE_SPREAD = 16.0  # standard deviations off the median
 _STILL_SPREAD = 4.0  # standard deviations; a still sensor has one
-_LOUDEST = 8.0  # standard deviations: a sensor that much louder than stated cannot be told from a moving one
+_LOUDEST = 8.0  # standard deviations: a sensor that much louder than stated cannot be distinguished from a moving one
 _WHITE = 1.5  # of the noise between neighbouring readings: a spread below that is not motion
 _FEWEST = 4
 _FROZEN_TIME = 0.2  # s of equal values; with noise on six axes that never happens by chance
@@ -160,7 +160,7 @@ class WrenchConditioner:
 
     def age(self, now: float) -> float:
         """s since the measurement of the last reading that moved on; inf before the first."""
-        return now - float(self._state[k.S_TIME]) if self._counts[k.C_HEARD] else np.inf
+        return now - float(self._state[k.S_TIME]) if self._counts[k.C_RECEIVED] else np.inf
 
     def set_payload(self, payload: Payload) -> None:
         """Use this mass and centre of mass, and the bias that was identified with them."""

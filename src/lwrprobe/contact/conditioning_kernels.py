@@ -38,7 +38,7 @@ C_REORDERED = 7
 C_BAD_RUN = 8  # invalid readings in a row
 C_EQUAL_RUN = 9  # equal readings in a row
 C_SEQUENCE = 10
-C_HEARD = 11  # 0 before the first sample with a time
+C_RECEIVED = 11  # 0 before the first sample with a time
 C_BEGUN = 12  # 0 before the first good sample
 C_IS_SUSPECT = 13
 COUNTS = 14
@@ -100,7 +100,7 @@ def _order_status(stamp, state, counts):
     if not math.isfinite(stamp[0]):
         return INVALID
     status = 0
-    if counts[C_HEARD]:
+    if counts[C_RECEIVED]:
         step = int(stamp[1]) - counts[C_SEQUENCE]
         if step < -(SEQUENCE_WRAP // 2):
             step += SEQUENCE_WRAP
@@ -113,7 +113,7 @@ def _order_status(stamp, state, counts):
         if step > 1:
             counts[C_LOST] += step - 1
             status = LOST_BEFORE
-    counts[C_HEARD] = 1
+    counts[C_RECEIVED] = 1
     counts[C_SEQUENCE] = int(stamp[1])
     state[S_TIME] = stamp[0]
     return status

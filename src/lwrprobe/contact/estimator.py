@@ -16,7 +16,7 @@ from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
 from lwrprobe.contracts.contact import RELIABLE_FROM, Doubt
 from lwrprobe.contracts.samples import Vector
 
-TRUSTED: Final = RELIABLE_FROM
+RELIABLE_FROM: Final = RELIABLE_FROM
 """A contact whose confidence is below this must not enter the map."""
 
 REASONS: Final = tuple(Doubt)
@@ -70,7 +70,7 @@ class Estimator(Protocol):
     name: str
 
     def estimate(self, wrench: Wrench, centre: Vector, rotation: np.ndarray, velocity: Vector) -> Contact:
-        """The contact of one conditioned wrench; never raises, never NaN, trust 0 and a reason when there is none.
+        """The contact of one conditioned wrench; never raises, never NaN, confidence 0 and a reason when there is none.
 
         A contact with confidence 0 still has a normal along the force, along which the tip can yield; it is the zero
         vector where there is no force.
@@ -186,9 +186,9 @@ class Given:
 
     def contact(self, out: np.ndarray, reason: int) -> Contact:
         """The kernels' output as a `Contact`."""
-        trust = out.item(kernels.O_TRUST)
+        confidence = out.item(kernels.O_CONFIDENCE)
         time = self.row.item(kernels.I_TIME)
-        return Contact(time, out[0:3], out[3:6], out[6:9], self._centre.copy(), trust, REASONS[reason])
+        return Contact(time, out[0:3], out[3:6], out[6:9], self._centre.copy(), confidence, REASONS[reason])
 
 
 class FusedEstimator:

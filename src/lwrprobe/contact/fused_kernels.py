@@ -27,8 +27,8 @@ from lwrprobe.contact.kernels import (
     I_TIME,
     I_VELOCITY,
     I_ZEROING,
+    O_CONFIDENCE,
     O_FORCE,
-    O_TRUST,
     P_FORCE_NOISE,
     P_LEVER_ERROR,
     P_MAX_SINE,
@@ -78,14 +78,14 @@ S_WALL = 36  # 3, normal before the jump
 S_PATH = 39  # m, since the surface was begun
 S_STREAK = 40  # samples in a row that slid
 S_TURN = 41  # 3, 1/m, change of the normal per metre of path
-S_BEFORE = 44  # 3, the normal S_TURN_WAY ago
+S_BEFORE = 44  # 3, the normal S_TURN_PATH ago
 S_OFFSET = 47  # 3, N, sensor frame: effect of the zero drift on m
 S_OFFSET_COV = 50  # 9
 S_OFFSET_TIME = 59
 S_ZEROING = 60
 S_VELOCITY = 61  # 3, m/s, the last one
 S_SPEED_VAR = 64  # m²/s², noise variance of each velocity axis
-S_TURN_WAY = 65
+S_TURN_PATH = 65
 S_RING_TIME = 66
 S_HEAD = 67
 S_RING = 68  # RING rows: path, normal (3), sigma
@@ -101,7 +101,7 @@ _FRICTION_STEP = 0.05  # change of mu over a centimetre
 _VELOCITY_WEIGHT = 0.1  # weight of a new sample in the running noise of the velocity
 _TURN_MEMORY = 6e-4  # m of path over which the rate of turn is averaged
 _TURN_SHARE = 0.2  # largest weight of one measurement of it
-_TURN_WAY = 1e-4  # m, shortest path over which a turn of the normal is measured
+_TURN_PATH = 1e-4  # m, shortest path over which a turn of the normal is measured
 _TURN_ERRORS = 4.0  # the same in errors of the normal times the sphere's radius
 _RING_TIME = 0.006  # s at least between two rows of the ring
 _STREAK = 8.0  # samples of sliding before friction is estimated: the running mismatch needs them
@@ -111,7 +111,7 @@ _REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that
 _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
 _MIN_SINE = 0.4  # least sine between force and slip for sliding
-_AMBIGUOUS_TRUST = 0.3
+_AMBIGUOUS_CONFIDENCE = 0.3
 
 
 @kernel
@@ -152,7 +152,7 @@ def fused(given, params, state, out):
     sigma = tangent_spread(total, normal)
     reason = deliver_world(given, normal, sigma, reason, params, out)
     if reason == AMBIGUOUS:
-        out[O_TRUST] = _AMBIGUOUS_TRUST
+        out[O_CONFIDENCE] = _AMBIGUOUS_CONFIDENCE
     return reason
 
 
@@ -333,17 +333,17 @@ def predict(state, travel):
 @kernel
 def learn_turn(state, normal, sigma, travel, radius):
     """Running mean of the rate of turn, measured over a path on which it exceeds the error; at most 1 / radius."""
-    state[S_TURN_WAY] += travel
-    if state[S_TURN_WAY] < max(_TURN_WAY, _TURN_ERRORS * sigma * radius):
+    state[S_TURN_PATH] += travel
+    if state[S_TURN_PATH] < max(_TURN_PATH, _TURN_ERRORS * sigma * radius):
         return
-    share = min(_TURN_SHARE, 1.0 - math.exp(-state[S_TURN_WAY] / _TURN_MEMORY))
+    share = min(_TURN_SHARE, 1.0 - math.exp(-state[S_TURN_PATH] / _TURN_MEMORY))
     size = 0.0
     for i in range(3):
-        seen = (normal[i] - state[S_BEFORE + i]) / state[S_TURN_WAY]
+        seen = (normal[i] - state[S_BEFORE + i]) / state[S_TURN_PATH]
         state[S_TURN + i] += share * (seen - state[S_TURN + i])
         size += state[S_TURN + i] ** 2
         state[S_BEFORE + i] = normal[i]
-    state[S_TURN_WAY] = 0.0
+    state[S_TURN_PATH] = 0.0
     size = math.sqrt(size) * radius
     if size > 1.0:
         for i in range(3):
@@ -575,7 +575,7 @@ def remember(given, params, state, normal, total, travel):
         state[S_PATH] = 0.0
         state[S_HEAD] = 0.0
         state[S_AMBIGUOUS] = 0.0
-        state[S_TURN_WAY] = 0.0
+        state[S_TURN_PATH] = 0.0
         for i in range(3):
             state[S_MISMATCH + i] = 0.0
             state[S_TURN + i] = 0.0

@@ -42,7 +42,7 @@ P_OWN = 14  # an estimator's own settings begin here
 O_POINT = 0
 O_NORMAL = 3
 O_FORCE = 6
-O_TRUST = 9
+O_CONFIDENCE = 9
 O_SIGMA = 10  # rad, expected root mean square error of the normal
 OUTPUT = 11
 
@@ -272,10 +272,10 @@ def deliver_world(given, normal, sigma, reason, params, out):
         out[O_POINT + i] = given[I_CENTRE + i] - reach * normal[i]
     out[O_SIGMA] = sigma
     ratio = sigma / params[P_TRUSTED_ERROR]
-    trust = 1.0 / (1.0 + ratio * ratio)
-    if reason == GOOD and trust < 0.5:
+    confidence = 1.0 / (1.0 + ratio * ratio)
+    if reason == GOOD and confidence < 0.5:
         reason = IMPRECISE
-    out[O_TRUST] = trust if reason in (GOOD, IMPRECISE) else 0.0
+    out[O_CONFIDENCE] = confidence if reason in (GOOD, IMPRECISE) else 0.0
     return reason
 
 
@@ -295,7 +295,7 @@ def refuse(given, reason, params, out):
     for i in range(3):
         out[O_NORMAL + i] = out[O_FORCE + i] / size if size > 0.0 else 0.0
         out[O_POINT + i] = given[I_CENTRE + i] - params[P_RADIUS] * out[O_NORMAL + i] if placed else 0.0
-    out[O_TRUST] = 0.0
+    out[O_CONFIDENCE] = 0.0
     out[O_SIGMA] = math.pi
     return reason
 

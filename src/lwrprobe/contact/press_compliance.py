@@ -11,7 +11,7 @@ from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Contact
 from lwrprobe.contracts.samples import Vector
 
-LEAST_CHANGE = 0.02
+MIN_CHANGE = 0.02
 """N between two samples: seven times the noise of a reading, which makes the slope some percent too small."""
 GAP = 0.02
 """s between two samples, from which on they are not compared."""
@@ -66,7 +66,7 @@ class PressCompliance:
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
         """One sample and the tip's nominal pose (4, 4) at its instant; True when a batch has been added."""
         before, self._last = self._last, None
-        if contact is None or contact.trust <= 0.0 or not wrench.usable:
+        if contact is None or contact.confidence_score <= 0.0 or not wrench.usable:
             return False
         normal, (x, y, z) = contact.normal.tolist(), pose[:3, 2].tolist()
         if abs(normal[0] * x + normal[1] * y + normal[2] * z) < ALONG:
@@ -78,7 +78,7 @@ class PressCompliance:
         mean = [a + b for a, b in zip(normal, before[3])]
         length = hypot(*mean)
         change = sum((b - a) * m for a, b, m in zip(before[2], force, mean)) / length
-        if abs(change) < LEAST_CHANGE:
+        if abs(change) < MIN_CHANGE:
             return False
         deeper = sum((a - b) * m for a, b, m in zip(before[1], place, mean)) / length
         sums = self._squares

@@ -24,8 +24,8 @@ S_SINCE = 2  # s of usable samples since the matrix was found last
 S_MISFIT = 3  # running mean of the squared residuals over those expected
 STATE = 4
 
-LEAST_SPEED = 0.004  # m/s, below it the sphere may stick
-LEAST_FORCE = 0.4  # N, below it the zero decides
+MIN_SPEED = 0.004  # m/s, below it the sphere may stick
+MIN_FORCE = 0.4  # N, below it the zero decides
 STEADY = 0.1  # relative change of the force between two samples above which the tip lands or lifts off
 OBLIQUE = 0.8  # least sine between force and path: friction is below 0.75
 GAP = 0.05  # s between two samples, from which on the earlier one says nothing
@@ -63,7 +63,7 @@ def learn(params, state, information, sums, matrix, covariance, time, force, tor
     speed = sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
     passed, change = time - state[S_TIME], abs(size - state[S_FORCE])
     state[S_TIME], state[S_FORCE] = time, size
-    if speed < LEAST_SPEED or size < LEAST_FORCE or not 0.0 < passed < GAP or change > STEADY * size:
+    if speed < MIN_SPEED or size < MIN_FORCE or not 0.0 < passed < GAP or change > STEADY * size:
         return False
     px = (rotation[0, 0] * velocity[0] + rotation[1, 0] * velocity[1] + rotation[2, 0] * velocity[2]) / speed
     py = (rotation[0, 1] * velocity[0] + rotation[1, 1] * velocity[1] + rotation[2, 1] * velocity[2]) / speed

@@ -20,14 +20,14 @@ FEWEST = 6
 SEEMING = 0.2
 """Share of the depth that may be sliding, seen with a wrong normal."""
 APART = 0.15
-"""Share of the speed's spread that must not follow from the force, for the two to be told apart."""
+"""Share of the speed's spread that must not follow from the force, for the two to be distinguished."""
 CERTAIN = 0.3
 """Largest standard deviation of a compliance over its value."""
 AGREEING = 3.0
 """Standard deviations between a fit and the median of all, up to which it counts."""
 MODEL = 0.1
 """Of a compliance: standard deviation that a fit has at least, for what its line leaves out."""
-WAY_ERROR = 4e-5
+PATH_ERROR = 4e-5
 """m, how far a depth in a touch is off the line that is fitted to it."""
 DISCERNIBLE = 0.5
 """Of the probe's own give along the normal: less than that on top of it may as well be an error of the probe's."""
@@ -65,7 +65,7 @@ class TouchIdentification:
 
     @property
     def fitted(self) -> int:
-        """Touches that told a compliance, whether they agree or not."""
+        """Touches that gave a compliance, whether they agree or not."""
         return len(self._fits)
 
     @property
@@ -85,7 +85,7 @@ class TouchIdentification:
         if wrench.magnitude < 0.25 * self._threshold:
             return self._judge() if self._rows else False
         self._rows.append((wrench.time, pose[:3, 3].copy(), wrench.world_force.copy()))
-        if contact is not None and contact.trust > 0.0:
+        if contact is not None and contact.confidence_score > 0.0:
             self._normal, self._rotation = contact.normal, pose[:3, :3]
         risen = wrench.magnitude > 1.02 * self._top
         self._top = wrench.magnitude if risen else self._top
@@ -152,9 +152,9 @@ def series_compliance(
     apart = speeds - plain @ np.linalg.lstsq(plain, speeds, rcond=None)[0]
     changing = np.std(speeds) > 1e-6 * np.abs(speeds).max()
     design = np.column_stack([plain, speeds]) if changing and np.std(apart) > APART * np.std(speeds) else plain
-    if aside is not None and np.ptp(aside) > WAY_ERROR and normal_error > 0.0:
+    if aside is not None and np.ptp(aside) > PATH_ERROR and normal_error > 0.0:
         prior = np.zeros(design.shape[1] + 1)
-        prior[-1] = WAY_ERROR / normal_error
+        prior[-1] = PATH_ERROR / normal_error
         design = np.vstack([np.column_stack([design, aside]), prior])
         depths = np.append(depths, 0.0)
     scale = np.abs(design).max(axis=0)

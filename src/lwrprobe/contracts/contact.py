@@ -46,9 +46,9 @@ class Confidence(IntEnum):
 
 
 RELIABLE_FROM = 0.5
-"""Trust from which on a contact may enter the map."""
+"""Confidence score from which on a contact may enter the map."""
 DOUBTFUL_TO = 0.1
-"""Trust up to which the stick may be what touches."""
+"""Confidence score up to which the stick may be what touches."""
 
 
 @dataclass(slots=True)
@@ -62,8 +62,8 @@ class Contact:
     normal : (3,) unit, out of the object
     force : (3,) N, acting on the sphere
     centre : (3,) m, the sphere's centre at that instant
-    trust : 0 (do not use) .. 1, the weight of the point in a reconstruction; see `confidence`
-    reason : why the trust is low
+    confidence_score : 0 (do not use) .. 1, the weight of the point in a reconstruction; see `confidence`
+    reason : why the score is low
     """
 
     time: float
@@ -71,17 +71,17 @@ class Contact:
     normal: Vector
     force: Vector
     centre: Vector
-    trust: float = 1.0
+    confidence_score: float = 1.0
     reason: Doubt = Doubt.NONE
 
     @property
     def confidence(self) -> Confidence:
         """What the contact may be used for."""
-        if self.trust >= RELIABLE_FROM:
+        if self.confidence_score >= RELIABLE_FROM:
             return Confidence.RELIABLE
-        if self.trust > DOUBTFUL_TO:
+        if self.confidence_score > DOUBTFUL_TO:
             return Confidence.IMPRECISE
-        return Confidence.DOUBTFUL if self.trust > 0.0 else Confidence.NONE
+        return Confidence.DOUBTFUL if self.confidence_score > 0.0 else Confidence.NONE
 
     @property
     def magnitude(self) -> float:

@@ -23,7 +23,7 @@ STRATEGY_CONTRACT = 2
 
 STRATEGY_CHANGES = {
     1: "answer `VelocityCommand` where it answers `Feed`, declare `line_spacing` and `trace`, compare "
-    "`contact.confidence` instead of `contact.trust`, and do without `task.map` and `task.table`",
+    "`contact.confidence` instead of `contact.confidence_score`, and do without `task.map` and `task.table`",
 }
 """What to change in a strategy that was written for an older version."""
 

@@ -35,7 +35,7 @@ class TouchRecord:
     ----------
     points : (n, 3) m contact points, world frame
     normals : (n, 3) unit, out of the object, or None where the source had none
-    trust : (n,) 0..1, or None
+    confidence : (n,) 0..1, or None
     times : (n,) s, or None
     free_path : (k, 3) m, centres of the sphere along the way while it touched nothing, in order of time, or None.
         A step between two rows longer than `free_gap` is not a swept segment
@@ -48,7 +48,7 @@ class TouchRecord:
 
     points: np.ndarray
     normals: np.ndarray | None = None
-    trust: np.ndarray | None = None
+    confidence: np.ndarray | None = None
     times: np.ndarray | None = None
     free_path: np.ndarray | None = None
     free_gap: float = 0.01
@@ -64,7 +64,7 @@ class TouchRecord:
             raise InputError("points", self.points.shape, "an (n, 3) array")
         if self.pitch is not None and not (np.isfinite(self.pitch) and self.pitch > 0.0):
             raise InputError("pitch", self.pitch, "a positive length in metres, or None")
-        for name, width in (("normals", 3), ("trust", 0), ("times", 0)):
+        for name, width in (("normals", 3), ("confidence", 0), ("times", 0)):
             value = getattr(self, name)
             if value is None:
                 continue

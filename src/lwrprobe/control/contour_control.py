@@ -1,4 +1,4 @@
-"""Hybrid force and velocity control of a sphere on a surface: the force law along the normal, a feed along the tangent.
+"""Hybrid force and velocity control of a sphere on a surface: force along the normal, speed along the tangent.
 
 The tangent is taken as in the source (Rau 2017, sections 4.2.5 and 5.3.3, figure 4.8): perpendicular to the contact
 normal, in the plane of the tracking frame, on the side that leads onward. The normal part is the law of `force_law`.
@@ -29,11 +29,11 @@ MIN_NORMAL = 0.1
 RESET_TIME = 8.0
 """Integral time of the steady part in units of the delay: slow enough not to disturb the stability of the law."""
 MAX_STEADY = 0.5
-"""Share of the inward speed, and of the feed, that the steady part may reach: a tangent 27 degrees off."""
+"""Share of the inward speed, and of the sliding speed, that the steady part may reach: a tangent 27 degrees off."""
 TURN = 0.08
-"""rad by which the surface may turn within one delay: a feed of F_target / (K tau TURN) keeps the contact."""
-MIN_FEED = 0.1
-"""Share of the feed that remains however large the force error is, so that a corner is left."""
+"""rad by which the surface may turn within one delay: a sliding speed of F_target / (K tau TURN) keeps the contact."""
+MIN_SLIDING = 0.1
+"""Share of the sliding speed that remains however large the force error is, so that a corner is left."""
 CONE = 0.35
 """rad by which the normal may turn towards the stick before the law knows; the stiffest direction in it counts."""
 NORMALS = np.linspace(0.0, 0.5 * np.pi, 91)
@@ -45,15 +45,15 @@ FORCE_RESERVE = 0.85
 COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
 RETURN = 2.0
-"""Of the target force, that the return to a lost contact may reach: what is stiffer than thought leaves room then."""
-THROWN_OFF = 0.5
+"""Of the target force, that the return to a lost contact may reach. The rest is for surfaces stiffer than assumed."""
+BOUNCE = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
-CAREFUL = 0.6
+STICK_SHARE = 0.6
 """Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
 directions than in others."""
 DIVE = 0.3
-"""Share of the feed along the stick, towards its tip, from which on the feed is also an approach."""
+"""Share of the sliding speed along the stick, towards its tip, from which on sliding is also an approach."""
 
 Vector = tuple[float, float, float]
 
@@ -70,7 +70,7 @@ class ContourControl:
 
     Raises
     ------
-    InputError : no room between the threshold of a contact and the force limit
+    InputError : no force left between the threshold of a contact and the force limit
 
     Attributes
     ----------
@@ -97,23 +97,25 @@ class ContourControl:
         longer = np.array([run_on(task.arm_mass, k, task.arm_stiffness) for k in (1.0 / soft).tolist()])
         struck = (hard * longer).max(axis=1)
         late = task.delay + struck / hardest
-        room = FORCE_RESERVE * task.force_limit - task.force_threshold
-        if room <= 0.0:
+        spare = FORCE_RESERVE * task.force_limit - task.force_threshold
+        if spare <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
-        self._room = room
+        self._reserve = spare
         pairs = list(zip(hardest.tolist(), late.tolist()))
-        safe = [approach_speed(room, k, delay, task.acceleration) for k, delay in pairs]
+        safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
         back = RETURN * task.force_target - task.force_threshold
-        gentle = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
-        gentle = np.minimum(gentle, THROWN_OFF * task.force_target / np.maximum(struck, 1e-9))
-        self._gentle = np.minimum(np.minimum.accumulate(gentle), self._safe).tolist()
+        slow = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
+        slow = np.minimum(slow, BOUNCE * task.force_target / np.maximum(struck, 1e-9))
+        self._return = np.minimum(np.minimum.accumulate(slow), self._safe).tolist()
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
         met = int(np.argmax(beside))
         delay = task.delay + float(longer[flank <= NORMALS][met])
-        self.column_speed = min(approach_speed(room, float(beside[met]), delay, task.acceleration), task.approach_speed)
+        self.column_speed = min(
+            approach_speed(spare, float(beside[met]), delay, task.acceleration), task.approach_speed
+        )
 
     def begin(self, normal: np.ndarray) -> None:
         """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""
@@ -129,7 +131,13 @@ class ContourControl:
         return _perpendicular(nx, ny, nz, *binormal)
 
     def velocity(
-        self, normal: np.ndarray, force: float, binormal: Vector, feed: float, rotation: np.ndarray, period: float
+        self,
+        normal: np.ndarray,
+        force: float,
+        binormal: Vector,
+        speed: float,
+        rotation: np.ndarray,
+        period: float,
     ) -> np.ndarray:
         """(3,) m/s in the world frame for the next `period` s.
 
@@ -138,7 +146,7 @@ class ContourControl:
         normal : (3,) unit, the surface's at this sample
         force : N, the acting force's component along the normal
         binormal : unit, perpendicular to the plane of the contour, signed as in `tangent`
-        feed : m/s, wanted along the tangent
+        speed : m/s, wanted along the tangent
         rotation : (3, 3) of the tip
         """
         keep, new = NORMAL_MEMORY, 1.0 - NORMAL_MEMORY
@@ -155,15 +163,15 @@ class ContourControl:
         error = force - task.force_target
         inward = min(self._approach(axial), MAX_INWARD)
         steady = self._steady + error * period / (damping * RESET_TIME * delay)
-        self._steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * feed)
+        self._steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * speed)
         press = normal_velocity(error, damping, self._steady, inward, MAX_OUTWARD)
         tx, ty, tz = _perpendicular(nx, ny, nz, *binormal)
-        dive = tx * ax + ty * ay + tz * az
+        slide, dive = speed, tx * ax + ty * ay + tz * az
         if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
-            feed = min(feed, self._approach(dive))
-        feed = min(feed, task.force_target / (damping / e * TURN))
-        feed *= min(max(1.0 - abs(error) / self._slack, MIN_FEED), 1.0)
-        return np.array((feed * tx + press * nx, feed * ty + press * ny, feed * tz + press * nz))
+            slide = min(slide, self._approach(dive))
+        slide = min(slide, task.force_target / (damping / e * TURN))
+        slide *= min(max(1.0 - abs(error) / self._slack, MIN_SLIDING), 1.0)
+        return np.array((slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz))
 
     def approach_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a first touch met along `direction` (unit) stays below `FORCE_RESERVE` of the force limit.
@@ -184,16 +192,16 @@ class ContourControl:
         left = min(max(1.0 - reach / probe.sensor_distance, 0.0), 1.0)
         stiffness = 1.0 / (series + lateral * left**3)
         delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
-        safe = approach_speed(self._room, stiffness, delay, self.task.acceleration)
-        return min(CAREFUL * safe, self.task.approach_speed)
+        safe = approach_speed(self._reserve, stiffness, delay, self.task.acceleration)
+        return min(STICK_SHARE * safe, self.task.approach_speed)
 
     def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a contact that was just lost is sought again along `direction` (unit).
 
         As `approach_speed`, for `RETURN` times the target force in place of the limit: the surface is near, so that
-        little time is lost. An arm with mass strikes so gently that it is not thrown off again.
+        little time is lost. An arm with mass strikes so slowly that it does not bounce.
         """
-        return self._gentle[self._step(float(rotation[:, 2] @ direction))]
+        return self._return[self._step(float(rotation[:, 2] @ direction))]
 
     def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
         """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""

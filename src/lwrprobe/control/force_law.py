@@ -125,7 +125,7 @@ def choose_force_law(
     tip_mass : kg, what strikes before the loop can act
     arm_stiffness : N/m, of the spring that drives `tip_mass`, part of `stiffness`; None = the mass moves on freely
     min_speed, max_speed : m/s, below the first a touch is of no use and is refused; the second caps
-    reserve : share of the room up to the limit that is planned with
+    reserve : share of the force up to the limit that is planned with
 
     Raises
     ------
@@ -147,9 +147,9 @@ def choose_force_law(
     s = k_tau / b
     if s > REFUSED_ABOVE:
         return Refusal(f"stability number K tau / B = {s:.3g} is above {REFUSED_ABOVE:g}: the force would swing", s)
-    room = reserve * (force_limit - force_threshold)
+    spare = reserve * (force_limit - force_threshold)
     late = delay + run_on(tip_mass, stiffness, arm_stiffness)
-    approach = min(approach_speed(room, stiffness, late, braking), max_speed)
+    approach = min(approach_speed(spare, stiffness, late, braking), max_speed)
     if approach < min_speed:
         return Refusal(
             f"the force would pass {force_limit:g} N at any useful speed: with {stiffness:.3g} N/m and a delay of "
@@ -188,9 +188,9 @@ def run_on(mass: float, stiffness: float, arm_stiffness: float | None = None) ->
     return met / arm_stiffness * math.sqrt(mass / (arm_stiffness + met))
 
 
-def approach_speed(room: float, stiffness: float, delay: float, braking: float) -> float:
-    """m/s at which the force overshoots by `room` [N] at most: v = a (-tau + sqrt(tau² + 2 dF / (K a)))."""
-    return braking * (-delay + math.sqrt(delay * delay + 2.0 * room / (stiffness * braking)))
+def approach_speed(spare: float, stiffness: float, delay: float, braking: float) -> float:
+    """m/s at which the force overshoots by `spare` [N] at most: v = a (-tau + sqrt(tau² + 2 dF / (K a)))."""
+    return braking * (-delay + math.sqrt(delay * delay + 2.0 * spare / (stiffness * braking)))
 
 
 def peak_force(speed: float, stiffness: float, delay: float, braking: float, force_threshold: float) -> float:

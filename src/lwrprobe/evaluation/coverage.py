@@ -15,7 +15,7 @@ from lwrprobe.scene.solid import Solid
 
 _CLOSE = 0.005  # m
 _FACING = 0.7071  # share of the normal along the axis
-_SAME_WAY = 0.5  # cosine of the angle, 60 degrees, within which a contact faces as the surface does
+SAME_SIDE = 0.5  # cosine of the angle, 60 degrees, within which a contact faces as the surface does
 
 
 DEFAULT_SPACING = 0.010
@@ -175,11 +175,11 @@ class _Contacts:
         close = np.isfinite(gap)
         touched = np.zeros(len(points), dtype=bool)
         facing = np.einsum("ij,ij->i", self._normals[nearest[close]], normals[close])
-        touched[close] = facing >= _SAME_WAY
+        touched[close] = facing >= SAME_SIDE
         # Where the nearest faces another way, as at an edge, one behind it may do.
         rest = np.flatnonzero(close & ~touched)
         for k, around in zip(rest, self._tree.query_ball_point(points[rest], near)):
-            touched[k] = (self._normals[around] @ normals[k]).max() >= _SAME_WAY
+            touched[k] = (self._normals[around] @ normals[k]).max() >= SAME_SIDE
         return touched
 
 

@@ -14,7 +14,7 @@ from lwrprobe.evaluation.table_touches import TablePlane
 from lwrprobe.options import configure
 from lwrprobe.scene import Scene, load_scene
 
-_CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "trust")
+_CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "confidence")
 _TRACE = ("time", "x", "y", "z", "force", "touching", "clearance")
 
 
@@ -73,7 +73,7 @@ def read_run(folder: str | Path) -> RunFolder:
     record = TouchRecord(
         points=contacts[:, 1:4],
         normals=contacts[:, 4:7],
-        trust=contacts[:, 8],
+        confidence=contacts[:, 8],
         times=contacts[:, 0],
         free_path=trace[trace[:, 5] == 0.0, 1:4],
         probe_radius=scene.probe.radius,
@@ -102,6 +102,7 @@ def _table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     except (OSError, UnicodeDecodeError) as error:
         raise FormatError(f"{path}: cannot be read: {error}") from None
     header, _, body = text.partition("\n")
+    header = header.replace("trust", "confidence")  # its name in older runs
     if tuple(header.split(",")[: len(columns)]) != columns:
         raise FormatError(f"{path}: line 1: columns {header!r}; allowed: {','.join(columns)}")
     lines = body.split("\n")[:-1]  # what follows the last line's end was cut off

@@ -18,8 +18,10 @@ MAPS = (".bt", ".ot")
 def read_touches(path: str | Path, probe_radius: float | None = None, table: float | None = None) -> TouchRecord:
     """A record from a run folder, a cloud (.pcd, .ply, .csv; normals are used where it has them) or a map (.bt, .ot).
 
-    `probe_radius` and `table` [m] are for files that do not contain them; a run folder does. A cloud's field `trust`
-    is used. Raises FormatError for broken files and UnknownNameError for an unknown ending.
+    `probe_radius` and `table` [m] are for files that do not contain them; a run folder does. A cloud's field
+    `confidence` (`trust` in older files) is used.
+
+    Raises FormatError for broken files and UnknownNameError for an unknown ending.
     """
     path = Path(path)
     if path.is_dir():
@@ -35,11 +37,11 @@ def read_touches(path: str | Path, probe_radius: float | None = None, table: flo
     if ending not in CLOUDS:
         raise UnknownNameError("ending of a cloud or map", ending, (*CLOUDS, *MAPS))
     cloud = read_cloud(path)
-    trust = cloud.scalars.get("trust")
+    confidence = cloud.scalars.get("confidence", cloud.scalars.get("trust"))
     return TouchRecord(
         np.asarray(cloud.points, dtype=np.float64),
         normals=cloud.normals,
-        trust=trust,
+        confidence=confidence,
         probe_radius=probe_radius,
         table=table,
     )

@@ -20,7 +20,7 @@ SCRATCH = 25
 OFF_POSITION, OFF_ROTATION = 6, 7
 
 # keeps the factorisation real at an exact singularity
-LEAST_DAMPING, PROJECTION_DAMPING = 1e-15, 1e-12
+MIN_DAMPING, PROJECTION_DAMPING = 1e-15, 1e-12
 # half a squared error below which a step's factor is used twice
 CHORD = 0.02
 # 1 + trace of the rotation left to go, below which its skew part says too little
@@ -239,7 +239,7 @@ def descend(chain, settings, target, q, work):
         if _close_enough(settings, work):
             return True, k
         axes_to_jacobian(chain, f, shrink, weight, work[JAC : JAC + 6])
-        damped_step(n, q, settings[DAMPING] * factor * error + LEAST_DAMPING, work)
+        damped_step(n, q, settings[DAMPING] * factor * error + MIN_DAMPING, work)
         move(n, q, work, trial)
         if error < CHORD:
             tip_error(tip_frame(chain, trial), target, shrink, weight, work[ERROR])

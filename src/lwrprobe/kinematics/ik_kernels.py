@@ -11,7 +11,7 @@ from lwrprobe.kinematics import dls_kernels as dls
 from lwrprobe.kinematics import srs_kernels as srs
 from lwrprobe.kinematics.chain_kernels import LOWER, UNIT, UPPER
 from lwrprobe.kinematics.dls_kernels import bound, damped_step, descend, look, move, project
-from lwrprobe.kinematics.preference_kernels import OFF_SINGULARITY, PACE, POSTURE, potential, wish
+from lwrprobe.kinematics.preference_kernels import NULL_SPACE_STEP, OFF_SINGULARITY, POSTURE, potential, wish
 
 CONVERGED, UNREACHABLE, LIMITED, BUDGET, JUMP, INVALID = range(6)
 
@@ -24,7 +24,7 @@ WIDTH = 32
 SPHERICAL, STEPS = 11, 12
 FOREVER = 1e300
 # the largest and the smallest joint step of `settle`
-STRIDE, LEAST_STRIDE = 0.3, 1e-6
+STRIDE, MIN_STRIDE = 0.3, 1e-6
 # places from which `_nearest` is sought, and how a radian weighs there against the arm's length, squared in the end
 NEAREST_STARTS, HEAVY = 12, 100.0
 
@@ -93,7 +93,7 @@ def _into_reach(chain, settings, shape, work, arm_work):
 
 @kernel
 def _drift(chain, settings, places, target, q, work):
-    """One step of q, in place, towards target and by at most PACE along the null space towards what is preferred;
+    """One step of q, in place, towards target, and by at most NULL_SPACE_STEP towards what is preferred;
     False, and no step, when nothing is."""
     n = chain.shape[0] - 2
     if settings[OFF_SINGULARITY] > 0.0:
@@ -102,10 +102,10 @@ def _drift(chain, settings, places, target, q, work):
         return False
     error = look(chain, settings, target, q, work)
     largest = project(n, work)
-    damped_step(n, q, settings[dls.DAMPING] * error + dls.LEAST_DAMPING, work)
+    damped_step(n, q, settings[dls.DAMPING] * error + dls.MIN_DAMPING, work)
     push, step = work[dls.PUSH], work[dls.STEP]
-    pace = settings[PACE]
-    share = pace / largest if largest > pace else 1.0
+    allowed = settings[NULL_SPACE_STEP]
+    share = allowed / largest if largest > allowed else 1.0
     for i in range(n):
         step[i] += share * push[i]
     move(n, q, work, q)
@@ -131,7 +131,7 @@ def track(table, pose, seed, out):
     wanted = CONVERGED
     if spherical and srs.beyond(shape, target, settings[dls.POSITION_TOL]):
         wanted = _into_reach(chain, settings, shape, work, arm_work)
-    shifted = settings[PACE] > 0.0 and _drift(chain, settings, places_of(table, n), target, out, work)
+    shifted = settings[NULL_SPACE_STEP] > 0.0 and _drift(chain, settings, places_of(table, n), target, out, work)
     arrived, steps = descend(chain, settings, target, out, work)
     if shifted and not arrived:
         _clip(seed, work, out)
@@ -297,9 +297,9 @@ def settle(table, pose, q):
     bound(chain, q, FOREVER, work)
     look(chain, settings, target, q, work)
     value = potential(settings, places, q, work)
-    usual, settings[PACE] = settings[PACE], STRIDE
+    usual, settings[NULL_SPACE_STEP] = settings[NULL_SPACE_STEP], STRIDE
     left = int(settings[dls.ITERATIONS])
-    while left > 0 and settings[PACE] > LEAST_STRIDE:
+    while left > 0 and settings[NULL_SPACE_STEP] > MIN_STRIDE:
         left -= 1
         _copy(q, trial, n)
         if not _drift(chain, settings, places, target, trial, work):
@@ -308,12 +308,12 @@ def settle(table, pose, q):
         look(chain, settings, target, trial, work)
         fresh = potential(settings, places, trial, work)
         if arrived and fresh < value:
-            settings[PACE] = min(2.0 * settings[PACE], STRIDE) if value - fresh > 1e-12 else 0.0
+            settings[NULL_SPACE_STEP] = min(2.0 * settings[NULL_SPACE_STEP], STRIDE) if value - fresh > 1e-12 else 0.0
             value = fresh
             _copy(trial, q, n)
         else:
-            settings[PACE] *= 0.25
-    settings[PACE] = usual
+            settings[NULL_SPACE_STEP] *= 0.25
+    settings[NULL_SPACE_STEP] = usual
 
 
 @kernel

@@ -13,9 +13,9 @@ import numpy as np
 from lwrprobe.contracts import InputError, LinkShape
 from lwrprobe.kinematics.robot import Robot
 
-LEAST_RADIUS = 0.05
+MIN_RADIUS = 0.05
 """m, of a link whose shape is not known."""
-LEAST_MASS = 1e-3
+MIN_MASS = 1e-3
 """kg, of a link without a shape between links that have one."""
 
 
@@ -95,7 +95,7 @@ def _volume(link: LinkShape) -> float:
 def _bodies(density: float, links: list[LinkShape]) -> LinkInertia:
     """A link of several bodies, each about as heavy at its edge as the box around it."""
     if not links:
-        return LinkInertia(LEAST_MASS, np.zeros(3), LEAST_MASS * 0.4 * LEAST_RADIUS**2 * np.eye(3))
+        return LinkInertia(MIN_MASS, np.zeros(3), MIN_MASS * 0.4 * MIN_RADIUS**2 * np.eye(3))
     masses = np.array([density * _volume(link) for link in links])
     centre = np.asarray(masses @ [link.pose[:3, 3] for link in links]) / masses.sum()
     tensor = np.zeros((3, 3))
@@ -114,5 +114,5 @@ def _rod(mass: float, robot: Robot, i: int) -> LinkInertia:
     else:
         c, s = np.cos(robot.alpha[i]), np.sin(robot.alpha[i])
         middle = -0.5 * np.array([robot.a[i], s * robot.d[i], c * robot.d[i]])
-    own = mass * (4.0 * float(middle @ middle) / 12.0 + 0.4 * LEAST_RADIUS**2)
+    own = mass * (4.0 * float(middle @ middle) / 12.0 + 0.4 * MIN_RADIUS**2)
     return LinkInertia(mass, middle, own * np.eye(3))

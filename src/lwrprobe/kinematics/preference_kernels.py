@@ -10,7 +10,7 @@ from lwrprobe.compiled import allocation_free_kernel as kernel
 from lwrprobe.kinematics.dls_kernels import JAC, NORMAL, PUSH, RHS, WEIGHT, factorise, gram, substitute
 
 # columns of the settings row, behind those of dls_kernels
-NEAR_POSTURE, OFF_LIMITS, OFF_SINGULARITY, PACE = range(7, 11)
+NEAR_POSTURE, OFF_LIMITS, OFF_SINGULARITY, NULL_SPACE_STEP = range(7, 11)
 # rows of `places`: the preferred posture, and the ends of the ranges in which no limit is near
 POSTURE, EASE_LOW, EASE_HIGH = range(3)
 

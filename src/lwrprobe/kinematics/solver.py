@@ -140,7 +140,7 @@ class IKSolver:
         # cold starts keep no distance from their seed and have no cycle to spread a preference over
         self._cold = self._table.copy()
         self._cold[robot.n + kernels.SETTINGS, dls.MAX_JUMP] = kernels.FOREVER
-        self._cold[robot.n + kernels.SETTINGS, preference_kernels.PACE] = 0.0
+        self._cold[robot.n + kernels.SETTINGS, preference_kernels.NULL_SPACE_STEP] = 0.0
 
     @property
     def closed_form(self) -> bool:
@@ -262,7 +262,7 @@ class IKSolver:
         settings[preference_kernels.NEAR_POSTURE] = wanted.near_posture
         settings[preference_kernels.OFF_LIMITS] = wanted.off_limits
         settings[preference_kernels.OFF_SINGULARITY] = wanted.off_singularity
-        settings[preference_kernels.PACE] = wanted.null_space_step
+        settings[preference_kernels.NULL_SPACE_STEP] = wanted.null_space_step
         posture = self.robot.middle if wanted.posture is None else wanted.posture
         places = table[n + kernels.PLACES : n + kernels.SHAPE, :n]
         places[preference_kernels.POSTURE] = self.robot.joint_values(posture, "preference.posture")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.compiled import kernel
-from lwrprobe.mapping.kernels import CENTRE_KEY, KEYS, NO_ROOM, SCALE, insert_key, real
+from lwrprobe.mapping.kernels import CENTRE_KEY, KEYS, NO_CAPACITY, SCALE, insert_key, real
 
 PIECE = 8.0  # voxels; long segments are taken in pieces so that their boxes stay small
 OVERLAP = 2.0  # voxels; more than a cube's diagonal, so that a cube across a joint lies wholly in one of the pieces
@@ -40,7 +40,7 @@ def swept_wholly(x, y, z, a, d, length2, radius):
 
 @kernel
 def carve_piece(words, a, d, radius):
-    """Set the voxels in the capsule about a .. a + d, in voxel units: 0 or NO_ROOM."""
+    """Set the voxels in the capsule about a .. a + d, in voxel units: 0 or NO_CAPACITY."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for i in range(3):
         low[i] = max(np.int64(np.ceil(min(a[i], a[i] + d[i]) - radius)), 0)
@@ -50,8 +50,8 @@ def carve_piece(words, a, d, radius):
         for ky in range(low[1], high[1] + 1):
             for kx in range(low[0], high[0] + 1):
                 swept = swept_wholly(kx + 0.5, ky + 0.5, kz + 0.5, a, d, length2, radius)
-                if swept and insert_key(words, kx, ky, kz) == NO_ROOM:
-                    return NO_ROOM
+                if swept and insert_key(words, kx, ky, kz) == NO_CAPACITY:
+                    return NO_CAPACITY
     return 0
 
 
@@ -78,6 +78,6 @@ def carve_path(words, path, radius, first):
             for j in range(3):
                 a[j] = (begin[j] + start * (end[j] - begin[j])) * scale + CENTRE_KEY
                 d[j] = (stop - start) * (end[j] - begin[j]) * scale
-            if carve_piece(words, a, d, reach) == NO_ROOM:
+            if carve_piece(words, a, d, reach) == NO_CAPACITY:
                 return i
     return segments

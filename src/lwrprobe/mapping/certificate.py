@@ -22,7 +22,7 @@ from lwrprobe.contracts import Area, InputError, LinkShape
 from lwrprobe.mapping import certificate_kernels as kernels
 from lwrprobe.mapping.distance_kernels import distances
 
-MOST_VOXELS = 500_000
+MAX_VOXELS = 500_000
 """Of the grid: two distance transforms of it take some tenths of a second."""
 FINEST = 0.0005
 """m"""
@@ -69,7 +69,7 @@ class Certificate:
     links : of the probe, in the tip frame
     opening : m, a narrower opening between contacts counts as closed; at least the sphere's diameter
     tolerance : m by which places of the probe and contacts may be wrong
-    most_voxels : grid points at most; the grid is as fine as that allows, 0.5 mm at the finest
+    max_voxels : grid points at most; the grid is as fine as that allows, 0.5 mm at the finest
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Certificate:
         *,
         opening: float,
         tolerance: float = 0.0,
-        most_voxels: int = MOST_VOXELS,
+        max_voxels: int = MAX_VOXELS,
     ) -> None:
         if not (np.isfinite(radius) and radius > 0.0):
             raise InputError("radius", radius, "a positive length in metres")
@@ -92,13 +92,13 @@ class Certificate:
             raise InputError("opening", opening, f"metres, at least the sphere's diameter, {2.0 * radius:g}")
         if not 0.0 <= tolerance < radius:
             raise InputError("tolerance", tolerance, f"metres, at least 0 and less than the radius, {radius:g}")
-        if most_voxels < 1000:
-            raise InputError("most_voxels", most_voxels, "at least 1000")
+        if max_voxels < 1000:
+            raise InputError("max_voxels", max_voxels, "at least 1000")
         self._area, self._radius, self._links = area, radius, links
         self._cover, self._tolerance = 0.5 * opening, tolerance
         extent = area.upper - area.lower + 2.0 * radius
-        edge = max(FINEST, float(np.cbrt(np.prod(extent) / most_voxels)))
-        while np.prod(np.ceil(extent / edge)) > most_voxels:
+        edge = max(FINEST, float(np.cbrt(np.prod(extent) / max_voxels)))
+        while np.prod(np.ceil(extent / edge)) > max_voxels:
             edge *= 1.01
         self.edge = edge
         """m between neighbouring grid points."""
@@ -166,14 +166,14 @@ class Certificate:
 
     def _within_reach(self, slack: float) -> np.ndarray:
         """Grid points that the covering ball may cover, in any place that its centre may have about a grid point."""
-        room = self._near >= self._cover - slack - self._tolerance
+        fits = self._near >= self._cover - slack - self._tolerance
         half = 0.5 * self.edge
         beside = np.full(3, half + min(self._cover - self._radius, self._radius))
         below = np.array([beside[0], beside[1], half])  # under the lowest contacts it would get into the object
         for along, low, high in zip(self._along(), self._area.lower - below, self._area.upper + beside):
             allowed = (along >= low) & (along <= high)
-            room &= allowed
-        parts, _ = ndimage.label(room)
+            fits &= allowed
+        parts, _ = ndimage.label(fits)
         above = np.unique(parts[:, :, np.flatnonzero(allowed)[-1]])
         centres = np.isin(parts, above[above > 0])
         return _distance(~centres, self.edge) <= self._cover + slack

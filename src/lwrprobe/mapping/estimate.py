@@ -29,7 +29,7 @@ P95 = 3.0
 have more."""
 FINEST = 0.003
 """m between grid points at least: strokes are planned in steps that are not smaller."""
-MOST_POINTS = 60_000
+MAX_POINTS = 60_000
 """Of the grid: one pass over it for the contacts of a stroke takes some ten milliseconds."""
 APART = 0.002
 """m between two contacts that are kept."""
@@ -137,7 +137,7 @@ class SurfaceEstimate:
             raise InputError("reach", reach, "a positive length in metres")
         self._area, self._reach = area, reach
         extent = area.upper - area.lower
-        self.edge = edge = max(FINEST, float(np.cbrt(np.prod(extent) / MOST_POINTS)))
+        self.edge = edge = max(FINEST, float(np.cbrt(np.prod(extent) / MAX_POINTS)))
         """m between neighbouring grid points."""
         shape = tuple(np.maximum(np.ceil(extent / edge), 2).astype(np.int64))
         self._origin = 0.5 * (area.lower + area.upper - edge * (np.array(shape) - 1))

@@ -43,7 +43,7 @@ KEYS = 65536
 SPARE = (TOP - 2) * INNER_WORDS + LOW_WORDS  # words that one voxel can need
 PLACE_BITS = 28  # of an index entry; the other 36 are the key of a node of level 1
 
-KNOWN, NEW, OUTSIDE, NO_ROOM = 0, 1, -1, -2
+KNOWN, NEW, OUTSIDE, NO_CAPACITY = 0, 1, -1, -2
 
 _ONE, _TWO, _FOUR, _LAST = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56)
 _PAIRS, _FOURS = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333)
@@ -216,9 +216,9 @@ def widen(words, kx, ky, kz, size):
 
 @allocation_free_kernel
 def insert_key(words, kx, ky, kz):
-    """Set one voxel: NEW, KNOWN or NO_ROOM."""
+    """Set one voxel: NEW, KNOWN or NO_CAPACITY."""
     if words.size - words[USED] < SPARE:
-        return NO_ROOM
+        return NO_CAPACITY
     node = enter_near(words, kx, ky, kz)
     if node == FULL:
         return KNOWN
@@ -238,7 +238,7 @@ def insert_key(words, kx, ky, kz):
 
 @allocation_free_kernel
 def insert_point(words, x, y, z):
-    """Set the voxel of one point: NEW, KNOWN, OUTSIDE or NO_ROOM."""
+    """Set the voxel of one point: NEW, KNOWN, OUTSIDE or NO_CAPACITY."""
     scale = real(words[SCALE])
     kx, ky, kz = key_of(x, scale), key_of(y, scale), key_of(z, scale)
     if kx < 0 or ky < 0 or kz < 0:
@@ -252,7 +252,7 @@ def insert_points(words, points, first):
     scale = real(words[SCALE])
     for i in range(first, points.shape[0]):
         kx, ky, kz = key_of(points[i, 0], scale), key_of(points[i, 1], scale), key_of(points[i, 2], scale)
-        if insert_key(words, kx, ky, kz) == NO_ROOM:
+        if insert_key(words, kx, ky, kz) == NO_CAPACITY:
             return i
     return points.shape[0]
 
@@ -269,9 +269,9 @@ def first_outside(words, points):
 
 @allocation_free_kernel
 def fill_cube(words, kx, ky, kz, depth):
-    """Set an octree cube of 2^depth voxels' edge that holds nothing yet: NEW or NO_ROOM."""
+    """Set an octree cube of 2^depth voxels' edge that holds nothing yet: NEW or NO_CAPACITY."""
     if words.size - words[USED] < SPARE:
-        return NO_ROOM
+        return NO_CAPACITY
     level = min(depth >> 1, TOP)
     node = reach_node(words, kx, ky, kz, level)
     first, span = child_of(kx, ky, kz, level), 1 << (depth - 2 * level)

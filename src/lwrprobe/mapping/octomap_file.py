@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import FormatError, InputError
 from lwrprobe.mapping import octomap_kernels as kernels
-from lwrprobe.mapping.kernels import CENTRE_KEY, NO_ROOM
+from lwrprobe.mapping.kernels import CENTRE_KEY, NO_CAPACITY
 from lwrprobe.mapping.voxel_set import VoxelSet
 
 _HEADER = {".bt": "# Octomap OcTree binary file", ".ot": "# Octomap OcTree file"}
@@ -54,13 +54,13 @@ class Octree:
 
 def octree(occupied: VoxelSet, carved: VoxelSet) -> Octree:
     """Pruned octree over both sets."""
-    room = min(72 * (occupied.nodes + carved.nodes), _MAX_LEAVES_AT_ONCE)
+    capacity = min(72 * (occupied.nodes + carved.nodes), _MAX_LEAVES_AT_ONCE)
     while True:
-        places, codes = np.empty(room, np.int64), np.empty(room, np.uint16)
+        places, codes = np.empty(capacity, np.int64), np.empty(capacity, np.uint16)
         count = kernels.octree(occupied.words, carved.words, places, codes)
-        if count <= room:
+        if count <= capacity:
             break
-        room = count
+        capacity = count
     return Octree(places[:count], codes[:count])
 
 
@@ -94,7 +94,7 @@ def decode(path: Path, ending: str) -> tuple[float, VoxelSet, VoxelSet]:
         state = np.zeros(3 + kernels.STACK, np.int64)
         state[1:4] = 1, 1, kernels.LEVELS << 48
         read = kernels.read_bt if ending == ".bt" else kernels.read_ot
-        while (status := read(data, occupied.words, carved.words, state)) == NO_ROOM:
+        while (status := read(data, occupied.words, carved.words, state)) == NO_CAPACITY:
             try:
                 occupied.grow()
                 carved.grow()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.compiled import kernel
-from lwrprobe.mapping.kernels import FULL, NO_ROOM, ROOT, SPARE, TOP, USED, fill_cube, link_at
+from lwrprobe.mapping.kernels import FULL, NO_CAPACITY, ROOT, SPARE, TOP, USED, fill_cube, link_at
 
 UNKNOWN, FREE, OCCUPIED, MIXED = 0, 1, 2, 3
 ABSENT = 0  # link of a child that holds nothing
@@ -141,7 +141,7 @@ def holds_occupied(occupied, node, level, group):
 
 
 @kernel
-def has_room(words):
+def has_capacity(words):
     """Whether eight cubes can be filled without growing."""
     return words.size - words[USED] >= 8 * SPARE
 
@@ -155,10 +155,10 @@ def push(state, kx, ky, kz, power):
 
 @kernel
 def read_bt(data, occupied, carved, state):
-    """Decode the binary part of a `.bt` from where `state` stands; DONE, NO_ROOM (grow, call again) or an error."""
+    """Decode the binary part of a `.bt` from where `state` stands; DONE, NO_CAPACITY (grow, call again) or an error."""
     while state[2] > 0:
-        if not (has_room(occupied) and has_room(carved)):
-            return NO_ROOM
+        if not (has_capacity(occupied) and has_capacity(carved)):
+            return NO_CAPACITY
         at = state[0]
         if at + 2 > data.size:
             return CUT_SHORT
@@ -191,8 +191,8 @@ def read_ot(data, occupied, carved, state):
     real = np.empty(1, np.float32)
     raw = real.view(np.uint8)
     while state[2] > 0:
-        if not (has_room(occupied) and has_room(carved)):
-            return NO_ROOM
+        if not (has_capacity(occupied) and has_capacity(carved)):
+            return NO_CAPACITY
         at = state[0]
         if at + 5 > data.size:
             return CUT_SHORT

@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
 
-MOST_PLACES = 32
+MAX_PLACES = 32
 LONGEST = 8.0
 """Voxels: longer pieces would be carved in parts anyway."""
 STRAIGHT = 0.005
@@ -26,7 +26,7 @@ def extend(way, x, y, z):
     if count >= 2:
         if abs(x - way[count, 0]) + abs(y - way[count, 1]) + abs(z - way[count, 2]) <= STRAIGHT * edge:
             return True
-        if count == MOST_PLACES:
+        if count == MAX_PLACES:
             return False
         dx, dy, dz = x - way[1, 0], y - way[1, 1], z - way[1, 2]
         length2 = dx * dx + dy * dy + dz * dz

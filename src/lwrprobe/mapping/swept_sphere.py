@@ -30,7 +30,7 @@ class SweptSphere:
 
     def __init__(self, voxels: VoxelMap, radius: float) -> None:
         self._voxels, self._radius = voxels, radius
-        self._way = np.zeros((1 + kernels.MOST_PLACES, 3))
+        self._way = np.zeros((1 + kernels.MAX_PLACES, 3))
         self._way[0, 1] = voxels.resolution
         self._extend = _entry()
         self._free = False

@@ -102,7 +102,7 @@ class VoxelMap:
             status = self._insert(self._occupied.words, x, y, z)
         except (AttributeError, TypeError, ValueError):
             return self.insert_point(_triple(point, "point"))
-        while status == kernels.NO_ROOM:
+        while status == kernels.NO_CAPACITY:
             self._occupied.grow()
             status = self._insert(self._occupied.words, x, y, z)
         if status == kernels.OUTSIDE:

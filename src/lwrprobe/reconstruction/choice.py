@@ -160,7 +160,7 @@ def _made(method: Method, record: TouchRecord) -> Reconstruction | None:
 
 def _without(record: TouchRecord, held: np.ndarray) -> TouchRecord:
     left: dict[str, Any] = {"points": record.points[~held]}
-    for name in ("normals", "trust", "times"):
+    for name in ("normals", "confidence", "times"):
         if (value := getattr(record, name)) is not None:
             left[name] = value[~held]
     return replace(record, **left)

@@ -30,7 +30,7 @@ _PORTION = 50_000
 
 @dataclass(slots=True)
 class Clusters:
-    """Points and unit normals (k, 3), weight (k,) as the sum of the members' trust, label (n,) of each input point."""
+    """Points and unit normals (k, 3), weight (k,) the members' summed confidence, label (n,) of each input point."""
 
     points: np.ndarray
     normals: np.ndarray
@@ -41,7 +41,7 @@ class Clusters:
 def cluster(
     points: np.ndarray,
     normals: np.ndarray,
-    trust: np.ndarray,
+    confidence: np.ndarray,
     size: float,
     progress: Callable[[float], None] | None = None,
 ) -> Clusters:
@@ -60,7 +60,7 @@ def cluster(
         if progress is not None:
             progress(end / n)
     centre, facing, total = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
-    merge(points, normals, trust, label, centre, facing, total)
+    merge(points, normals, confidence, label, centre, facing, total)
     return Clusters(centre, facing, total, label)
 
 
@@ -94,9 +94,9 @@ def supported(
 
     kept = np.zeros(len(points), dtype=bool)
     for i, near in zip(np.flatnonzero(claims), cKDTree(points).query_ball_point(points[claims], reach)):
-        same_way = np.array(near)[normals[near] @ normals[i] > _AGREEMENT]
-        agreeing = weight[same_way] @ alike[same_way]
-        kept[i] = agreeing >= max(_MIN_SUPPORT, _MIN_SHARE * weight[same_way].sum())
+        same_side = np.array(near)[normals[near] @ normals[i] > _AGREEMENT]
+        agreeing = weight[same_side] @ alike[same_side]
+        kept[i] = agreeing >= max(_MIN_SUPPORT, _MIN_SHARE * weight[same_side].sum())
     return kept
 
 

@@ -152,7 +152,7 @@ class _Work:
     def cluster(self, touches: Touches, pitch: float) -> Clusters:
         size = max(pitch / 3.0, 0.6 * touches.radius)
         return cluster(
-            touches.centres, touches.normals, touches.trust, size, lambda share: self.progress("cluster", share)
+            touches.centres, touches.normals, touches.confidence, size, lambda share: self.progress("cluster", share)
         )
 
     def grid(self, touches: Touches, clusters: Clusters, pitch: float) -> Grid:
@@ -199,12 +199,14 @@ def _without_lone_undersides(touches: Touches) -> Touches:
     """Without contacts from below that no neighbour shares: the stick touched, or the normal is wrong."""
     height = touches.normals[:, 2]
     down, alike = height < _FROM_BELOW, height < _LEANS
-    good = ~down | supported(down, alike, touches.points, touches.normals, touches.trust, touches.radius)
+    good = ~down | supported(down, alike, touches.points, touches.normals, touches.confidence, touches.radius)
     return _chosen(touches, good)
 
 
 def _chosen(touches: Touches, rows: np.ndarray) -> Touches:
-    return replace(touches, points=touches.points[rows], normals=touches.normals[rows], trust=touches.trust[rows])
+    return replace(
+        touches, points=touches.points[rows], normals=touches.normals[rows], confidence=touches.confidence[rows]
+    )
 
 
 def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Touches, Clusters]:

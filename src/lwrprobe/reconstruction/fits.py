@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _SHARE = 0.97  # of the contacts that a warranted shape explains
 _TURNED = np.cos(np.radians(15.0))  # normals that differ by more do not agree
-_MOST = 1000  # contacts used in a fit
+_MAX_SAMPLES = 1000  # contacts used in a fit
 _FLOOR = 2e-5  # m, no dimension is claimed to be known better
 _LOSS_SCALE = 2.0  # standard deviations of a contact from which on it counts less
 
@@ -90,7 +90,7 @@ def fit(record: TouchRecord, shifts: Shifts | None = None) -> list[Fit]:
     """
     touches = prepare(record, 0.002)
     pitch = record.pitch or line_pitch(touches.centres, record.resolution)
-    chosen = np.unique(np.linspace(0, len(touches.points) - 1, _MOST).astype(int))
+    chosen = np.unique(np.linspace(0, len(touches.points) - 1, _MAX_SAMPLES).astype(int))
     centres, normals = touches.centres[chosen], touches.normals[chosen]
     points = centres - touches.radius * normals
     shared = shifts(points, normals) if shifts is not None else (np.empty((len(points), 0)),) * 2

@@ -58,7 +58,7 @@ class HermiteRbf:
             "method": "hermite_rbf",
             "seconds": time.perf_counter() - begin,
             "watertight": True,
-            "without": [name for name in touches.without if name in ("normals", "table", "trust")],
+            "without": [name for name in touches.without if name in ("normals", "table", "confidence")],
             "pitch": pitch,
             "points_used": len(data.points),
         }
@@ -66,7 +66,7 @@ class HermiteRbf:
 
 
 def _data(touches: Touches, pitch: float) -> HermiteData:
-    groups = cluster(touches.points, touches.normals, touches.trust, pitch / 3.0)
+    groups = cluster(touches.points, touches.normals, touches.confidence, pitch / 3.0)
     share = 1.0 / np.sqrt(groups.weight)
     return HermiteData(groups.points, groups.normals, touches.noise * share, touches.normal_noise * share)
 

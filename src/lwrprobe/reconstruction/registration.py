@@ -20,7 +20,7 @@ CELL = 0.0015
 """m, touches that lie so close and face the same way are averaged into one."""
 GATE = 0.010
 """m, partners are not sought farther away; lines are often that far apart."""
-SAME_WAY = np.cos(np.radians(25.0))
+SAME_SIDE = np.cos(np.radians(25.0))
 NEIGHBOURS = 12
 STARTS = np.array([(0.0, 0.0), (5.0, 0.0), (-5.0, 0.0), (0.0, 5.0), (0.0, -5.0)]) * 1e-3
 ROUNDS, ROUNDS_A_START = 40, 15
@@ -130,7 +130,7 @@ class _Side:
         distance, index = self._tree.query(points, k=range(1, count + 1), distance_upper_bound=GATE)
         near = np.isfinite(distance)
         index = np.where(near, index, 0)
-        fits = near & (np.einsum("ik,ijk->ij", normals, self.normals[index]) > SAME_WAY)
+        fits = near & (np.einsum("ik,ijk->ij", normals, self.normals[index]) > SAME_SIDE)
         who = np.flatnonzero(fits.any(axis=1))
         partner = index[who, np.argmax(fits[who], axis=1)]
         normal = normals[who] + self.normals[partner]

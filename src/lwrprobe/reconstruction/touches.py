@@ -24,7 +24,7 @@ class Touches:
     Attributes
     ----------
     points, normals : (n, 3) m and unit
-    trust : (n,) 0..1
+    confidence : (n,) 0..1
     radius : m, of the sphere, or of the virtual one where the record has none
     visited : (k, 3) m, where the sphere's centre has been without touching, dense along its way
     table : m, or None when the object is seen from below as well
@@ -35,7 +35,7 @@ class Touches:
 
     points: np.ndarray
     normals: np.ndarray
-    trust: np.ndarray
+    confidence: np.ndarray
     radius: float
     visited: np.ndarray
     table: float | None
@@ -53,10 +53,10 @@ class Touches:
 def prepare(record: TouchRecord, spacing: float) -> Touches:
     """Check a record and fill in what it lacks; `spacing` [m] is the step along the free path.
 
-    Raises InputError for points that span no solid, or fewer than 4 of them with a normal and trust.
+    Raises InputError for points that span no solid, or fewer than 4 of them with a normal and confidence.
     """
-    without = [name for name in ("trust", "normals") if getattr(record, name) is None]
-    points, normals, trust = _usable(record)
+    without = [name for name in ("confidence", "normals") if getattr(record, name) is None]
+    points, normals, confidence = _usable(record)
     radius = _radius(record, points, without)
     centres = points + radius * normals
     seen_below = float(np.mean(normals[:, 2] < _UNDERSIDE)) > 0.02
@@ -67,34 +67,34 @@ def prepare(record: TouchRecord, spacing: float) -> Touches:
         without.append("free path")
     noise = float(np.hypot(_RAW_NOISE, record.resolution / np.sqrt(12.0)))
     normal_noise = _NORMAL_NOISE if record.normals is not None else _GUESSED_NORMAL_NOISE
-    return Touches(points, normals, trust, radius, visited, table, lowest, noise, normal_noise, without)
+    return Touches(points, normals, confidence, radius, visited, table, lowest, noise, normal_noise, without)
 
 
 def _usable(record: TouchRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows with a normal and some trust, their unit normals and trust; estimated normals where there are none."""
+    """Points with normal and confidence, their unit normals and confidence; estimated normals where there are none."""
     points = finite_points(record.points)
     solid_points(points)
-    trust = np.ones(len(points)) if record.trust is None else np.nan_to_num(record.trust, nan=0.0)
+    confidence = np.ones(len(points)) if record.confidence is None else np.nan_to_num(record.confidence, nan=0.0)
     normals = record.normals
     if normals is None:
         pitch = line_pitch(points, record.resolution)
-        points, trust = _thinned(points, trust, 0.2 * pitch)
+        points, confidence = _thinned(points, confidence, 0.2 * pitch)
         normals = estimate_normals(points, pitch)
     length = np.linalg.norm(normals, axis=1)
-    kept = np.isfinite(length) & (length > 1e-9) & (trust > 0.0)
+    kept = np.isfinite(length) & (length > 1e-9) & (confidence > 0.0)
     if np.count_nonzero(kept) < 4:
-        raise InputError("normals", f"{np.count_nonzero(kept)} contacts with a normal and trust", "at least 4")
+        raise InputError("normals", f"{np.count_nonzero(kept)} contacts with a normal and confidence", "at least 4")
     solid_points(points[kept])
-    return points[kept], normals[kept] / length[kept, None], np.clip(trust[kept], 0.0, 1.0)
+    return points[kept], normals[kept] / length[kept, None], np.clip(confidence[kept], 0.0, 1.0)
 
 
-def _thinned(points: np.ndarray, trust: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean point and trust of each cell: where the sphere rolls over an edge, hundreds of contacts share one place."""
+def _thinned(points: np.ndarray, confidence: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean point and confidence of each cell. Where the sphere rolls over an edge, hundreds of contacts coincide."""
     _, cell = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)
     mean = np.stack([np.bincount(cell, points[:, m]) for m in range(3)], axis=1) / count[:, None]
-    return mean, np.bincount(cell, trust) / count
+    return mean, np.bincount(cell, confidence) / count
 
 
 def _radius(record: TouchRecord, points: np.ndarray, without: list[str]) -> float:

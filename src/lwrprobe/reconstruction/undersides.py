@@ -22,7 +22,7 @@ _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degre
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
 _GROWTH = 0.03  # m of standard deviation a metre from the nearer end
 _NORMAL_SD = 0.1  # rad
-_MOST = 600  # contacts that face down, of many
+_MAX_SAMPLES = 600  # contacts that face down, of many
 
 
 def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
@@ -31,8 +31,8 @@ def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> Hermi
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines.
     """
     down = touches.normals[:, 2] < 0.7 * _DOWN
-    low = np.flatnonzero(supported(down, down, touches.points, touches.normals, touches.trust, touches.radius))
-    low = low[:: len(low) // _MOST + 1]
+    low = np.flatnonzero(supported(down, down, touches.points, touches.normals, touches.confidence, touches.radius))
+    low = low[:: len(low) // _MAX_SAMPLES + 1]
     if len(low) < 2:
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     feet = clusters.points - touches.radius * clusters.normals

@@ -91,8 +91,8 @@ class Run:
         record = found.record
         assert record.normals is not None
         assert record.times is not None
-        assert record.trust is not None
-        contacts = Contacts(record.points, record.normals, found.force, record.times, record.trust)
+        assert record.confidence is not None
+        contacts = Contacts(record.points, record.normals, found.force, record.times, record.confidence)
         summary = found.summary
         if summary is None:
             summary = Summary(

@@ -208,5 +208,5 @@ def contacts_of(recorder: Recorder) -> Contacts:
         recorder.normals(),
         np.array([contact.magnitude for contact in contacts]),
         np.array([contact.time for contact in contacts]),
-        np.array([contact.trust for contact in contacts]),
+        np.array([contact.confidence_score for contact in contacts]),
     )

@@ -1,6 +1,6 @@
 """Scene files, shapes with ground truth, the built-in scene library."""
 
-from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene.actual_scene import widened_area
 from lwrprobe.scene.library import profile_names, scene_names
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.scene_file import json_schema, load_scene, scene_content, write_scene
@@ -12,6 +12,6 @@ __all__ = [
     "profile_names",
     "scene_content",
     "scene_names",
-    "with_room",
+    "widened_area",
     "write_scene",
 ]

@@ -44,7 +44,7 @@ def actual_scene(scene: Scene) -> Scene:
     )
 
 
-def with_room(scene: Scene) -> Scene:
+def widened_area(scene: Scene) -> Scene:
     """The scene with its area widened so that it holds the objects wherever `[truth]` may put them, and off the table.
 
     The area's floor rises to where the sphere stays off the table by three standard deviations of all that raises the

@@ -18,7 +18,7 @@ from lwrprobe.scene.solid_kernels import contains_batch, nearest_batch
 
 _BESIDE = 5e-5  # m, how close grid lines lie to a level face
 _HAIR = 0.02  # of a cell's size: an edge may cut a mixed cell's corner by less than can be found
-_MOST = 16  # corners' coordinates that get lines of their own, per axis
+_MAX_STEPS = 16  # corners' coordinates that get lines of their own, per axis
 
 
 def contour(numbers: np.ndarray, indices: np.ndarray, levels: list[np.ndarray], cell: float) -> TriangleMesh:
@@ -44,7 +44,7 @@ def _grid(numbers: np.ndarray, indices: np.ndarray, levels: list[np.ndarray], ce
         level = level[(level >= lower[axis] - 1e-9) & (level <= upper[axis] + 1e-9)]
         sharp = _distinct(corners[:, axis]) if count else np.empty(0)
         sharp = sharp[np.abs(sharp[:, None] - level).min(axis=1) > _BESIDE] if len(sharp) else sharp
-        sharp = sharp if len(sharp) <= _MOST else np.empty(0)
+        sharp = sharp if len(sharp) <= _MAX_STEPS else np.empty(0)
         beside = min(_BESIDE, np.diff(level).min() / 3.0)
         stops = np.sort(np.concatenate([level - beside, level + beside, sharp, sharp - beside, sharp + beside]))
         pieces = [np.linspace(a, b, max(int(np.ceil((b - a) / cell)), 1) + 1)[1:] for a, b in pairwise(stops)]

@@ -213,7 +213,7 @@ def _half_space(shape: HalfSpace, part: int, frame: np.ndarray) -> Primitive:
 
 def _blend(shape: Blend, part: int, frame: np.ndarray) -> Primitive:
     rows = [(*_moved(b.centre, frame), b.radius, 1.0) for b in shape.balls]
-    rows += [(*_moved(b.centre, frame), b.radius, -1.0) for b in shape.dents]
+    rows += [(*_moved(b.centre, frame), b.radius, -1.0) for b in shape.hollows]
     balls = np.array(rows)
     solid = balls[: len(shape.balls)]
     # The soft minimum of n equal values lies k log n below them: the blend swells by no more than that.

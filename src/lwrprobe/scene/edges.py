@@ -127,13 +127,13 @@ class Tracer:
         return curves
 
     def _follow(self, i: int, j: int, seed: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, bool]:
-        room = np.empty((20_000, 3))
-        count, closed = follow_curve(*self.packed, i, j, seed, _STEP, box, room)
-        forth = room[:count].copy()
+        buffer = np.empty((20_000, 3))
+        count, closed = follow_curve(*self.packed, i, j, seed, _STEP, box, buffer)
+        forth = buffer[:count].copy()
         if closed:
             return forth, True
-        count, _ = follow_curve(*self.packed, i, j, seed, -_STEP, box, room)
-        return np.concatenate([room[1:count][::-1], forth]), False
+        count, _ = follow_curve(*self.packed, i, j, seed, -_STEP, box, buffer)
+        return np.concatenate([buffer[1:count][::-1], forth]), False
 
     def _seeds(self, i: int, j: int, box: np.ndarray) -> np.ndarray:
         net = _net(self.surfaces[i], box)

@@ -27,7 +27,7 @@ from lwrprobe.scene.program import (
     MESHES,
 )
 
-_ROOM = 64  # nodes of a tree on the way
+_STACK_SIZE = 64  # nodes of a tree on the way
 _SAME_DIRECTION = 0.966  # cosine of 15 degrees: facets of one smooth hollow count as one contact
 
 
@@ -105,8 +105,8 @@ def _nearest_triangle(numbers, indices, m, x, y, z):
     best, face, feature = np.inf, -1, 0
     bx, by, bz = np.nan, np.nan, np.nan
     boxes, nodes = mesh_offset(indices, m, MESH_NODE_BOXES), mesh_offset(indices, m, MESH_NODES)
-    stack = np.empty(_ROOM, np.int64)
-    gaps = np.empty(_ROOM)
+    stack = np.empty(_STACK_SIZE, np.int64)
+    gaps = np.empty(_STACK_SIZE)
     stack[0], gaps[0], top = 0, 0.0, 1
     while top > 0:
         top -= 1
@@ -126,7 +126,7 @@ def _nearest_triangle(numbers, indices, m, x, y, z):
         if a < b:  # the nearer one on top
             left, right, a, b = right, left, b, a
         for child, gap in ((left, a), (right, b)):
-            if gap < best and top < _ROOM:
+            if gap < best and top < _STACK_SIZE:
                 stack[top], gaps[top] = child, gap
                 top += 1
     return best, bx, by, bz, face, feature
@@ -148,7 +148,7 @@ def mesh_contacts(numbers, indices, m, centre, radius, contacts, count):
     """
     begin, (x, y, z) = count, centre
     boxes, nodes = mesh_offset(indices, m, MESH_NODE_BOXES), mesh_offset(indices, m, MESH_NODES)
-    stack = np.empty(_ROOM, np.int64)
+    stack = np.empty(_STACK_SIZE, np.int64)
     stack[0], top = 0, 1
     while top > 0:
         top -= 1

@@ -25,7 +25,7 @@ SURFACE_BALLS = 10
 SURFACE_GROUP = 12
 
 # Sections. Header entries: rows, offset into numbers, offset into indices.
-SURFACES = 0  # numbers: as above, then all balls: centre (3), radius, +1 for a ball or -1 for a dent
+SURFACES = 0  # numbers: as above, then all balls: centre (3), radius, +1 for a ball or -1 for a hollow
 TREE = 3  # indices: operation, first, last; the solid in reverse Polish notation
 STEPS = 6  # indices, right after the header: surface, next step when inside it, next step when outside it
 CHAINS = 9  # numbers: bounding sphere (4); indices: first edge, last edge, surfaces (2), signs (2), convex, kind

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from lwrprobe.contracts import SceneError, UnknownNameError
 from lwrprobe.errors import nearest
 from lwrprobe.scene import library
-from lwrprobe.scene.actual_scene import with_room
+from lwrprobe.scene.actual_scene import widened_area
 from lwrprobe.scene.calibrated_scene import calibration_of
 from lwrprobe.scene.random_scene import random_scene
 from lwrprobe.scene.scene import Scene
@@ -37,7 +37,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     profile : a built-in profile (`thesis`) or a file
 
     A calibration that is named in `overrides` and not in the file is looked for in the working folder.
-    A `[truth]` that moves the objects widens the area (`actual_scene.with_room`).
+    A `[truth]` that moves the objects widens the area (`actual_scene.widened_area`).
 
     Raises SceneError for wrong content and UnknownNameError for a name that is neither built in
     nor a file.
@@ -56,7 +56,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
     _resolve_calibration(content, path)
-    loaded = with_room(_validate(content, path.name))
+    loaded = widened_area(_validate(content, path.name))
     calibration_of(loaded)
     return loaded
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar, get_args
 
-from pydantic import Field, model_validator
+from pydantic import AliasChoices, Field, model_validator
 
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
 
@@ -81,15 +81,15 @@ class Ball(Table):
 
 
 class Blend(ShapeTable):
-    """A smooth union of balls, less a smooth union of other balls (`dents`).
+    """A smooth union of balls, less a smooth union of other balls (`hollows`).
 
     With d_i the signed distance to ball i and k the smoothing length, the body is the set where
-    s(p) = -k log sum exp(-d_i/k) is negative; each dent b turns s into k log(exp(s/k) + exp(-d_b/k)).
+    s(p) = -k log sum exp(-d_i/k) is negative; each hollow b turns s into k log(exp(s/k) + exp(-d_b/k)).
     """
 
     shape: Literal["blend"]
     balls: tuple[Ball, ...] = Field(strict=False, min_length=1)
-    dents: tuple[Ball, ...] = Field(default=(), strict=False)
+    hollows: tuple[Ball, ...] = Field(default=(), strict=False, validation_alias=AliasChoices("hollows", "dents"))
     smoothing: Length = 0.004
 
 

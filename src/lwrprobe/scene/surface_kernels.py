@@ -217,11 +217,11 @@ def _kkt_step(a, b, c, d, e, f, gx, gy, gz, rx, ry, rz, value):
 
 @kernel
 def _blend(numbers, k, x, y, z):
-    """Value and gradient of a blend: soft minimum over balls, soft maximum with the dents turned inside out."""
+    """Value and gradient of a blend: soft minimum over balls, soft maximum with the hollows turned inside out."""
     first, last = blend_rows(numbers, k)
     smoothing = numbers[SURFACE_NUMBERS * k + 6]
     s, gx, gy, gz = _soft_minimum(numbers, first, last, smoothing, x, y, z)
-    if not _has_dents(numbers, first, last):
+    if not _has_hollows(numbers, first, last):
         return s, gx, gy, gz
     top = s
     for row in range(first, last, BALL_NUMBERS):
@@ -277,7 +277,7 @@ def _blend_hessian(numbers, k, x, y, z):
             xy, xz, yz = xy + outer * nx * ny, xz + outer * nx * nz, yz + outer * ny * nz
     xx, yy, zz = xx / total + gx * gx / smoothing, yy / total + gy * gy / smoothing, zz / total + gz * gz / smoothing
     xy, xz, yz = xy / total + gx * gy / smoothing, xz / total + gx * gz / smoothing, yz / total + gy * gz / smoothing
-    if not _has_dents(numbers, first, last):
+    if not _has_hollows(numbers, first, last):
         return xx, xy, xz, yy, yz, zz
     value, hx, hy, hz = _blend(numbers, k, x, y, z)
     weight = np.exp((s - value) / smoothing)
@@ -303,8 +303,8 @@ def blend_rows(numbers, k):
 
 
 @kernel
-def _has_dents(numbers, first, last):
-    return last > first and numbers[last - 1] < 0.0  # dents come last
+def _has_hollows(numbers, first, last):
+    return last > first and numbers[last - 1] < 0.0  # hollows come last
 
 
 @kernel

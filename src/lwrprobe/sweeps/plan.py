@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lwrprobe import __version__
 from lwrprobe.errors import InputError, SceneError
 
-MOST_RUNS = 1_000_000
+MAX_RUNS = 1_000_000
 
 Names = Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
 
@@ -106,8 +106,8 @@ def read_plan(file: str | Path) -> list[SweepTask]:
     if len(set(names)) < len(names):
         raise SceneError(f"{path.name}: variant", names, "different names")
     count = len(plan.scenes) * len(plan.strategies) * len(plan.profiles) * len(variants) * len(seeds)
-    if count > MOST_RUNS:
-        raise SceneError(f"{path.name}", f"{count} runs", f"at most {MOST_RUNS}")
+    if count > MAX_RUNS:
+        raise SceneError(f"{path.name}", f"{count} runs", f"at most {MAX_RUNS}")
     scenes = [_resolved(scene, path.parent) for scene in plan.scenes]
     return [
         SweepTask(scene, strategy, profile, variant.name, seed, (*plan.set, *variant.set))

@@ -116,7 +116,7 @@ class CartesianTrajectory:
             raise InputError("hold_seconds", hold_seconds, "a positive number")
         if pose is not None:
             self._accept(pose)
-        mode = k.FEED if pose is None else k.FEED_AND_TURN
+        mode = k.VELOCITY if pose is None else k.VELOCITY_AND_TURN
         if not self._is_new(mode, *numbers):
             self._hold = self._time + hold_seconds
             self._event = min(self._event, self._hold)
@@ -129,7 +129,7 @@ class CartesianTrajectory:
             numbers = [share * number for number in numbers]
         self._wanted = numbers
         self._asked = (min(size, self.limits.speed) or self.limits.speed, self.limits.turn_rate)
-        self._mode, self._hold, self._stops = mode, hold_seconds, mode == k.FEED and size == 0.0
+        self._mode, self._hold, self._stops = mode, hold_seconds, mode == k.VELOCITY and size == 0.0
         return self._begin()
 
     def stop(self) -> int:
@@ -215,7 +215,7 @@ class CartesianTrajectory:
 
     def _is_new(self, mode: int, *numbers: float) -> bool:
         """Whether this aim, with the pose in `_given` where the mode has one, differs from the last one asked for."""
-        asked_for = (mode, *numbers, b"" if mode == k.FEED else self._given[:16].tobytes())
+        asked_for = (mode, *numbers, b"" if mode == k.VELOCITY else self._given[:16].tobytes())
         new = asked_for != self._asked_for
         self._asked_for = asked_for
         return new
@@ -236,7 +236,7 @@ class CartesianTrajectory:
         return self.status
 
     def _act(self) -> int:
-        """What happens besides going on: the end of the plan, of a feed, of a bend, or another try."""
+        """What happens besides going on: the end of the plan, of a velocity command, of a bend, or another try."""
         if self._time >= self._hold:
             self._give_up()
             return self._begin()
@@ -259,7 +259,7 @@ class CartesianTrajectory:
 
     def _brake(self) -> None:
         """Slow down: by the planner where it can, in closed form where it cannot."""
-        if self._solve(self._halt, k.FEED) == k.UNFIT:
+        if self._solve(self._halt, k.VELOCITY) == k.UNFIT:
             k.brake(self._state, self._halt, self._plan, self._spare, self._facts)
         self._adopt(braking=True)
 
@@ -315,13 +315,13 @@ class CartesianTrajectory:
             return Status.TOO_FAST
         if self._braking:
             return Status.YIELDING
-        return Status.MOVING if self._mode == k.TO_GOAL else Status.FEEDING
+        return Status.MOVING if self._mode == k.TO_GOAL else Status.TRACKING_VELOCITY
 
     def _give_up(self) -> None:
         """The aim is to stop."""
         self._asked_for = None
         self._wanted = _NO_VELOCITY
-        self._mode, self._hold, self._stops = k.FEED, inf, True
+        self._mode, self._hold, self._stops = k.VELOCITY, inf, True
         self._aim[k.AIM_VELOCITY :] = self._halt[k.AIM_VELOCITY :]
 
     def _rest(self, at_goal: bool) -> None:
@@ -337,8 +337,8 @@ class CartesianTrajectory:
         """Call every kernel once, so that none is compiled or fetched from the cache while the arm moves."""
         request, facts, handed = self._request, self._facts, self._handed
         self._accept(np.eye(4))
-        self._prepare = entry(k.prepare, self._state, self._halt, k.FEED, self._spare, request, facts, handed)
-        self._prepare(self._state, self._halt, k.FEED, self._spare, request, facts, handed)
+        self._prepare = entry(k.prepare, self._state, self._halt, k.VELOCITY, self._spare, request, facts, handed)
+        self._prepare(self._state, self._halt, k.VELOCITY, self._spare, request, facts, handed)
         natural_units(request)
         k.hand_over(request, facts, handed)
         k.load_tip(self._spare, request, facts, self._nothing)
@@ -370,6 +370,6 @@ def _planners() -> list[list[tuple[Planner, Planner]]]:
     alone = Planner([ALONE] * 6, [False] * 6)
     straight = (Planner([TOGETHER] * 6, [False] * 6), alone)
     bent = (Planner([SAME_TIME, ALONE, ALONE] * 2, [False] * 6), alone)
-    feed = (Planner([ALONE] * 6, [True] * 6),) * 2
-    feed_and_turn = (Planner([ALONE] * 6, [True] * 3 + [False] * 3),) * 2
-    return [[straight, straight, bent], [feed] * 3, [feed_and_turn] * 3]
+    velocity = (Planner([ALONE] * 6, [True] * 6),) * 2
+    velocity_and_turn = (Planner([ALONE] * 6, [True] * 3 + [False] * 3),) * 2
+    return [[straight, straight, bent], [velocity] * 3, [velocity_and_turn] * 3]

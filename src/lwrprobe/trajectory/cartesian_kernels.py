@@ -51,7 +51,7 @@ STATE_MOTION = 16
 STATE_SCRATCH = STATE_MOTION + 12
 STATE_SIZE = STATE_SCRATCH + 9
 
-# aim: goal pose (4, 4), velocity to feed, then the limits of both groups (speed, acceleration, jerk)
+# aim: goal pose (4, 4), velocity to track, then the limits of both groups (speed, acceleration, jerk)
 AIM_VELOCITY, AIM_LIMITS = 16, 19
 AIM_SIZE = AIM_LIMITS + 6
 
@@ -63,7 +63,7 @@ PLAN_JERKS = PLAN_REFERENCE + 9
 PLAN_SIZE = PLAN_JERKS + 6
 
 # modes, and what a request can be
-TO_GOAL, FEED, FEED_AND_TURN = 0, 1, 2
+TO_GOAL, VELOCITY, VELOCITY_AND_TURN = 0, 1, 2
 SETTLED, STRAIGHT, BENT, UNFIT = 0, 1, 2, 3
 
 SHARES = (0.1, 0.2, 0.35, 0.5, 0.7071, 0.85, 0.95)
@@ -83,7 +83,7 @@ def prepare(state, aim, mode, plan, request, facts, handed):
     facts[TOO_FAST] = 0.0
     worst = SETTLED
     for group in range(0, 6, 3):
-        to_goal = mode == TO_GOAL or (mode == FEED_AND_TURN and group == 3)
+        to_goal = mode == TO_GOAL or (mode == VELOCITY_AND_TURN and group == 3)
         worst = max(worst, fit(state, aim, to_goal, group, plan, request, facts))
     if worst == STRAIGHT:
         keep_in_phase(request)
@@ -138,7 +138,7 @@ def fit(state, aim, to_goal, group, plan, request, facts):
     at = AIM_LIMITS + group
     speed, accel, jerk = aim[at], aim[at + 1], aim[at + 2]
     way = state[STATE_SCRATCH : STATE_SCRATCH + 9].reshape(3, 3)
-    way_left(state, aim, to_goal, group, plan, way)
+    remaining_motion(state, aim, to_goal, group, plan, way)
     frame = frame_of(plan, group)
     align(way, to_goal, speed, accel, frame)
     for line in range(3):
@@ -162,7 +162,7 @@ def fit(state, aim, to_goal, group, plan, request, facts):
 
 
 @kernel
-def way_left(state, aim, to_goal, group, plan, way):
+def remaining_motion(state, aim, to_goal, group, plan, way):
     """Rows of `way`: what is left (way or change of velocity), velocity, acceleration."""
     at = STATE_MOTION + 2 * group
     for i in range(3):
@@ -454,9 +454,9 @@ def advance(plan, time, state):
 
 
 @kernel
-def preview(plan, time, seconds, speed, turn_rate, scout, poses, pace):
+def preview(plan, time, seconds, speed, turn_rate, scout, poses, usage):
     """Evaluate the plan at even steps ahead: poses (m, 4, 4), and speed over `speed` or rate over `turn_rate`."""
-    m = pace.size
+    m = usage.size
     for n in range(m):
         advance(plan, time + seconds * n / (m - 1), scout)
         for i in range(3):
@@ -468,7 +468,7 @@ def preview(plan, time, seconds, speed, turn_rate, scout, poses, pace):
         for i in range(STATE_MOTION, STATE_MOTION + 3):
             v += scout[i] * scout[i]
             w += scout[i + 6] * scout[i + 6]
-        pace[n] = max(sqrt(v) / speed, sqrt(w) / turn_rate)
+        usage[n] = max(sqrt(v) / speed, sqrt(w) / turn_rate)
 
 
 @kernel

@@ -152,11 +152,11 @@ class JointTrajectory:
 
     def _halt(self) -> bool:
         """A stop inside the position limits: the shortest one, else one that swings back from the limit."""
-        found, room = self._settle(self._stopper), 0.0
-        while found == k.OUTSIDE and room < 1e3:
-            k.aim_inside(self._spare, self._bounds, self._state, room, self._refuge)
+        found, margin = self._settle(self._stopper), 0.0
+        while found == k.OUTSIDE and margin < 1e3:
+            k.aim_inside(self._spare, self._bounds, self._state, margin, self._refuge)
             k.prepare_goal(self._state, self._refuge, self._bounds, 1.0, self._request, self._facts, self._handed)
-            found, room = self._settle(self._alone), max(1.0, 2.0 * room)
+            found, margin = self._settle(self._alone), max(1.0, 2.0 * margin)
         return found == k.INSIDE
 
     def _solve(self, planner: Planner) -> int:

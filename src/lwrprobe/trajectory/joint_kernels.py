@@ -84,10 +84,10 @@ def prepare_axes(state, bounds, kind, factor, request, facts, handed):
 
 
 @kernel
-def aim_inside(plan, bounds, state, room, goal):
-    """Where the stop in `plan` ends, moved into the position limits by `room` times each joint's jerk distance."""
+def aim_inside(plan, bounds, state, margin, goal):
+    """Where the stop in `plan` ends, moved into the position limits by `margin` times each joint's jerk distance."""
     for i in range(goal.size):
-        inner = room * bounds[ACCEL, i] ** 3 / bounds[JERK, i] ** 2
+        inner = margin * bounds[ACCEL, i] ** 3 / bounds[JERK, i] ** 2
         inner = min(inner, 0.5 * (bounds[UPPER, i] - bounds[LOWER, i]))
         end = state[ORIGIN, i] + plan[i * ROW + POSITION + LAST]
         goal[i] = min(max(end, bounds[LOWER, i] + inner), bounds[UPPER, i] - inner)

@@ -94,7 +94,7 @@ def natural_units(request):
         j, second = request[MAX_JERK, i], abs(request[SECOND, i])
         time = longest_time(request, i) / LONGEST
         if request[MOVES, i] == TO_POSITION:
-            way = longest_way(request, i)
+            way = longest_path(request, i)
             time = max(time, (way / j) ** (1.0 / 3.0))
         else:
             change = abs(request[TARGET, i] - request[RATE, i]) + second**2 / j
@@ -104,7 +104,7 @@ def natural_units(request):
 
 
 @kernel
-def longest_way(request, i):
+def longest_path(request, i):
     """Upper bound of the order of the way to a position and of the detour that the present motion makes."""
     a, j, rate = request[MAX_SECOND, i], request[MAX_JERK, i], abs(request[RATE, i])
     return abs(request[TARGET, i]) + rate * (rate / a + (rate / j) ** 0.5) + abs(request[SECOND, i]) ** 3 / j**2
@@ -119,7 +119,7 @@ def longest_time(request, i):
         rate += abs(request[TARGET, i])
     time = second / j + rate / a + 2.0 * (rate / j) ** 0.5
     if request[MOVES, i] == TO_POSITION:
-        way = longest_way(request, i)
+        way = longest_path(request, i)
         time += way / v + 2.0 * (way / a) ** 0.5 + 4.0 * (way / j) ** (1.0 / 3.0)
     return time
 

@@ -12,7 +12,7 @@ class TrajectoryStatus(IntEnum):
     """No motion: at the goal (`arrived`), or after a stop."""
     MOVING = 1
     """On the way to the goal."""
-    FEEDING = 2
+    TRACKING_VELOCITY = 2
     """Keeping, or turning to, the velocity fed."""
     STOPPING = 3
     """Coming to rest, jerk-limited."""

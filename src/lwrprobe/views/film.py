@@ -122,10 +122,10 @@ class _Pictures:
             record = run.record
             free = run.trace[(run.trace[:, 5] == 0.0) & (run.trace[:, 0] <= time), 1:4]
             normals = None if record.normals is None else record.normals[:n]
-            trust = None if record.trust is None else record.trust[:n]
+            confidence = None if record.confidence is None else record.confidence[:n]
             part = TouchRecord(
-                record.points[:n], normals=normals, trust=trust, free_path=free, probe_radius=record.probe_radius,
-                table=record.table, lowest=record.lowest, pitch=record.pitch,
+                record.points[:n], normals=normals, confidence=confidence, free_path=free,
+                probe_radius=record.probe_radius, table=record.table, lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
             try:
                 made = reconstruct(part, scene.reconstruction.method, **scene.reconstruction.options).mesh

@@ -104,7 +104,7 @@ def _of_run(folder: Path) -> Playback:
     scene, robot = run.scene, robot_of(run.scene)
     record = run.record
     assert record.normals is not None
-    assert record.trust is not None
+    assert record.confidence is not None
     if any((folder / "bag").glob("*.mcap")):
         found = _of_bag(folder)
         times, joints, tips = found.times, found.joints, found.tips
@@ -121,7 +121,7 @@ def _of_run(folder: Path) -> Playback:
     voxels = VoxelMap.read(folder / "map.bt") if (folder / "map.bt").is_file() else None
     simulated = run.summary is None or run.summary.link_collisions is not None
     return Playback(
-        scene, robot, times, joints, tips, record.points, record.normals, run.times, run.force, record.trust,
+        scene, robot, times, joints, tips, record.points, record.normals, run.times, run.force, record.confidence,
         _truth(scene, simulated), mesh, voxels, goals, clearances, states,
     )  # fmt: skip
 

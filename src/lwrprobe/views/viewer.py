@@ -20,7 +20,7 @@ MAP_EVERY = 2.0
 """s between two pictures of its map."""
 POINT, VOXEL = 0.0009, 0.8
 """m of a contact; share of a voxel that a cube fills."""
-MOST_VOXELS = 60_000
+MAX_VOXELS = 60_000
 COLOURS: dict[str, Ramp] = {"force": ERROR, "age": HEIGHT, "confidence": ERROR}
 
 _ARM, _PROBE, _OBJECT, _MESH = (198, 203, 209), (70, 90, 110), (120, 158, 199), (250, 168, 82)
@@ -226,7 +226,7 @@ class Viewer:
     def _map(self, voxels: VoxelMap) -> None:
         self._cloud("occupied", voxels.centres(), _OCCUPIED, VOXEL * voxels.resolution)
         free = voxels.free_centres()
-        self._cloud("free", free[:: len(free) // MOST_VOXELS + 1], _FREE, 0.3 * voxels.resolution)
+        self._cloud("free", free[:: len(free) // MAX_VOXELS + 1], _FREE, 0.3 * voxels.resolution)
 
     def _cloud(self, name: str, points: np.ndarray, colours: Any, size: float) -> None:
         visible = self._handles[f"box {name}"].value if f"box {name}" in self._handles else name == "points"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Area
+from lwrprobe.mapping import path_corners
 
 SPACING = 0.001
 """m between two places that are kept."""
@@ -23,8 +24,8 @@ GAP = 0.004
 """m in height between two places of the sphere, up to which nothing fits in between (the waist of two spheres)."""
 LIFT = 0.001
 """m off a surface, at which a path along it is driven back."""
-CHORD = 0.0003
-"""m by which a path that is driven back may cut its corners."""
+CHORD, TURN = 0.0003, 0.05
+"""m, and change of the stick's direction, by which a path that is driven back may cut its corners."""
 BROKEN = 0.01
 """m between two places in a row, above which nobody saw how the probe came from one to the other."""
 SHORT = 0.15
@@ -111,7 +112,7 @@ class FreeSpace:
         steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
         return bool(len(places) and steps.max() <= GAP)
 
-    def way_back(self, distance: float = np.inf) -> list[Pose] | None:
+    def return_path(self, distance: float = np.inf) -> list[Pose] | None:
         """Back the way the probe came: for `distance` m, or to the latest open place; None where that is too far.
 
         Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
@@ -160,7 +161,7 @@ class FreeSpace:
     def _along(self, places: list[int]) -> list[Pose]:
         """The places with these indices, in this order; those that lie straight between others are left out."""
         rows = self._table()
-        kept = _corners(rows[places, 3:9])
+        kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
@@ -173,25 +174,3 @@ class FreeSpace:
         if new:
             self._known = np.concatenate([self._known, np.array(new)])
         return self._known
-
-
-def _corners(rows: np.ndarray) -> list[int]:
-    """Indices of the places (n, 6: place and direction of the stick) between which straight lines suffice."""
-    kept, spans = {0, len(rows) - 1}, [(0, len(rows) - 1)]
-    while spans:
-        first, last = spans.pop()
-        if last - first < 2:
-            continue
-        share = np.linspace(0.0, 1.0, last - first + 1)[1:-1, None]
-        way = rows[last, :3] - rows[first, :3]
-        inner = rows[first + 1 : last]
-        size = float(way @ way)
-        along = np.clip((inner[:, :3] - rows[first, :3]) @ way / size, 0.0, 1.0)[:, None] if size > 1e-12 else share
-        off = np.abs(inner[:, :3] - rows[first, :3] - along * way).max(axis=1)
-        turn = np.abs(inner[:, 3:] - rows[first, 3:] - along * (rows[last, 3:] - rows[first, 3:])).max(axis=1)
-        worst = int(np.argmax(off / CHORD + turn / 0.05))
-        if off[worst] > CHORD or turn[worst] > 0.05:
-            middle = first + 1 + worst
-            kept.add(middle)
-            spans += [(first, middle), (middle, last)]
-    return sorted(kept)

@@ -8,6 +8,8 @@ surface that faces the motion. It is not where the upright stick itself has stoo
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from lwrprobe.contracts import Area, Confidence, Contact, Doubt, Probe
@@ -36,24 +38,33 @@ class Overhangs:
     ----------
     area, probe : as in the task
     beside : m sideways from what was touched, within which more of the object may be
+
+    Attributes
+    ----------
+    found : some touch has shown that the object overhangs
     """
 
     def __init__(self, area: Area, probe: Probe, beside: float) -> None:
-        self._low = area.lower[:2] - beside
-        shape = tuple(np.ceil((area.upper[:2] + beside - self._low) / CELL).astype(int) + 1)
+        low = area.lower[:2] - beside
+        shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
+        self._low_x, self._low_y = low.tolist()
+        self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = np.full(shape, -np.inf), np.full(shape, -np.inf)
         self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
         self._normal = np.zeros((*shape, 2))
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
-        self._leaning, self._above, self._found = 0, 0, False
+        self._leaning, self._above, self.found = 0, 0, False
+        self._last_stood = (-1, -1), np.inf  # square and height
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
         x, y, z = pose[:3, 3].tolist()
         i, j = self._cell(x, y)
         if contact is None:
-            if -pose.item(2, 2) > UPRIGHT:
+            column, height = self._last_stood
+            if -pose.item(2, 2) > UPRIGHT and not (column == (i, j) and z >= height):
+                self._last_stood = (i, j), z
                 stood = self._stood[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
                 np.minimum(stood, z, out=stood)
             return
@@ -76,7 +87,7 @@ class Overhangs:
         self._add(*self._cell(place.item(0), place.item(1)), self.reach(place) + place.item(2))
 
     def _add(self, i: int, j: int, height: float) -> None:
-        self._found = True
+        self.found = True
         self._overhang[i, j] = max(self._overhang.item(i, j), height)
         self._touched[i, j] = max(self._touched.item(i, j), height)
 
@@ -86,7 +97,7 @@ class Overhangs:
 
     def ahead(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether the upright stick may meet one, for a sphere that goes from a place (3,) along a unit vector (3,)."""
-        if not self._found:
+        if not self.found:
             return False
         z, (i, j) = place.item(2), self._ahead(place, along)
         if self._overhang[_window(i, j, round(FAR * self._cells))].max() <= z:
@@ -100,7 +111,7 @@ class Overhangs:
         height.
         """
         z, (i, j) = place.item(2), self._ahead(place, along)
-        side = max(float(np.hypot(along.item(0), along.item(1))), 1e-9)
+        side = max(hypot(along.item(0), along.item(1)), 1e-9)
         near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
         return self._below_taller(z, i, j, near) and not self._faced(z, along, i, j)
 
@@ -116,13 +127,13 @@ class Overhangs:
     def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
         """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
         near = _window(i, j, round(FAR * self._cells))
-        facing = self._normal[near] @ along[:2] < -FACING * np.hypot(along.item(0), along.item(1))
+        facing = self._normal[near] @ along[:2] < -FACING * hypot(along.item(0), along.item(1))
         return bool((facing & (self._lowest[near] < z + 2.0 * self._probe.radius)).any())
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
-        i, j = int((x - self._low.item(0)) / CELL), int((y - self._low.item(1)) / CELL)
-        return min(max(i, 0), self._touched.shape[0] - 1), min(max(j, 0), self._touched.shape[1] - 1)
+        i, j = int((x - self._low_x) / CELL), int((y - self._low_y) / CELL)
+        return min(max(i, 0), self._last_i), min(max(j, 0), self._last_j)
 
 
 def _window(i: int, j: int, cells: int) -> tuple[slice, slice]:

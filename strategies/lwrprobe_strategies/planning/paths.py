@@ -41,7 +41,7 @@ Clear = Callable[[np.ndarray, np.ndarray], bool]
 """Whether an upright probe comes near nothing that was touched on the straight way between two places (3,)."""
 
 
-class Pace(Enum):
+class SpeedLimit(Enum):
     """How fast a piece of a path may be driven."""
 
     FREE = auto()
@@ -67,11 +67,11 @@ class Speeds:
     column: float
     guarded: Callable[[np.ndarray], float]
 
-    def at(self, pace: Pace, along: np.ndarray) -> float:
+    def at(self, speed_limit: SpeedLimit, along: np.ndarray) -> float:
         """m/s along a unit direction (3,)."""
-        if pace is Pace.FREE:
+        if speed_limit is SpeedLimit.FREE:
             return self.free
-        return self.column if pace is Pace.COLUMN else self.guarded(along)
+        return self.column if speed_limit is SpeedLimit.COLUMN else self.guarded(along)
 
 
 @dataclass(slots=True)
@@ -81,12 +81,12 @@ class Waypoint:
     Attributes
     ----------
     place : (3,) m, of the sphere's centre
-    pace : how fast
+    speed_limit : how fast
     rotation : (3, 3) of the tip to turn to meanwhile, None = as it is
     """
 
     place: np.ndarray
-    pace: Pace = Pace.FREE
+    speed_limit: SpeedLimit = SpeedLimit.FREE
     rotation: np.ndarray | None = None
 
     def reached(self, pose: np.ndarray) -> bool:
@@ -123,9 +123,9 @@ def path_to(
     above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
     if line.on_surface:
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        touch = Waypoint(start - (0.0, 0.0, HOVER), Pace.GUARDED)
-        return [*up, above, *_down_to(known, free, Pace.COLUMN), touch]
-    straight_down = [*up, above, *_down_to(start, free, Pace.GUARDED)]
+        touch = Waypoint(start - (0.0, 0.0, HOVER), SpeedLimit.GUARDED)
+        return [*up, above, *_down_to(known, free, SpeedLimit.COLUMN), touch]
+    straight_down = [*up, above, *_down_to(start, free, SpeedLimit.GUARDED)]
     paths = []
     column = _known_column(free, start, line.axis)
     if column is None:
@@ -133,17 +133,17 @@ def path_to(
     else:
         over = Waypoint(np.array([*column[:2], top]), rotation=turn)
         level = np.array([*start[:2], column[Z]])
-        beside = Pace.FREE if free.swept(column, level) else Pace.GUARDED
-        foot = [Waypoint(start, Pace.GUARDED)] if column[Z] - start[Z] > THERE else []
+        beside = SpeedLimit.FREE if free.swept(column, level) else SpeedLimit.GUARDED
+        foot = [Waypoint(start, SpeedLimit.GUARDED)] if column[Z] - start[Z] > THERE else []
         paths.append([*up, over, Waypoint(column), Waypoint(level, beside), *foot])
     back = free.back_to(start, BESIDE)
     if back is not None and np.abs(back[0][0] - here).max() < OWN_COLUMN and np.vdot(turn, back[-1][1]) > HELD:
-        paths.append([*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, Pace.GUARDED)])
+        paths.append([*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, SpeedLimit.GUARDED)])
     if line.axis == Y and abs(here[Y] - line.begin) <= BORDER:
         # Nothing should stand on the border; where something does, the area is cut through an object.
         level = np.array([start[X], start[Y], here[Z]])
-        along = [Waypoint(here, rotation=turn), Waypoint(level, Pace.GUARDED)]
-        along += [Waypoint(start, Pace.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
+        along = [Waypoint(here, rotation=turn), Waypoint(level, SpeedLimit.GUARDED)]
+        along += [Waypoint(start, SpeedLimit.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
         paths.append(along)
     for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
         if _clear_sideways(path, here, clear):
@@ -175,7 +175,7 @@ def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> boo
     """Whether a path from `here` (3,) leads sideways through the unknown only where that is clear."""
     for waypoint in path:
         sideways = np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN
-        if waypoint.pace is Pace.GUARDED and sideways and not clear(here, waypoint.place):
+        if waypoint.speed_limit is SpeedLimit.GUARDED and sideways and not clear(here, waypoint.place):
             return False
         here = waypoint.place
     return True
@@ -185,12 +185,12 @@ def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoi
     """Straight up from a place (3,) of the upright probe to another one: fast from where the sphere fits."""
     level = free.clear_down_to(float(here[X]), float(here[Y]))
     if level - here[Z] < GAP or level > there[Z]:
-        return [Waypoint(there, Pace.FREE if level - here[Z] < GAP else Pace.COLUMN)]
-    return [Waypoint(np.array([here[X], here[Y], level]), Pace.COLUMN), Waypoint(there)]
+        return [Waypoint(there, SpeedLimit.FREE if level - here[Z] < GAP else SpeedLimit.COLUMN)]
+    return [Waypoint(np.array([here[X], here[Y], level]), SpeedLimit.COLUMN), Waypoint(there)]
 
 
-def _down_to(there: np.ndarray, free: FreeSpace, below: Pace) -> list[Waypoint]:
-    """Straight down to a place (3,): fast as far as the sphere fits, at the pace `below` from there on."""
+def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Waypoint]:
+    """Straight down to a place (3,): fast as far as the sphere fits, at the limit `below` from there on."""
     level = max(free.clear_down_to(float(there[X]), float(there[Y])), float(there[Z]))
     fast = Waypoint(np.array([there[X], there[Y], level]))
     return [fast] if level - there[Z] < THERE else [fast, Waypoint(there, below)]
@@ -218,7 +218,7 @@ def seconds(path: list[Waypoint], here: np.ndarray, speeds: Speeds) -> float:
         step = waypoint.place - here
         length = float(np.sqrt(step @ step))
         if length > THERE:
-            time += length / speeds.at(waypoint.pace, step / length) + STOP
+            time += length / speeds.at(waypoint.speed_limit, step / length) + STOP
         here = waypoint.place
     return time
 

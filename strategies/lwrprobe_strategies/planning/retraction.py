@@ -7,7 +7,7 @@ import numpy as np
 from lwrprobe.contracts import Confidence, Observation
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.planning.paths import HELD, OFF, Pace, Waypoint
+from lwrprobe_strategies.planning.paths import HELD, OFF, SpeedLimit, Waypoint
 
 OWN_COLUMN = 0.9
 """Share of the way off a surface along the stick, from which on the way is free: the probe itself fills it."""
@@ -25,12 +25,12 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[
     own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
     reliable = seen.contact.confidence is Confidence.RELIABLE
     place = seen.pose[:3, 3] + (OFF if reliable else distance) * normal
-    return [Waypoint(place, Pace.FREE if own_column else Pace.GUARDED)]
+    return [Waypoint(place, SpeedLimit.FREE if own_column else SpeedLimit.GUARDED)]
 
 
-def way_back(seen: Observation, free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
+def return_path(seen: Observation, free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
     """Back the way the probe came: for `distance` m, or to where the way up is free."""
-    return [Waypoint(place, rotation=turn) for place, turn in free.way_back(distance) or []]
+    return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance) or []]
 
 
 def goes_up(seen: Observation, normal: np.ndarray, upright: np.ndarray) -> bool:

@@ -72,7 +72,7 @@ class LineScheduler:
         if not self._coming:
             return None
         line = self._coming.popleft()
-        if line.fallback is not None and self.hopeless(line):
+        if line.fallback is not None and self.blocked_before(line):
             return line.fallback
         return self._above(line)
 
@@ -92,7 +92,7 @@ class LineScheduler:
         if line.fallback is not None:
             self._given_up.append(line)
 
-    def hopeless(self, line: Line) -> bool:
+    def blocked_before(self, line: Line) -> bool:
         """Whether one like it had to be given up beside it."""
         return any(
             other.axis == line.axis

@@ -57,7 +57,7 @@ def _normal(back: np.ndarray, side: np.ndarray, lean: float, phi: float) -> np.n
     return None
 
 
-def way_round(
+def path_around(
     begin: np.ndarray, end: np.ndarray, begin_rotation: np.ndarray, end_rotation: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Normals (3,) and orientations (3, 3) of a way round a sphere, in steps of at most a radian.

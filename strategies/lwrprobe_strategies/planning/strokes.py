@@ -37,7 +37,7 @@ LEVELS = 0.008
 """m between the heights of outlines that are considered."""
 BELOW = 0.008
 """m under the top, down to which an outline would run along the top's rounded edge."""
-FORGIVEN = 0.3
+RETRY_WEIGHT = 0.3
 """Weight of what a stroke was to teach and did not, each time."""
 CELL = 0.006
 """m, of the cells in which that is remembered."""
@@ -130,7 +130,7 @@ class StrokePlanner:
     task: Task
     down: float
     across: float
-    _vain: dict[tuple[int, ...], float] = field(default_factory=dict)
+    _failed: dict[tuple[int, ...], float] = field(default_factory=dict)
     _driven: list[Line] = field(default_factory=list)
 
     def strokes(
@@ -145,7 +145,7 @@ class StrokePlanner:
         here : (3,) m, of the tip
         normal : (3,) unit, of the surface that is touched there; None where none is
         """
-        worth = faces.expected() * faces.areas * self._hope(faces)
+        worth = faces.expected() * faces.areas * self._success(faces)
         if not len(worth):
             return []
         found: list[Stroke] = []
@@ -187,14 +187,14 @@ class StrokePlanner:
             along = faces.centres[:, line.axis]
             beside = np.maximum(np.abs(beside), np.maximum(low - along, along - high))
         for key in set(self._cells(faces.centres[np.abs(beside) < 0.5 * faces.reach])):
-            self._vain[key] = FORGIVEN * self._vain.get(key, 1.0)
+            self._failed[key] = RETRY_WEIGHT * self._failed.get(key, 1.0)
 
-    def _hope(self, faces: Faces) -> np.ndarray:
-        """(n,) weight of each face, by how often it was to be touched nearby in vain."""
-        if not self._vain:
+    def _success(self, faces: Faces) -> np.ndarray:
+        """(n,) weight of each face, by how often it a touch nearby has failed."""
+        if not self._failed:
             return np.ones(len(faces.areas))
-        hope = np.array([self._vain.get(key, 1.0) for key in self._cells(faces.centres)])
-        return np.where(faces.distances > 0.6 * faces.reach, hope, 1.0)
+        success = np.array([self._failed.get(key, 1.0) for key in self._cells(faces.centres)])
+        return np.where(faces.distances > 0.6 * faces.reach, success, 1.0)
 
     @staticmethod
     def _cells(places: np.ndarray) -> list[tuple[int, ...]]:

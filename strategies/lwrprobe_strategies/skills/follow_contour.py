@@ -76,14 +76,14 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     """Along the tangent, and along the normal (3,) by the force law; with care where the stick may be met."""
     seen, task = tip.seen, tip.task
     here, held = seen.pose[:3, 3], seen.pose[:3, :3]
-    feed = task.contour_speed
+    sliding_speed = task.contour_speed
     if seen.contact is None or seen.contact.confidence is not Confidence.RELIABLE:
         # The stick may be what touches, and above the sphere nothing is known then.
-        feed = min(feed, tip.control.approach_speed(DOWN, held))
+        sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
     if careful:
-        feed = min(feed, tip.control.stick_speed(tip.overhangs.reach(here)))
-    feed = min(feed, tip.stick_limit(np.array(tip.control.tangent(frame.binormal()))))
+        sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
+    sliding_speed = min(sliding_speed, tip.stick_limit(np.array(tip.control.tangent(frame.binormal()))))
     force = max(float(seen.force @ normal), 0.0)
-    velocity = tip.control.velocity(normal, force, frame.binormal(), feed, held, tip.period)
+    velocity = tip.control.velocity(normal, force, frame.binormal(), sliding_speed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)
     return VelocityCommand(frame.bounded(here, velocity), reason=reason, pose=tip.turn())

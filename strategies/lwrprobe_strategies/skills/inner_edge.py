@@ -8,12 +8,12 @@ from lwrprobe.contracts import Confidence, Observation
 from lwrprobe.control import ContourControl
 
 MAX_FRICTION = 0.5
-"""Share of the normal force that may act against the feed before that means another surface."""
+"""Share of the normal force that may act against the sliding motion before that means another surface."""
 MEETS = 0.5
-"""Share of the wanted force, beyond friction, that acts against the feed when another surface is met."""
+"""Share of the wanted force, beyond friction, that acts against the sliding motion when another surface is met."""
 ALONE = 0.8
 """Cosine between a reliable normal and the met surface's, from which on that surface is touched alone."""
-EDGE_WAY = 0.001
+EDGE_PATH = 0.001
 """m from an inner edge, after which the surface met there is touched alone."""
 
 
@@ -30,7 +30,7 @@ class InnerEdge:
         self._met: tuple[np.ndarray, np.ndarray] | None = None
 
     def watch(self, seen: Observation, control: ContourControl, binormal: tuple[float, float, float]) -> None:
-        """A force against the feed that friction does not explain: another surface has been met, and is tracked."""
+        """A force against the motion that friction does not explain: another surface has been met, and is tracked."""
         if self._met is not None:
             return
         pressed = float(seen.force @ control.normal)
@@ -52,7 +52,7 @@ class InnerEdge:
             alone = bool(contact.normal @ normal > ALONE)
         else:
             alone = False
-        if not alone and np.abs(seen.pose[:3, 3] - place).max() < EDGE_WAY:
+        if not alone and np.abs(seen.pose[:3, 3] - place).max() < EDGE_PATH:
             return normal
         self._met = None
         return None

@@ -18,7 +18,7 @@ MAX_TIME = 3.0
 """s that a load may take; a surface that yields that far is none."""
 FREE = 0.1
 """N, below which nothing is pressed any more."""
-MIN_WAY = 2e-5
+MIN_PATH = 2e-5
 """m of a load on a surface that does not yield."""
 
 
@@ -84,7 +84,7 @@ def unload(tip: Tip, normal: np.ndarray, way: float, seconds: float) -> Procedur
     -------
     Ended.RELEASED
     """
-    speed = max(way, MIN_WAY) / seconds
+    speed = max(way, MIN_PATH) / seconds
     for _ in _until(tip, MAX_TIME):
         if float(tip.seen.force @ normal) < FREE:
             break

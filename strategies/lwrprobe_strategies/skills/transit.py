@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import Pace, Waypoint
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.skills.guarded_move import slowed
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
@@ -45,7 +45,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
         speed = speed_to(tip, waypoint, rotation)
         goal = Goal(pose, speed, transit.name)
         while True:
-            if waypoint.pace is Pace.GUARDED:
+            if waypoint.speed_limit is SpeedLimit.GUARDED:
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
             try:
                 yield goal
@@ -63,7 +63,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
 def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     """m/s on the way to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
     along = direction(tip.here, waypoint.place)
-    return min(tip.speeds(turn).at(waypoint.pace, along) for turn in (tip.seen.pose[:3, :3], rotation))
+    return min(tip.speeds(turn).at(waypoint.speed_limit, along) for turn in (tip.seen.pose[:3, :3], rotation))
 
 
 def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def slide_on_spiral(tip: Tip, pitch: float, radius: float) -> Procedure:
         binormal = (course[1] / hypot(*course), -course[0] / hypot(*course), 0.0)
         normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
         force = max(float(tip.seen.force @ normal), 0.0)
-        feed = 0.5 * tip.task.contour_speed if tip.seen.contact is not None else 0.0
-        velocity = tip.control.velocity(normal, force, binormal, feed, tip.seen.pose[:3, :3], tip.period)
+        sliding_speed = 0.5 * tip.task.contour_speed if tip.seen.contact is not None else 0.0
+        velocity = tip.control.velocity(normal, force, binormal, sliding_speed, tip.seen.pose[:3, :3], tip.period)
         yield VelocityCommand(velocity, reason=slide_on_spiral.name)
     return Ended.ARRIVED

@@ -1,9 +1,9 @@
 """Moving the tip by straight lines in joint space: the source's mode, in which the tip's own path bows.
 
 The class has the interface of `CartesianTrajectory` that the loop uses. A goal becomes joint values (inverse kinematics
-along the straight line to it, so that the arm stays on its branch) and the joints go there together. A feed becomes
-such a goal as far ahead as the tip gets while the feed holds, set anew at every call, as the source does it: so it
-stops by itself, and there is one generator, whose limits hold through every change from goals to feeds and back.
+along the straight line to it, so that the arm stays on its branch) and the joints go there together. A velocity command
+becomes such a goal as far ahead as the tip gets while the command holds, set anew at every call, as the source does it:
+it stops by itself. There is one generator, whose limits hold through every change from goals to velocities and back.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lwrprobe.kinematics import IKSolver, IKStatus, Robot, straight_line
 from lwrprobe.kinematics.path import axis_angle, rotations
 from lwrprobe.trajectory import CartesianLimits, JointTrajectory
 
-FORESIGHT = 0.1
+LOOK_AHEAD = 0.1
 """s, no velocity command is extrapolated further than that; a longer one is renewed meanwhile."""
 STRIDE, STRIDE_TURN = 0.02, 0.1
 """m and rad between the poses at which inverse kinematics follows the line to a goal."""
@@ -119,7 +119,7 @@ class JointSpaceTip:
 
     def step(self) -> None:
         """Advance by one cycle."""
-        if self._left > FORESIGHT:
+        if self._left > LOOK_AHEAD:
             self._left -= self.cycle
             self._aim_ahead()
         self._joints.step()
@@ -144,9 +144,9 @@ class JointSpaceTip:
         return IKStatus.CONVERGED
 
     def _aim_ahead(self) -> int:
-        """Aim at where the feed leads while it holds."""
+        """Aim at where the velocity command leads while it holds."""
         speed = float(np.sqrt(self._commanded @ self._commanded))
-        ahead = min(self._left, FORESIGHT)
+        ahead = min(self._left, LOOK_AHEAD)
         axis, angle = axis_angle(self.pose[:3, :3].T @ self._turn)
         if speed * ahead < 1e-9 and angle < 1e-9:
             self._joints.stop()

@@ -6,7 +6,7 @@ import numpy as np
 
 from lwrprobe.contracts.samples import Vector
 
-LEAST_MOTION = 1e-4
+MIN_MOTION = 1e-4
 """rad (m), length of a joint motion from which the arm's response can be measured."""
 
 
@@ -51,4 +51,4 @@ class LoopDelay:
     @property
     def arm(self) -> float | None:
         """s from a set point to the motion; None where the arm has not moved."""
-        return self._late / self._square if self._square > LEAST_MOTION**2 else None
+        return self._late / self._square if self._square > MIN_MOTION**2 else None

@@ -92,7 +92,7 @@ class Recovery:
         self._sample, self._silence = sample, silence
         self._confirm, self._message = confirm, message
         self._way: list[np.ndarray] = []
-        self._heard = 0.0
+        self._received = 0.0
         self._attempts = 0
         self.interruptions: list[Interruption] = []
 
@@ -141,14 +141,14 @@ class Recovery:
     def after_silence(self, cause: SensorSilent) -> None:
         """Retreat without a sensor and wait for it; raises SensorSilent where it stays silent."""
         begin = self._arm.time
-        self._heard = begin - self._silence.silent
+        self._received = begin - self._silence.silent
         self._message(f"interrupted: {cause}")
         self._pipeline.trajectory.stop()
         self._arm.finish_plan(1.0)
         self._retreat(self._safety.retreat)
         in_a_row = 0
         while in_a_row < BACK:
-            elapsed = self._arm.time - self._heard
+            elapsed = self._arm.time - self._received
             if elapsed > self._safety.sensor_wait:
                 allowed = self._safety.sensor_wait
                 raise SensorSilent(f"no usable wrench sample for {elapsed:.3f} s (allowed {allowed:.3f} s)")
@@ -267,7 +267,7 @@ class Recovery:
     def _watch(self, sample: WrenchSample) -> Wrench:
         wrench = self._sample.watch(sample)
         if wrench.usable:
-            self._heard = self._arm.time
+            self._received = self._arm.time
         return wrench
 
     def _samples(self) -> list[WrenchSample]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED, UNCONFIRMED, Wrench, stick_contact
+from lwrprobe.contact import RELIABLE_FROM, UNCONFIRMED, Wrench, stick_contact
 from lwrprobe.contracts import (
     Contact,
     Doubt,
@@ -172,7 +172,7 @@ class SampleStep:
     def _conditioned(self, sample: WrenchSample, rotation: np.ndarray) -> Wrench:
         conditioner = self._pipeline.conditioner
         wrench = conditioner.condition(sample, rotation)
-        self._silence.heard(sample.status | wrench.status)
+        self._silence.update(sample.status | wrench.status)
         failing = conditioner.failing
         if failing:
             raise SensorLost(f"the sensor cannot be relied on: {failing}")
@@ -218,7 +218,7 @@ class SampleStep:
         self._touch_age += 1
         # A light touch says little: the error of its normal goes with one over the force.
         settled = self._touch_age > SETTLED and size >= self._light
-        if contact.trust >= TRUSTED and settled and pipeline.force.settled:
+        if contact.confidence_score >= RELIABLE_FROM and settled and pipeline.force.settled:
             pipeline.add_point(contact.point)
             clock.lap("map")
             self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))

@@ -100,10 +100,10 @@ class StartUp:
                 self.loop_delay.note_age(arm.time - sample.time)
             samples += new
         self.loop_delay.rest()
-        heard = [sample for sample in samples if sample.time > begin]
+        received = [sample for sample in samples if sample.time > begin]
         if self._recorder.bag is not None:
-            self._recorder.bag.listened(heard, arm.q)
-        return heard
+            self._recorder.bag.record_at_rest(received, arm.q)
+        return received
 
     def _note_arm(self) -> None:
         arm = self._arm

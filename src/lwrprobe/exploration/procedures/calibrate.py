@@ -34,16 +34,16 @@ from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.kinematics import Robot, follow
 from lwrprobe.kinematics.path import rotations
-from lwrprobe.scene import Scene, with_room
+from lwrprobe.scene import Scene, widened_area
 from lwrprobe.scene.calibrated_scene import stated_hash
 from lwrprobe.scene.scene import AreaTable, ClearanceTable, StrategyTable
 from lwrprobe.scene.shape import Sphere
 from lwrprobe.scene.table import Pose
 
 STRATEGY = "reference_sphere"
-ROOM, ABOVE = 0.045, 0.02
+SIDE_MARGIN, ABOVE = 0.045, 0.02
 """m of the area beside the sphere and above it: for the probe and for a sphere that stands elsewhere."""
-DENT = 0.008
+PENETRATION = 0.008
 """m, how deep the table may be sought below where the scene has it."""
 DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
@@ -104,7 +104,7 @@ def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
     x, y = (0.5 * (a + b) for a, b in zip(scene.area.lower[:2], scene.area.upper[:2]))
     table = scene.table.height if scene.table.present else scene.area.lower[2] - probe
     z = table + radius
-    side = radius + probe + ROOM
+    side = radius + probe + SIDE_MARGIN
     options = {
         "radius": radius,
         "places": [[x, y, z]],
@@ -124,10 +124,12 @@ def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
             # The sphere and its place are known: the plan itself keeps the stick clear of it.
             "clearance": ClearanceTable(enabled=False),
             # An uncalibrated sensor contradicts itself; whether the sphere has moved is asked afterwards.
-            "safety": scene.safety.model_copy(update={"shift": 0.0, "table_dent": max(DENT, scene.safety.table_dent)}),
+            "safety": scene.safety.model_copy(
+                update={"shift": 0.0, "table_penetration": max(PENETRATION, scene.safety.table_penetration)}
+            ),
         }
     )
-    return with_room(changed)
+    return widened_area(changed)
 
 
 Lean = tuple[float, float, float]

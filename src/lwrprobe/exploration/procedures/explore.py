@@ -32,8 +32,10 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
-from lwrprobe.exploration.recording.error_budget import expect_mesh_errors, fitted_shapes, recorded_budget
+from lwrprobe.exploration.recording.error_sources import recorded_budget
+from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
+from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed

@@ -148,7 +148,7 @@ def _moved(record: TouchRecord, found: Registration) -> TouchRecord:
     return TouchRecord(
         points=found.points(record.points),
         normals=found.directions(record.normals),
-        trust=record.trust,
+        confidence=record.confidence,
         times=record.times,
         free_path=found.points(free),
         free_gap=record.free_gap,
@@ -175,7 +175,7 @@ def _join(a: TouchRecord, b: TouchRecord) -> TouchRecord:
     return TouchRecord(
         points=both("points"),
         normals=both("normals"),
-        trust=both("trust"),
+        confidence=both("confidence"),
         times=np.concatenate([a.times, a.times.max() + b.times]),
         free_path=both("free_path"),
         free_gap=min(a.free_gap, b.free_gap),

@@ -119,7 +119,7 @@ def _write_results(run: RunFolder) -> None:
     from lwrprobe.evaluation.run_report import write_report
 
     record, scene = run.record, run.scene
-    assert record.trust is not None
+    assert record.confidence is not None
     voxels = VoxelMap(scene.map.resolution)
     voxels.insert(record.points)
     surface: Reconstruction | None = None
@@ -139,7 +139,7 @@ def _write_results(run: RunFolder) -> None:
         voxels=len(voxels),
         sim_time_s=run.duration,
     )
-    cloud = Cloud(record.points, record.normals, {"force": run.force, "trust": record.trust})
+    cloud = Cloud(record.points, record.normals, {"force": run.force, "confidence": record.confidence})
     write_shapes(run.folder, scene, cloud, voxels, surface.mesh if surface is not None else None, summary)
     summary.write(run.folder / "summary.json")
     write_report(run.folder, surface)

@@ -127,7 +127,7 @@ class RecordedTip:
 
 
 class RecordedRequest(MotionRequest):
-    """Notes motions and has none of them carried out; gives the recorded answers where it is told to."""
+    """Notes motions and has none of them carried out; gives the recorded answers where it is asked to."""
 
     def __init__(self, pipeline: Pipeline, arm: RecordedArm, answers: Sequence[bool] | None) -> None:
         super().__init__(pipeline, cast(ArmMotion, arm))

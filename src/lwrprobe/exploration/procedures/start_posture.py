@@ -20,7 +20,7 @@ def start_posture(scene: Scene, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
     low, high = np.array(scene.area.lower), np.array(scene.area.upper)
     pose[:3, 3] = 0.5 * (low[0] + high[0]), low[1], high[2]
-    result = _roomiest(robot, pose, scene.arm.start_deg)
+    result = _widest(robot, pose, scene.arm.start_deg)
     if result.status != IKStatus.CONVERGED:
         place = [round(float(v), 4) for v in pose[:3, 3]]
         raise InputError("area", place, f"a start that the arm reaches (it ends {result.short_by * 1e3:.1f} mm short)")
@@ -38,7 +38,7 @@ def tip_mass_at_start(scene: Scene, arm_mass: float) -> float:
     return tip_mass(robot, arm_mass, start_posture(scene, robot)[1])
 
 
-def _roomiest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None) -> IKResult:
+def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None) -> IKResult:
     """The solution farthest from the joint limits among those from a fixed set of seeds, or the one asked for."""
     solver = IKSolver(robot)
     if start_deg is not None:

@@ -10,35 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, pi, radians, sqrt
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lwrprobe.calibration.model import derivatives_by_table
-from lwrprobe.contact import TorqueAgreement
-from lwrprobe.contracts import Contact, LwrprobeError, Reconstruction, TouchRecord
-from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.exploration.stages.sensor_errors import FRICTION, wave_slope, zero_torque
-from lwrprobe.kinematics import Robot
-from lwrprobe.reconstruction.fits import fit
-from lwrprobe.scene import Scene
-
 BAND = 7.815
 """Squared radius of the 95 % region of three normal numbers in standard deviations."""
-ALONG, ASIDE = 0.35, 0.15
-"""Share of the turn of the wrench axis by the sensor's zero that reaches the normal, along the path and aside of it:
-there motion and friction show the normal as well. Seen in simulated worlds of the profile `lab`."""
-MEAN = sqrt(2.0 / pi)
-"""Mean size of a normal number of standard deviation 1."""
-SINGULAR = 1e-6
-"""Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
-NORMAL_AT_TRUST = 0.1
-"""rad, error of a normal at which the estimators' trust is one half (`Settings.trusted_error`)."""
-FLOOR = 2e-5
-"""m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
 COLUMNS = "time,sigma_random_mm,sigma_mm,xx_mm2,xy_mm2,xz_mm2,yy_mm2,yz_mm2,zz_mm2,sigma_aligned_mm"
 
 
@@ -141,47 +120,6 @@ class ErrorBudget:
         }
 
 
-def expect_mesh_errors(budget: ErrorBudget, surface: Reconstruction) -> dict[str, float]:
-    """Add the errors of the contacts to the expected errors of a mesh's vertices; mean and p95 [mm] for the summary.
-
-    What the reconstructor expects is the noise of the contacts and what lies between them. The nearest contact adds
-    the rest. Vertices that no sphere could have touched are left out of mean and p95.
-    """
-    mesh = surface.mesh
-    own = mesh.vertex_error if mesh.vertex_error is not None else np.zeros(len(mesh.vertices))
-    absolute, aligned = (np.hypot(own, MEAN * budget.near(mesh.vertices, kind)) for kind in (False, True))
-    mesh.vertex_error, mesh.vertex_error_aligned = absolute, aligned
-    touched = np.ones(len(own), dtype=bool) if surface.unreachable is None else np.logical_not(surface.unreachable)
-    found = {}
-    for prefix, errors in (("", absolute), ("aligned_", aligned)):
-        mine = 1e3 * (errors[touched] if touched.any() else errors)
-        found[f"{prefix}mean"] = round(float(mine.mean()), 4)
-        found[f"{prefix}p95"] = round(float(np.percentile(mine, 95.0)), 4)
-    return found
-
-
-def fitted_shapes(budget: ErrorBudget, record: TouchRecord, table_height: float) -> list[dict[str, object]]:
-    """Simple shapes with dimensions and their standard deviations [mm], for the summary; none where none fits.
-
-    Heights count from the table, whose own height is uncertain by `table_height` m.
-    """
-    try:
-        fits = fit(record, budget.shifts)
-    except LwrprobeError:
-        return []
-    rows: list[dict[str, object]] = []
-    for found in fits:
-        sigma = dict(found.uncertainty)
-        if "height" in sigma:
-            sigma["height"] = hypot(sigma["height"], table_height)
-        sizes = (found.dimensions, sigma, found.uncertainty_aligned)
-        names = ("size_mm", "sigma_mm", "sigma_aligned_mm")
-        row = {key: {name: round(1e3 * v, 4) for name, v in part.items()} for key, part in zip(names, sizes)}
-        about = {"shape": found.kind, "warranted": found.warranted, "why_not": found.why_not}
-        rows.append({**about, "share": round(found.share, 4), "rms_mm": round(1e3 * found.rms, 4), **row})
-    return rows
-
-
 def without_rigid_motion(points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """(n, k, 3) m: each of k fields of shifts of points (n, 3) m less the small rigid motion nearest to it.
 
@@ -196,33 +134,6 @@ def without_rigid_motion(points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     return shifts - np.einsum("nai,ak->nki", motions, found)
 
 
-def recorded_budget(scene: Scene, pipeline: Pipeline, recorder: Recorder) -> ErrorBudget | None:
-    """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run."""
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts):
-        return None
-    joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities)
-
-
-def error_budget(
-    scene: Scene, pipeline: Pipeline, contacts: list[Contact], joints: np.ndarray, velocities: np.ndarray
-) -> ErrorBudget:
-    """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
-    points = np.array([contact.point for contact in contacts])
-    normals = np.array([contact.normal for contact in contacts])
-    forces = np.array([contact.force for contact in contacts])
-    trust = np.clip([contact.trust for contact in contacts], 0.01, 0.9999)
-    rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
-    paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
-    gears, turning = _of_gears(scene, pipeline.robot, joints, paths)
-    turned, friction = _of_normal(scene, pipeline, normals, forces, paths, trust, turning)
-    shared = _of_probe(scene, pipeline, normals, forces, rotations)
-    shared |= _of_arm(scene, pipeline.robot, joints, velocities) | {"friction direction": friction}
-    rest = np.broadcast_to(FLOOR**2 * np.eye(3), turned.shape)
-    return ErrorBudget.of(points, normals, {"normal": turned, "gears": gears, "rest": rest}, shared)
-
-
 def _along(normals: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(n,) m^2, variance along the normal; rounding must not make it negative."""
     return np.maximum(np.einsum("ni,nij,nj->n", normals, covariance, normals), 0.0)
@@ -231,93 +142,3 @@ def _along(normals: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def _squares_along(normals: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(n,) m^2, the same of shifts (n, k, 3)."""
     return (np.einsum("nki,ni->nk", rows, normals) ** 2).sum(axis=1)
-
-
-def _misfit(torque: TorqueAgreement | None) -> float:
-    """Ratio by which the sensor's errors are larger than stated, as far as the run has shown."""
-    return torque.surprise if torque is not None else 1.0
-
-
-def _of_probe(
-    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray
-) -> dict[str, np.ndarray]:
-    """(n, k, 3) m of each cause in the probe and in what gives way."""
-    table, probe = scene.uncertainty, pipeline.probe
-    own = np.einsum("nji,nj->ni", rotations, forces)
-    bend = np.einsum("nij,nj->ni", rotations, probe.compliance * own) if scene.contact.deflection else 0.0 * forces
-    aside = 1e-3 * table.sigma("sphere_off_axis_mm")
-    push = np.einsum("ni,ni->n", normals, forces)
-    slip = forces - push[:, None] * normals
-    stated = 1.0 / scene.contact.stiffness
-    gives = pipeline.force.compliance_sigma(
-        1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
-    )
-    return {
-        "probe length": 1e-3 * table.sigma("probe_length_mm") * rotations[:, None, :, 2],
-        "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
-        "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
-        "stick": 0.01 * table.sigma("stick_stiffness_percent") * bend[:, None],
-        "force": 0.01
-        * np.hypot(table.sigma("sensor_gain_percent"), table.sigma("sensor_crosstalk_percent"))
-        * np.linalg.norm(bend, axis=1)[:, None, None]
-        * np.eye(3),
-        # The arm gives way along the surface as well, which nothing corrects.
-        "arm and object": np.stack([gives * push[:, None] * normals, stated * slip], axis=1),
-    }
-
-
-def _of_arm(scene: Scene, robot: Robot, joints: np.ndarray, velocities: np.ndarray) -> dict[str, np.ndarray]:
-    """(n, k, 3) m of each cause in the arm and in time."""
-    table, poses = scene.uncertainty, robot.fk_batch(joints)
-    lengths, angles = ("dh_a_mm", "dh_d_mm"), ("dh_twist_deg", "dh_offset_deg")
-    a, d = (1e-3 * table.sigma(name) for name in lengths)
-    alpha, theta = (radians(table.sigma(name)) for name in angles)
-    by_table = derivatives_by_table(robot, joints, poses).transpose(0, 2, 1)
-    axes = robot.base[:3, :3].T
-    turned = radians(table.sigma("base_turn_deg")) * np.cross(axes, (poses[:, :3, 3] - robot.base[:3, 3])[:, None])
-    shifted = np.broadcast_to(1e-3 * table.sigma("base_shift_mm") * np.eye(3), turned.shape)
-    return {
-        "kinematics": np.repeat([a, alpha, d, theta], robot.n)[:, None] * by_table,
-        "base": np.concatenate([shifted, turned], axis=1),
-        "clock": 1e-3 * table.sigma("clock_skew_ms") * velocities[:, None],
-    }
-
-
-def _of_gears(scene: Scene, robot: Robot, joints: np.ndarray, paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (n, 3, 3) m^2 of the place by play and waves of the gears, and the angle (n,) rad by which the waves
-    turn the direction of travel (n, 3)."""
-    table, jacobians = scene.uncertainty, robot.jacobian_batch(joints)
-    linear = jacobians[:, :3]
-    play = radians(hypot(0.5 * table.sigma("joint_hysteresis_deg"), table.sigma("gear_ripple_deg") / sqrt(2.0)))
-    # A wave makes each joint faster or slower by a share of its own speed; the probe does not turn.
-    square = jacobians @ jacobians.transpose(0, 2, 1) + SINGULAR * np.eye(6)
-    motion = np.concatenate([paths, np.zeros_like(paths)], axis=1)
-    speeds = np.einsum("nij,ni->nj", jacobians, np.linalg.solve(square, motion[:, :, None])[:, :, 0])
-    shares = linear * speeds[:, None]
-    along = np.einsum("nij,ni->nj", shares, paths)
-    across = np.maximum((shares**2).sum(axis=(1, 2)) - (along**2).sum(axis=1), 0.0)
-    # Of the two directions across the path one lies in the surface; half of the square turns the normal.
-    return play**2 * linear @ linear.transpose(0, 2, 1), wave_slope(scene) * np.sqrt(0.5 * 0.5 * across)
-
-
-def _of_normal(
-    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray, trust: np.ndarray,
-    turning: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """What turns the normal, and moves the point around the sphere with it.
-
-    Covariance (n, 3, 3) m^2, and the shift (n, 1, 3) m by one standard deviation of the angle between friction and
-    slip. The estimators' own error is one of noise. What wanders within seconds is the same in neighbouring samples,
-    which they take for noise and average, so that it comes on top: along the path the direction of travel, aside of
-    it the zero of the force, and in both a share of what the zero of all axes does to the torque.
-    """
-    radius, size = scene.probe.radius, np.maximum(np.linalg.norm(forces, axis=1), 1e-3)
-    noise = _misfit(pipeline.torque) * NORMAL_AT_TRUST * np.sqrt(0.5 * (1.0 / trust - 1.0))
-    axis = zero_torque(scene, pipeline.probe) / (radius * size)
-    plane = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn") / size
-    aside = np.cross(normals, paths)
-    covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
-    for sigma, way in ((np.hypot(turning, ALONG * axis), paths), (np.hypot(plane, ASIDE * axis), aside)):
-        covariance += sigma[:, None, None] ** 2 * way[:, :, None] * way[:, None, :]
-    turned = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
-    return radius**2 * covariance, radius * turned * aside[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe.contact import TRUSTED
+from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import Area
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.mapping.estimate import REACH, SurfaceEstimate
@@ -28,7 +28,7 @@ class ExpectedError:
         self._passed = self._recorder.places
         contacts = self._recorder.contacts
         for contact in contacts[self._touched :]:
-            if contact.trust >= TRUSTED:
+            if contact.confidence_score >= RELIABLE_FROM:
                 self._estimate.touch(contact.centre, contact.normal)
         self._touched = len(contacts)
         self._estimate.update()

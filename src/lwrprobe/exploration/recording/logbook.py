@@ -92,7 +92,7 @@ class Logbook:
         if contact is None:
             row += _NO_CONTACT
         else:
-            row += (1.0, contact.time, contact.trust, *contact.point.tolist(), *contact.normal.tolist())
+            row += (1.0, contact.time, contact.confidence_score, *contact.point.tolist(), *contact.normal.tolist())
             row += (*contact.force.tolist(), *contact.centre.tolist(), self._of(contact.reason))
         if near is None:
             row += _NOTHING_NEAR
@@ -221,7 +221,7 @@ def read_log(folder: Path, free_force: float) -> Past:
     if not len(rows) or rows[0, 0] != TASK or (rows[1:, 0] == TASK).any() or not known:
         raise FormatError(f"{path}: not a log of observations")
     if not {words[int(code)] for code in rows[:, 37]} <= set(Doubt):
-        raise FormatError(f"{path}: the reason of a contact's low trust is unknown")
+        raise FormatError(f"{path}: the reason of a contact's low confidence is unknown")
     first = rows[0]
     last = _last_free(rows[1:], free_force)
     if last is None:

@@ -19,7 +19,7 @@ from lwrprobe.exploration.recording.swept_path import SweptPath
 if TYPE_CHECKING:
     from lwrprobe.exploration.recording.run_bag import RunBag
 
-CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,trust"
+CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,confidence"
 TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
 STATE_COLUMNS = "time,state,event,next"
 
@@ -154,10 +154,10 @@ class Recorder:
         record, radius = earlier.record, earlier.scene.probe.radius
         assert record.times is not None
         assert record.normals is not None
-        assert record.trust is not None
-        for row in zip(record.times, record.points, record.normals, earlier.force, record.trust):
-            time, point, normal, force, trust = row
-            contact = Contact(float(time), point, normal, force * normal, point + radius * normal, float(trust))
+        assert record.confidence is not None
+        for row in zip(record.times, record.points, record.normals, earlier.force, record.confidence):
+            time, point, normal, force, confidence = row
+            contact = Contact(float(time), point, normal, force * normal, point + radius * normal, float(confidence))
             self.contacts.append(contact)
             self.sequences.append(NO_SAMPLE)
             self.states.append(None)
@@ -183,7 +183,7 @@ def _line(contact: Contact) -> str:
     (x, y, z), (nx, ny, nz) = contact.point.tolist(), contact.normal.tolist()  # numpy's own print slowly
     return (
         f"{contact.time:.6f},{x:.7f},{y:.7f},{z:.7f},{nx:.6f},{ny:.6f},{nz:.6f},"
-        f"{contact.magnitude:.5f},{contact.trust:.3f}\n"
+        f"{contact.magnitude:.5f},{contact.confidence_score:.3f}\n"
     )
 
 

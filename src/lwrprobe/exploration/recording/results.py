@@ -32,7 +32,7 @@ def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap, line_spacin
     return TouchRecord(
         points=recorder.points(),
         normals=recorder.normals(),
-        trust=np.array([c.trust for c in recorder.contacts]),
+        confidence=np.array([c.confidence_score for c in recorder.contacts]),
         times=np.array([c.time for c in recorder.contacts]),
         free_path=free,
         probe_radius=scene.probe.radius,
@@ -52,8 +52,8 @@ def write_results(
 ) -> None:
     """Cloud, map, mesh and picture of a run, into its folder; contacts and path are there already."""
     force = np.array([c.magnitude for c in recorder.contacts])
-    trust = np.array([c.trust for c in recorder.contacts])
-    cloud = Cloud(recorder.points(), recorder.normals(), {"force": force, "trust": trust})
+    confidence = np.array([c.confidence_score for c in recorder.contacts])
+    cloud = Cloud(recorder.points(), recorder.normals(), {"force": force, "confidence": confidence})
     write_shapes(out, scene, cloud, pipeline.voxels, surface.mesh if surface is not None else None, summary)
 
 
@@ -73,7 +73,7 @@ def write_run(
     Parameters
     ----------
     out : made when missing
-    record : contacts with normals, times and trust
+    record : contacts with normals, times and confidence
     force : (n,) N, of each contact
     trace : (k, 7) as `Recorder.trace` gives it
     run : (n,) number of the run that each contact comes from, where several were merged
@@ -87,10 +87,10 @@ def write_run(
         raise InputError("out", str(out), f"a folder that can be written to ({error.strerror})") from None
     assert record.times is not None
     assert record.normals is not None
-    assert record.trust is not None
-    columns = [record.times, record.points, record.normals, force, record.trust]
+    assert record.confidence is not None
+    columns = [record.times, record.points, record.normals, force, record.confidence]
     form, header = ["%.6f", *["%.7f"] * 3, *["%.6f"] * 3, "%.5f", "%.3f"], CONTACT_COLUMNS
-    scalars = {"force": force, "trust": record.trust}
+    scalars = {"force": force, "confidence": record.confidence}
     if run is not None:
         columns, form, header = [*columns, run], [*form, "%d"], f"{header},run"
         scalars["run"] = run.astype(np.float64)

@@ -6,6 +6,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe.exploration.recording.logbook import SEEN, Past
+from lwrprobe.mapping import path_corners
 
 OPEN = 0.001
 """m from the area's border or below its top, within which nothing stands above the probe."""
@@ -33,7 +34,7 @@ def return_path(past: Past, area: Area) -> list[np.ndarray]:
     is_open = (places[:, 2] > area.upper[2] - OPEN) | (gap[:, :2].min(axis=1) < OPEN)
     first = int(np.flatnonzero(is_open)[-1]) if is_open.any() else 0
     driven = _without_loops(np.hstack([places, rotations])[first:])
-    path = [_pose(row) for row in driven[_corners(driven)]]
+    path = [_pose(row) for row in driven[path_corners(driven[:, :3], driven[:, 3:], CHORD, TURN)]]
     above, axis = path[0].copy(), path[0][:3, 2]
     height = float(area.upper[2]) - above[2, 3]
     if height > 0.0 and axis[2] < 0.0:
@@ -51,24 +52,6 @@ def _without_loops(rows: np.ndarray) -> np.ndarray:
         k += 1 + (int(back[-1]) if len(back) else 0)
         kept.append(k)
     return rows[kept]
-
-
-def _corners(rows: np.ndarray) -> list[int]:
-    """Indices of the rows (n, 12) between which straight pieces suffice (Ramer, Douglas and Peucker)."""
-    kept, spans = {0, len(rows) - 1}, [(0, len(rows) - 1)]
-    while spans:
-        begin, end = spans.pop()
-        if end - begin < 2:
-            continue
-        step, inner = rows[end, :3] - rows[begin, :3], rows[begin + 1 : end]
-        share = np.clip((inner[:, :3] - rows[begin, :3]) @ step / max(float(step @ step), 1e-18), 0.0, 1.0)
-        off = inner - rows[begin] - share[:, None] * (rows[end] - rows[begin])
-        excess = np.abs(off[:, :3]).max(axis=1) / CHORD + np.abs(off[:, 3:]).max(axis=1) / TURN
-        worst = int(np.argmax(excess))
-        if excess[worst] > 1.0:
-            kept.add(begin + 1 + worst)
-            spans += [(begin, begin + 1 + worst), (begin + 1 + worst, end)]
-    return sorted(kept)
 
 
 def _pose(row: np.ndarray) -> np.ndarray:

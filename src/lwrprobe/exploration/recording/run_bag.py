@@ -69,18 +69,18 @@ class RunBag:
         self._rows: list[list[float]] = []
         self._contacts: list[list[float]] = []
         self._codes: dict[str, float] = {}
-        self._listened = 0
+        self._at_rest = 0
         self._epoch = 0
         self._zero = self._now = 0.0
         self._stream_due = self._slow_due = self._rare_due = 0.0
         self._map_due = MAP_EVERY
         self._goal: np.ndarray | None = None
 
-    def listened(self, samples: Sequence[WrenchSample], q: np.ndarray) -> None:
+    def record_at_rest(self, samples: Sequence[WrenchSample], q: np.ndarray) -> None:
         """The samples of a pause in which the bias is taken, with the joints at q (n,)."""
-        self._listened += 1
+        self._at_rest += 1
         for sample in samples:
-            self._row(self._listened, sample, 0.0, 0.0, False, "", (0.0,) * 6, q)
+            self._row(self._at_rest, sample, 0.0, 0.0, False, "", (0.0,) * 6, q)
 
     def begin(self, zero: float, elapsed: float, start: np.ndarray, task: Task) -> None:
         """The strategy takes over at a tip pose (4, 4): time `zero` on the arm's clock is 0 s of the run.
@@ -127,7 +127,9 @@ class RunBag:
 
     def contact(self, contact: Contact) -> None:
         """One accepted contact."""
-        self._contacts.append([*contact.point, *contact.normal, contact.magnitude, contact.trust, contact.time])
+        self._contacts.append(
+            [*contact.point, *contact.normal, contact.magnitude, contact.confidence_score, contact.time]
+        )
 
     def decided(
         self,

@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED
+from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import Observation
 from lwrprobe.mapping.certificate import Certificate
 
@@ -35,7 +35,7 @@ class SweptPath:
     def note(self, seen: Observation) -> None:
         """One sample; in contact the sphere is where the bent stick holds it."""
         pose, contact = seen.pose, seen.contact
-        if contact is not None and contact.trust < TRUSTED:
+        if contact is not None and contact.confidence_score < RELIABLE_FROM:
             self._broken = True
             return
         place = pose[:3, 3].tolist() if contact is None else contact.centre.tolist()

@@ -48,7 +48,7 @@ class Confirm:
 
     Parameters
     ----------
-    motions : how many are asked for; a goal is one, and so is a feed until its reason changes
+    motions : how many are asked for; a goal is one, and so is a velocity until its reason changes
     message : shows a sentence
     typed : the line typed since the last call, None for none; standard input when left out
     """
@@ -101,7 +101,7 @@ class Confirm:
 def _kind(motion: Goal | VelocityCommand) -> tuple:
     if isinstance(motion, Goal):
         return ("goal", *np.round(motion.pose[:3], 5).ravel().tolist())
-    return ("feed", motion.reason)
+    return ("velocity", motion.reason)
 
 
 def _described(motion: Goal | VelocityCommand) -> str:

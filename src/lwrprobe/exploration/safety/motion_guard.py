@@ -19,7 +19,7 @@ def table_plane(scene: Scene) -> np.ndarray | None:
     """(4,) for `MotionGuard`: the table's unit normal and the least height over it, None without a table."""
     plane = scene.table.plane()
     if plane is not None:
-        plane[3] += scene.probe.radius - scene.safety.table_dent
+        plane[3] += scene.probe.radius - scene.safety.table_penetration
     return plane
 
 
@@ -102,7 +102,7 @@ class MotionGuard:
         Whether it is where it was sent is seen with the next set point.
         """
         self.measured[:] = state.q
-        self._heard(state.time, state.status)
+        self._received(state.time, state.status)
 
     def watch_rows(
         self, set_points: np.ndarray, times: Vector, joints: np.ndarray, status: int, ended_early: bool
@@ -116,10 +116,10 @@ class MotionGuard:
         last = float(times[-1])
         if self._last_time is None or last - self._last_time > self._silence:
             for time in times[:-1].tolist():
-                self._heard(time, 0)
-            self._heard(last, status)
+                self._received(time, 0)
+            self._received(last, status)
         elif status:
-            self._heard(last, status)
+            self._received(last, status)
         self._last_time = last
         if ended_early:
             away = np.abs(self.measured - set_points[-1])
@@ -133,7 +133,7 @@ class MotionGuard:
         """So many set points were sent that the arm is expected to follow."""
         return bool(self._state[k.MOVED, 3] >= k.SETTLED)
 
-    def _heard(self, time: float, status: int) -> None:
+    def _received(self, time: float, status: int) -> None:
         if status & _LAME:
             raise MotionStop(f"the arm no longer follows: {ArmStatus(status & _LAME).name}")
         last, self._last_time = self._last_time, time

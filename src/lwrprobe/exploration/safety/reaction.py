@@ -8,7 +8,7 @@ LASTING = 10.0
 """s in which what was measured loses two thirds of its weight: load on a host comes and goes."""
 LASTING_SILENCE = 120.0
 """The same of a silent sensor: a radio link that has lost several samples in a row will do so again."""
-MOST_LATE = 3
+MAX_LATE = 3
 """Cycles in a row without an answer that count: after those an arm brakes by itself."""
 
 
@@ -49,7 +49,7 @@ class ReactionExcess:
             keep, keep_silence = exp(-passed / LASTING), exp(-passed / LASTING_SILENCE)
             self._answer, self._age, self._silence = self._answer * keep, self._age * keep, self._silence * keep_silence
         self._time = time
-        self._late = min(self._late + 1, MOST_LATE) if late else 0
+        self._late = min(self._late + 1, MAX_LATE) if late else 0
         if self._late:
             self._answer = max(self._answer, self._late * self._cycle)
             self.largest = max(self.largest, self.seconds)

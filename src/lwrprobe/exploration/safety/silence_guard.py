@@ -49,7 +49,7 @@ class SilenceGuard:
         self._missing = False
         self._saturated = 0
 
-    def heard(self, status: int) -> None:
+    def update(self, status: int) -> None:
         """A sample of this status came, the driver's and the conditioner's.
 
         Raises SensorLost for one in a row too many that is at the end of the sensor's range.

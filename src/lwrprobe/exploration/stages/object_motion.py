@@ -20,7 +20,7 @@ from math import dist, hypot, inf
 
 import numpy as np
 
-from lwrprobe.contact import TRUSTED
+from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import Contact, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.stages.object_motion_kernels import deepest
@@ -100,7 +100,7 @@ class ObjectMotionMonitor:
         Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """
         self._doubtful = disagreement
-        trusted = contact is not None and contact.trust >= TRUSTED
+        trusted = contact is not None and contact.confidence_score >= RELIABLE_FROM
         centre = contact.centre if contact is not None else place
         self._push(time, centre, force, contact if trusted else None, compliance)
         indentation = self._threshold * compliance
@@ -115,7 +115,7 @@ class ObjectMotionMonitor:
         """Remember a place of an earlier part of the run, as `see` would have."""
         if contact is None:
             centre, normal = place, _NOT_TOUCHING
-        elif contact.trust >= TRUSTED:
+        elif contact.confidence_score >= RELIABLE_FROM:
             centre, normal = contact.point + self._radius * contact.normal, contact.normal
         else:
             return

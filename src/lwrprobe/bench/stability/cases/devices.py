@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.runs import Run, strip
-from lwrprobe.contact import TRUSTED, Wrench, make_estimator, time_skew
+from lwrprobe.contact import RELIABLE_FROM, Wrench, make_estimator, time_skew
 from lwrprobe.contracts import InputError, Probe
 
 _SCENE = "cylinder_vertical"
@@ -113,9 +113,9 @@ def _nothing_felt(quick: bool) -> list[Finding]:
             wrench = Wrench(0.0, force, np.zeros(3), force)
             contact = estimator.estimate(wrench, np.zeros(3), np.eye(3), np.zeros(3))
             finite &= bool(np.isfinite([*contact.point, *contact.normal, contact.magnitude]).all())
-            worst = max(worst, contact.trust)
-        text = "every number finite, largest trust" if finite else "numbers that are none, largest trust"
-        findings.append(within(f"0 to 2 mN, {name}", text, worst, np.nextafter(TRUSTED, 0.0), "", also=finite))
+            worst = max(worst, contact.confidence_score)
+        text = "every number finite, largest confidence" if finite else "numbers that are none, largest confidence"
+        findings.append(within(f"0 to 2 mN, {name}", text, worst, np.nextafter(RELIABLE_FROM, 0.0), "", also=finite))
     return findings
 
 

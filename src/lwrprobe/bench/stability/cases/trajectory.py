@@ -56,7 +56,7 @@ def _goals(quick: bool) -> list[Finding]:
         if k % 500 == 0:
             watch.tip.set_goal(_pose(0.1 if k % 1000 == 0 else -0.1, 0.0, 0.0), 1e3)
 
-    def flickering_feed(watch: Watch, k: int) -> None:
+    def flickering_velocity(watch: Watch, k: int) -> None:
         watch.tip.set_velocity(random.normal(size=3), 0.05)
 
     found = [
@@ -65,7 +65,7 @@ def _goals(quick: bool) -> list[Finding]:
             ("a new goal at every tick", every_tick),
             ("reversed every 40 ms", reversed_goal),
             ("asked for 1000 m/s", too_fast),
-            ("a new feed at every tick, beyond the limit", flickering_feed),
+            ("a new velocity at every tick, beyond the limit", flickering_velocity),
         )
     ]
     watch = _watch(1e-3)

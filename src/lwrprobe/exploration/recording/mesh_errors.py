@@ -1,0 +1,32 @@
+"""Expected errors of a mesh's vertices, from those of the contacts."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+import numpy as np
+
+from lwrprobe.contracts import Reconstruction
+from lwrprobe.exploration.recording.error_budget import ErrorBudget
+
+MEAN = sqrt(2.0 / pi)
+"""Mean size of a normal number of standard deviation 1."""
+
+
+def expect_mesh_errors(budget: ErrorBudget, surface: Reconstruction) -> dict[str, float]:
+    """Add the errors of the contacts to the expected errors of a mesh's vertices; mean and p95 [mm] for the summary.
+
+    What the reconstructor expects is the noise of the contacts and what lies between them. The nearest contact adds
+    the rest. Vertices that no sphere could have touched are left out of mean and p95.
+    """
+    mesh = surface.mesh
+    own = mesh.vertex_error if mesh.vertex_error is not None else np.zeros(len(mesh.vertices))
+    absolute, aligned = (np.hypot(own, MEAN * budget.near(mesh.vertices, kind)) for kind in (False, True))
+    mesh.vertex_error, mesh.vertex_error_aligned = absolute, aligned
+    touched = np.ones(len(own), dtype=bool) if surface.unreachable is None else np.logical_not(surface.unreachable)
+    found = {}
+    for prefix, errors in (("", absolute), ("aligned_", aligned)):
+        mine = 1e3 * (errors[touched] if touched.any() else errors)
+        found[f"{prefix}mean"] = round(float(mine.mean()), 4)
+        found[f"{prefix}p95"] = round(float(np.percentile(mine, 95.0)), 4)
+    return found
