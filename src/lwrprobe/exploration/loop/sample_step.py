@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM, UNCONFIRMED, Wrench, stick_contact
+from lwrprobe.contact import RELIABLE_FROM, UNCONFIRMED, BiasOutcome, Wrench, stick_contact
 from lwrprobe.contracts import (
     Contact,
     Doubt,
@@ -96,7 +97,12 @@ class SampleStep:
 
         Raises SensorLost where the sensor cannot be relied on.
         """
-        pose, _ = self._arm.history.tip_at(sample.time)
+        arm, bag = self._arm, self._recorder.bag
+        pose, velocity = arm.history.tip_at(sample.time)
+        if bag is not None:
+            measured, gain = arm.history.measured_velocity(sample.time), arm.history.acceleration
+            bag.sample(sample, arm.time, gain, False, "", pose, velocity, measured, arm.history.q, shown=False)
+            bag.flush_when_due()
         wrench = self._conditioned(sample, pose[:3, :3])
         if wrench.usable:
             self._record.note_unseen(wrench.magnitude)
@@ -108,8 +114,26 @@ class SampleStep:
         velocity = np.zeros(3) if normal is None else self._way_speed * normal
         self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
 
+    def interrupt(self, why: str) -> None:
+        """The strategy has to wait."""
+        if self._recorder.bag is not None:
+            self._recorder.bag.interrupted(why)
+
+    def check_zero(self, samples: Sequence[WrenchSample], since: float, rotation: np.ndarray) -> BiasOutcome:
+        """Take the sensor's zero from those of the samples at rest that are later than `since` s.
+
+        Where it agrees with the zero before; `rotation` (3, 3) is the sensor's in the world.
+        """
+        if self._recorder.bag is not None:
+            self._recorder.bag.zero_checked(len(samples), since, rotation)
+        conditioner = self._pipeline.conditioner
+        later = [sample for sample in samples if sample.time > since]
+        return conditioner.take_bias(later, rotation, 0.5 * self._threshold, conditioner.bias)
+
     def resume(self, pause: float) -> None:
         """The strategy goes on after a pause [s] that it is not shown."""
+        if self._recorder.bag is not None:
+            self._recorder.bag.went_on(pause)
         self.zero_time += pause
         self._last_touch += pause
         self._touch_age = 0
