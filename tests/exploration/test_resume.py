@@ -192,7 +192,7 @@ def test_what_was_felt_is_known_again(cut_off, tmp_path):
     assert (room.felt[-1][0].world_force == touching(46).force).all()
     assert room.felt[-1][0].force == pytest.approx([0.0, 0.0, -0.8]), "in the sensor's frame"
     assert room.felt[39][1] is None
-    assert room.felt[-1][1].confidence == 0.7
+    assert room.felt[-1][1].confidence_score == 0.7
 
 
 def test_it_can_be_taken_up_twice(cut_off, tmp_path):
