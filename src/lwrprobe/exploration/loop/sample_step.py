@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -39,6 +40,8 @@ GIVE_WAY = 0.001
 MISSED = 2.5
 """Periods of the sensor between two samples of a touch, from which on the tip has given way meanwhile: the touch begins
 anew."""
+RATE_SPAN = 0.032
+"""s over which the rate is taken at which the stick bends: over one period the force's noise would show."""
 SETTLED = 3
 """Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
 
@@ -91,6 +94,9 @@ class SampleStep:
         self.zero_time = 0.0
         self.observation: Observation | None = None
         self._last_touch, self._touch_age = -np.inf, 0
+        self._shifts: deque[tuple[float, np.ndarray]] = deque(
+            maxlen=max(round(RATE_SPAN * scene.sensor.rate), 1) + 1
+        )  # s and m: how far the sphere is from the unloaded tip
 
     def watch(self, sample: WrenchSample) -> Wrench:
         """Condition a sample that the strategy is not shown; its force counts for the peak.
@@ -218,15 +224,22 @@ class SampleStep:
                 pipeline.sweep.move_to(place)
                 clock.lap("carve")
             return None
-        if sample.time - self._last_touch > self._missed:
+        passed = sample.time - self._last_touch
+        if passed > self._missed:
             self._touch_age = 0
-        if sample.time - self._last_touch > FORGET:
+        if passed > FORGET:
             pipeline.estimator.reset()
         self._last_touch = sample.time
         centre = place
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
         velocity = self._arm.history.measured_velocity(sample.time)
+        if self._touch_age == 0:
+            self._shifts.clear()
+        self._shifts.append((sample.time, centre - place))
+        (first, before), (last, now) = self._shifts[0], self._shifts[-1]
+        if last > first:  # while the force changes, sphere and tip move differently
+            velocity = velocity + (now - before) / (last - first)
         measured = wrench
         if pipeline.torque is not None:
             wrench, lever_error = pipeline.torque.corrected(measured)
