@@ -120,8 +120,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         f"in real time: {scene} on a small area, {_AT_ONCE} runs side by side, each killed at a random time of the "
         f"{length:.1f} s that the unbroken run takes; the time counts from the strategy's first sample",
         "while prepared: after a random time since the process was started; most of these have not moved yet",
-        "lost: by the clock on the wall, from the first contact that is not on disk to the last one that the run knew; a "
-        "run that this machine held up catches up with the robot's time afterwards, faster than it",
+        "lost: by the clock on the wall, from the first contact that is not on disk to the last one that the run knew; "
+        "a run that this machine held up catches up with the robot's time afterwards, faster than it",
         f"resumed: {scene} as it is, faster than real time, killed at a random time of the whole run",
     ]
     return report
