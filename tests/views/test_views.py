@@ -92,7 +92,7 @@ def test_uncertainty_and_certificate_are_shown(runs):
     assert shown.sigmas == pytest.approx(1e-3 * own[:, 2])
     cloud = lp.mapping.clouds.read_cloud(runs[0] / "hiding.ply")
     assert (shown.hiding == cloud.points).all()
-    assert shown.sizes.max() == pytest.approx(1e-3 * lp.open_run(runs[0]).summary.certified_mm, rel=0.01)
+    assert 0.9 < 1e3 * shown.sizes.max() / lp.open_run(runs[0]).summary.certified_mm <= 1.0  # less what the grid adds
     viewer = Viewer(shown, port=0)
     try:
         viewer._handles["colour"].value = "uncertainty"
