@@ -49,6 +49,8 @@ class FriArm:
         self.config = config
         self.cycle = config.cycle or 0.01
         self.mass = LWR4_MASS if config.mass < 0.0 else config.mass
+        self.delay = self.cycle
+        """s beyond the next cycle: a measurement is answered at once, and what it leads to goes out with the next one."""
         self._line: Connection | None = None
         self._seen = -1
         self._before: Arrival | None = None
@@ -275,7 +277,7 @@ class FriArm:
             )
         if self.config.silence < 2.0 * cycle:
             raise InputError("drivers.fri.silence", self.config.silence, f"at least two cycles, {2 * cycle} s")
-        self.cycle = cycle
+        self.cycle = self.delay = cycle
 
     def _adopt_mass(self, matrix: np.ndarray) -> None:
         """An emulated arm without mass says so; any other controller is not believed that its arm has none."""

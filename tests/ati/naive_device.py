@@ -14,13 +14,13 @@ from naive_ati import naive_crc
 class NaiveDevice:
     """Serves one console and one stream, each in a thread, while its `with` block runs."""
 
-    def __init__(self, counts=(1_000_000, 0, 0, 0, 0, 0)):
+    def __init__(self, counts=(1_000_000, 0, 0, 0, 0, 0), noise=0):
         self.console = socket.create_server(("127.0.0.1", 0))
         self.data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.data.bind(("127.0.0.1", 0))
         self.console.settimeout(0.05)
         self.data.settimeout(0.004)
-        self.counts, self.biased, self.asked = counts, False, []
+        self.counts, self.noise, self.biased, self.asked = counts, noise, False, []
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=each, daemon=True) for each in (self._talk, self._stream)]
 
@@ -114,7 +114,8 @@ class NaiveDevice:
                     peer = sender if order[3] == 1 else None
             if peer is not None and time.monotonic() >= due:
                 due += 0.008
-                counts = (0,) * 6 if self.biased else self.counts
+                wave = self.noise * (sequence * 37 % 11 - 5) // 5
+                counts = [wave + (0 if self.biased else value) for value in self.counts]
                 stamp = round(4096 * sequence * 0.008)
                 self.data.sendto(struct.pack(">4I2B6i", stamp, sequence, 1 << 16 | 2, 0, 7, 1, *counts), peer)
                 sequence += 1

@@ -7,6 +7,7 @@ from lwrprobe.contracts.contact import Clearance, Confidence, Contact, Doubt
 from lwrprobe.contracts.driver import (
     DRIVER_CONTRACT,
     Arm,
+    DelayedArm,
     Driver,
     DriverContext,
     GroundTruth,
@@ -67,6 +68,7 @@ __all__ = [
     "Confidence",
     "ConnectionLost",
     "Contact",
+    "DelayedArm",
     "DeviceRefused",
     "Done",
     "Doubt",

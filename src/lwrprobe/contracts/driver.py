@@ -114,6 +114,15 @@ class MassiveArm(Arm, Protocol):
 
 
 @runtime_checkable
+class DelayedArm(Arm, Protocol):
+    """An arm that follows a set point later than in the next cycle and says by how much; optional, like `MassiveArm`."""
+
+    @property
+    def delay(self) -> float:
+        """s beyond the next cycle. A plain attribute will do."""
+
+
+@runtime_checkable
 class RestartableArm(Arm, Protocol):
     """An arm that can take set points again after it has stopped by itself; optional, and found by its method.
 
