@@ -50,7 +50,7 @@ class FriArm:
         self.cycle = config.cycle or 0.01
         self.mass = LWR4_MASS if config.mass < 0.0 else config.mass
         self.delay = self.cycle
-        """s beyond the next cycle: a measurement is answered at once, and what it leads to goes out with the next one."""
+        """s beyond the next cycle: a measurement is answered at once, what it leads to goes out with the next one."""
         self._line: Connection | None = None
         self._seen = -1
         self._before: Arrival | None = None

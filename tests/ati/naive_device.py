@@ -10,6 +10,8 @@ import time
 
 from naive_ati import naive_crc
 
+from lwrprobe.real_time import ANSWERS, real_time_priority
+
 
 class NaiveDevice:
     """Serves one console and one stream, each in a thread, while its `with` block runs."""
@@ -103,6 +105,10 @@ class NaiveDevice:
         return [*head, *rows, " 1 0 MaxRatings:", " 1 0 12 12 17 120 120 120"]
 
     def _stream(self):
+        with real_time_priority(ANSWERS):  # a device keeps its own time, whatever else this host does
+            self._send_records()
+
+    def _send_records(self):
         peer, sequence, due = None, 0, time.monotonic()
         while not self._stop.is_set():
             try:

@@ -14,6 +14,7 @@ import pytest
 
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.pipeline import robot_of
+from lwrprobe.real_time import ANSWERS, real_time_priority
 from lwrprobe.scene import load_scene
 
 sys.path.append(str(Path(__file__).parents[1] / "ati"))
@@ -47,6 +48,10 @@ class NaiveController:
         self.line.close()
 
     def _run(self):
+        with real_time_priority(ANSWERS):  # a device keeps its own time, whatever else this host does
+            self._serve()
+
+    def _serve(self):
         sequence, due = 0, time.monotonic()
         while not self._stop.is_set():
             sequence = sequence + 1 & 0xFFFF

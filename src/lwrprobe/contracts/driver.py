@@ -115,7 +115,7 @@ class MassiveArm(Arm, Protocol):
 
 @runtime_checkable
 class DelayedArm(Arm, Protocol):
-    """An arm that follows a set point later than in the next cycle and says by how much; optional, like `MassiveArm`."""
+    """An arm that says by how much it follows a set point later than in the next cycle; optional, like `MassiveArm`."""
 
     @property
     def delay(self) -> float:
