@@ -7,6 +7,7 @@ from lwrprobe.contracts.contact import Clearance, Confidence, Contact, Doubt
 from lwrprobe.contracts.driver import (
     DRIVER_CONTRACT,
     Arm,
+    BufferedArm,
     DelayedArm,
     Driver,
     DriverContext,
@@ -64,6 +65,7 @@ __all__ = [
     "Arm",
     "ArmState",
     "ArmStatus",
+    "BufferedArm",
     "Clearance",
     "Confidence",
     "ConnectionLost",

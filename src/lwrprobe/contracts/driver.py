@@ -123,6 +123,17 @@ class DelayedArm(Arm, Protocol):
 
 
 @runtime_checkable
+class BufferedArm(Arm, Protocol):
+    """An arm whose states are kept while nobody reads them; optional, and found by its method.
+
+    The samples of a sensor that were measured meanwhile are then taken to where the arm was.
+    """
+
+    def passed(self) -> list[ArmState]:
+        """States that came between the last two that `read` has returned, oldest first."""
+
+
+@runtime_checkable
 class RestartableArm(Arm, Protocol):
     """An arm that can take set points again after it has stopped by itself; optional, and found by its method.
 

@@ -277,8 +277,8 @@ def reaction_delay(
 ) -> float:
     """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp.
 
-    An arm that follows set points later than in the next cycle adds its `arm_delay` [s]. What the start-up has `measured`
-    counts where it is longer by more than `UNNOTICED`.
+    An arm that follows set points later than in the next cycle adds its `arm_delay` [s]. What the start-up has
+    `measured` counts where it is longer by more than `UNNOTICED`.
     """
     ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
     stated = scene.contact.delay
