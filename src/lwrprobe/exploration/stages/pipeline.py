@@ -268,17 +268,24 @@ def _deflection(scene: Scene, probe: Probe) -> tuple[Deflection | None, str]:
 
 
 def reaction_delay(
-    scene: Scene, cycle: float, sensor_latency: float, rate: float, measured: LoopDelay | None = None
+    scene: Scene,
+    cycle: float,
+    sensor_latency: float,
+    rate: float,
+    measured: LoopDelay | None = None,
+    arm_delay: float = 0.0,
 ) -> float:
     """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp.
 
-    What the start-up has `measured` counts where it is longer by more than `UNNOTICED`.
+    An arm that follows set points later than in the next cycle adds its `arm_delay` [s]. What the start-up has
+    `measured` counts where it is longer by more than `UNNOTICED`.
     """
     ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
     stated = scene.contact.delay
-    stated = sensor_latency + 1.0 / rate + cycle + ramp if stated is None else float(stated)
+    follows = cycle + arm_delay
+    stated = sensor_latency + 1.0 / rate + follows + ramp if stated is None else float(stated)
     if measured is None:
         return stated
     latency = sensor_latency if measured.sensor is None else measured.sensor
-    found = latency + 1.0 / rate + max(cycle, measured.arm or 0.0) + ramp
+    found = latency + 1.0 / rate + max(follows, measured.arm or 0.0) + ramp
     return found if found > stated + UNNOTICED else stated
