@@ -68,6 +68,12 @@ class Tip:
         self.trace = Trace()
         self._samples = 0
 
+    def confine(self, task: Task) -> None:
+        """Go on with a task in a part of the area; what was touched stays known."""
+        self.task = task
+        self.free = FreeSpace(task.area)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+
     @property
     def here(self) -> np.ndarray:
         """(3,) m, the sphere's centre."""

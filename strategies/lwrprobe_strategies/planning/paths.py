@@ -228,7 +228,7 @@ def line_height(task: Task) -> float:
 
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
-    tallest = float(task.area.upper[Z]) - task.probe.radius
+    tallest = min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
     lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
