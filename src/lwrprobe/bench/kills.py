@@ -57,7 +57,7 @@ class Kill:
     seed : of the run
     after : s, of the run's own time when it was killed
     contacts : that the run knew
-    lost : s by the clock on the wall, from the last contact in contacts.csv to the last one that it knew
+    lost : s by the clock on the wall, from the first contact that is not in contacts.csv to the last one that it knew
     lost_in_bag : s, the same of its bag
     problem : why the folder cannot be read, empty where it can
     resumed : summary of the resumed run, empty where that was not asked for
@@ -120,8 +120,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         f"in real time: {scene} on a small area, {_AT_ONCE} runs side by side, each killed at a random time of the "
         f"{length:.1f} s that the unbroken run takes; the time counts from the strategy's first sample",
         "while prepared: after a random time since the process was started; most of these have not moved yet",
-        "lost: by the clock on the wall, between the last contact that the run knew when it was killed and the last "
-        "one on disk; a run that this machine held up catches up with the robot's time afterwards, faster than it",
+        "lost: by the clock on the wall, from the first contact that is not on disk to the last one that the run knew; "
+        "a run that this machine held up catches up with the robot's time afterwards, faster than it",
         f"resumed: {scene} as it is, faster than real time, killed at a random time of the whole run",
     ]
     return report
@@ -304,5 +304,9 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
 
 
 def _since(known: Any, kept: int) -> float:
-    """s from contact number `kept` to the last one that is known; all of them where none was kept."""
-    return float(known[_NOTED + int(known[_CONTACTS]) - 1] - known[_NOTED + max(kept, 1) - 1])
+    """s from the first contact that is not among the `kept` ones to the last one that is known.
+
+    From the last kept one to that would count the way between two touches as well, on which there is no contact.
+    """
+    count = int(known[_CONTACTS])
+    return float(known[_NOTED + count - 1] - known[_NOTED + kept]) if kept < count else 0.0
