@@ -25,6 +25,7 @@ class AtiConfig:
     oversampling : readings averaged into one record; rate times this is at most 4000 Hz
     filter, taps : the device's own filter: mean, median or iir, over so many readings
     timeout : s to wait for the console and for the first record
+    take_over : free a console that another client holds; that client has to be dead, or it loses the sensor
     silence : s without record after which start is sent again
     lost_after : s without record after which the sensor counts as lost
     late_after : s of age beyond which a record is flagged late
@@ -44,6 +45,7 @@ class AtiConfig:
     filter: Literal["mean", "median", "iir"] = "mean"
     taps: int = 8
     timeout: float = 5.0
+    take_over: bool = False
     silence: float = 0.1
     lost_after: float = 1.0
     late_after: float = 0.05

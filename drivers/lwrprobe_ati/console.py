@@ -7,7 +7,7 @@ import re
 import socket
 import time
 
-from lwrprobe.contracts import ConnectionLost, DeviceRefused
+from lwrprobe.contracts import ConnectionLost, DeviceRefused, DriverError
 
 _PROMPT = re.compile(r"(?:^|\n)>\s*$")
 _OPTION = re.compile(rb"\xff(?:[\xfb-\xfe].|\xfa.*?\xff\xf0|[\xf0-\xf9])", re.DOTALL)
@@ -27,16 +27,17 @@ class Console:
         self._socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Connect and wait for the greeting; ConnectionLost when there is none."""
+        """Connect and wait for the greeting; ConnectionLost when there is none, as for a second client."""
         try:
             self._socket = socket.create_connection(self._address, self._timeout)
         except OSError as error:
             raise ConnectionLost(f"console {self._where}: {error.strerror or error}") from None
         try:
             self.ask("", "")
-        except DeviceRefused:
+        except DriverError as error:
             self.close()
-            raise ConnectionLost(f"console {self._where}: connected, but no prompt came") from None
+            hint = "end that one, or set drivers.ati.take_over = true where it is dead"
+            raise ConnectionLost(f"{error}; another client may hold the console: {hint}") from None
 
     def close(self) -> None:
         if self._socket is not None:
@@ -47,6 +48,20 @@ class Console:
     @property
     def is_open(self) -> bool:
         return self._socket is not None
+
+    def closed_by_device(self) -> bool:
+        """Whether an open console was closed at the other end; log lines that have come meanwhile are dropped."""
+        if self._socket is None:
+            return False
+        self._socket.setblocking(False)
+        try:
+            while self._socket.recv(4096):
+                pass
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+        return True
 
     def ask(self, command: str, expected: str) -> str:
         """The text that came after `command`, up to a prompt, once the pattern `expected` is in it.

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import json
 import socket
-from ipaddress import ip_address
 from typing import Any
 
 import numpy as np
 
 from lwrprobe.contracts import ConnectionLost, TrueContact
-from lwrprobe.contracts.address import as_address
+from lwrprobe.contracts.address import as_address, is_loopback
 from lwrprobe.scene import Scene
 from lwrprobe_ati.config import AtiConfig
 
@@ -53,7 +52,7 @@ class EmulatedTruth:
     def of(cls, config: AtiConfig, ahead: int | None) -> EmulatedTruth | None:
         """That of the rig which the sensor belongs to; None for a real device, and where no rig answers."""
         host, _ = as_address(config.udp, "drivers.ati.udp")
-        if not config.ground_truth or ahead is None or not _is_loopback(host):
+        if not config.ground_truth or ahead is None or not is_loopback(host):
             return None
         try:
             return cls(config, ahead)
@@ -81,10 +80,3 @@ class EmulatedTruth:
                 except (OSError, ValueError):
                     break
         raise ConnectionLost(f"{line!r}: no answer from {self._address} (drivers.ati.ground_truth)")
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

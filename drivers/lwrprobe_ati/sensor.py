@@ -7,6 +7,7 @@ import socket
 import time
 from dataclasses import asdict
 
+from lwrprobe.arrival_time import note_arrivals, receive
 from lwrprobe.contracts import ConnectionLost, DriverError, WrenchSample
 from lwrprobe.contracts.address import as_address
 from lwrprobe_ati import shutdown_hook
@@ -19,7 +20,8 @@ from lwrprobe_ati.wire import Command, encode_command
 _BUFFER = 1 << 20
 _ORDER = ("received", "lost", "repeated", "old", "implausible")
 _AT_ONCE = 4096  # datagrams taken by one read at most, so that it always returns
-_FREEING = 0.2  # s between two commands that free a stale console
+_FREEING = 0.2  # s between two attempts to get the console
+_NOTICING = 1.0  # s for which it is tried
 
 
 class AtiSensor:
@@ -43,6 +45,8 @@ class AtiSensor:
         self._last_received = 0.0
         self._asked = 0.0
         self._valid_from = 0.0
+        self._emptied = 0.0
+        self._owns_stream = False
         self._last_counters: dict[str, int] = {}
         self.ahead: int | None = None
         """`Stream.ahead` of the last stream that was closed."""
@@ -64,10 +68,12 @@ class AtiSensor:
         if self._socket is not None:
             return
         self._socket = self._connected_socket()
-        shutdown_hook.register(self._stop_stream)
         try:
-            self._stop_stream()
             self._open_console()
+            # Only now: whoever holds the console goes on streaming.
+            self._owns_stream = True
+            shutdown_hook.register(self._stop_stream)
+            self._stop_stream()
             self.setup = set_up(self._console, self.config)
             self.stream = Stream(self.config, self.setup.calibration)
             self._start_stream(self.stream)
@@ -113,6 +119,7 @@ class AtiSensor:
         self._socket.close()
         self._socket = None
         self.stream = None
+        self._owns_stream = False
         shutdown_hook.unregister(self._stop_stream)
 
     def counters(self) -> dict[str, int]:
@@ -139,6 +146,7 @@ class AtiSensor:
         line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         line.setblocking(False)
+        note_arrivals(line)
         try:
             line.bind(as_address(self.config.local, "drivers.ati.local"))
             # Connected: the kernel drops what anybody else sends.
@@ -150,14 +158,17 @@ class AtiSensor:
         return line
 
     def _open_console(self) -> None:
-        """Connect; a console that a dead client still holds is freed by UDP first."""
-        try:
-            self._console.open()
-        except ConnectionLost:
-            for _ in range(3):
+        """Connect; the device may need a moment to notice that the client before has gone."""
+        end = time.monotonic() + _NOTICING
+        while True:
+            if self.config.take_over:
                 self._send(Command.RESET_TELNET)
-                time.sleep(_FREEING)
-            self._console.open()
+            try:
+                return self._console.open()
+            except ConnectionLost:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(_FREEING)
 
     def _start_stream(self, stream: Stream) -> None:
         end = time.monotonic() + self.config.timeout
@@ -177,15 +188,18 @@ class AtiSensor:
         samples: list[WrenchSample] = []
         line = self._data_line()
         for _ in range(_AT_ONCE):
+            before = time.monotonic()
             try:
-                data = line.recv(2048)
+                data, arrival = receive(line, 2048)
             except BlockingIOError:
+                self._emptied = before
                 break
             except ConnectionRefusedError:
                 continue  # nobody listens there just now: that is silence
             except OSError as error:
                 raise ConnectionLost(f"the data line to {self.config.udp} broke: {error.strerror}") from None
-            samples += stream.samples(data, time.monotonic())
+            # It cannot have come before all was read last: that bounds what a jump of the system's clock may do.
+            samples += stream.samples(data, max(arrival, self._emptied), time.monotonic())
         if samples:
             self._last_received = time.monotonic()
         return samples
@@ -207,12 +221,20 @@ class AtiSensor:
         if silent > self.config.lost_after:
             raise ConnectionLost(f"the sensor at {self.config.udp} has been silent for {silent:.2f} s")
         if silent > self.config.silence and now - self._asked > self.config.silence:
+            if self._console.closed_by_device():
+                self._owns_stream = False
+                raise ConnectionLost(
+                    f"the sensor at {self.config.udp} sends nothing any more and has closed its console: another "
+                    "client has taken it over, or it was restarted"
+                )
             self._asked = now
             self.restarts += 1
             self._send(Command.START)
 
     def _stop_stream(self) -> None:
-        """Twice, since nothing acknowledges it."""
+        """Twice, since nothing acknowledges it; another client's stream is left alone."""
+        if not self._owns_stream:
+            return
         self._send(Command.STOP)
         self._send(Command.STOP)
 

@@ -52,8 +52,8 @@ class Stream:
         self._unchanged = 0
         self._stuck = round(config.stuck_after * config.rate) or 1 << 62
 
-    def samples(self, data: bytes, arrival: float) -> list[WrenchSample]:
-        """The good and the flagged samples in one datagram, oldest first."""
+    def samples(self, data: bytes, arrival: float, now: float) -> list[WrenchSample]:
+        """The good and the flagged samples in one datagram, oldest first; it came at `arrival`, is read `now` [s]."""
         self.traffic.datagrams += 1
         datagram = decode_datagram(data, self._config.transducer)
         if isinstance(datagram, str):
@@ -63,10 +63,10 @@ class Stream:
                 self.traffic.malformed += 1
             return []
         self.traffic.left_over += datagram.left_over
-        found = (self._sample(record, arrival) for record in datagram.records)
+        found = (self._sample(record, arrival, now) for record in datagram.records)
         return [sample for sample in found if sample is not None]
 
-    def _sample(self, record: Record, arrival: float) -> WrenchSample | None:
+    def _sample(self, record: Record, arrival: float, now: float) -> WrenchSample | None:
         gap = self.packets.gap(record, arrival)
         if gap is None:
             return self._frozen_sample(record, arrival)
@@ -78,7 +78,7 @@ class Stream:
         flags = status_flags(record, self._config.transducer)
         if gap:
             flags |= SampleStatus.LOST_BEFORE
-        if arrival - time > self._config.late_after:
+        if now - time > self._config.late_after:
             flags |= SampleStatus.LATE
         if self._unchanged >= self._stuck:
             flags |= SampleStatus.FROZEN

@@ -20,6 +20,7 @@ from dataclasses import asdict
 from math import radians
 from typing import Any, get_args
 
+from lwrprobe.arrival_time import SPACE, arrival_time
 from lwrprobe.contracts.address import as_address
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.config import FriConfig
@@ -97,26 +98,27 @@ class Answering:
     def _serve(self, buffer: memoryview) -> None:
         """Take all that has come, answer the newest."""
         try:
-            size, peer = self._controller.recvfrom_into(buffer)
+            size, ancillary, _, peer = self._controller.recvmsg_into([buffer], SPACE)
         except BlockingIOError:
             self._obey()
             return self._fall_silent(time.monotonic())
-        arrival = time.monotonic()
         newest, steps = None, 0
         while True:
+            arrival = arrival_time(ancillary)
             measurement = self._checked(buffer[:size], peer)
             ahead = self.packets.steps(measurement) if measurement else 0
             if ahead:
                 self.traffic.backlog += newest is not None
                 newest, steps, source, raw = measurement, steps + ahead, peer, bytes(buffer[:size])
+                measured = arrival
             try:
-                size, peer = self._controller.recvfrom_into(buffer, 0, socket.MSG_DONTWAIT)
+                size, ancillary, _, peer = self._controller.recvmsg_into([buffer], SPACE, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
         self._obey()
         if newest is not None:
-            self._silent_since = arrival
-            self._answer(newest, steps, arrival, source, raw)
+            self._silent_since = measured
+            self._answer(newest, steps, measured, source, raw)
         elif arrival - self._silent_since > self.config.silence:
             self._fall_silent(arrival)  # datagrams come, but none of them is a measurement of the controller's
 

@@ -31,7 +31,8 @@ class FriConfig:
     silence : s without measurement after which the connection counts as lost
     priority : real-time priority (SCHED_FIFO) of the process that answers; 0 = ordinary, -1 = 80 where the system
         permits it. Its memory is locked where the system permits that
-    mass : kg of the arm's moving links; 16 is the LWR 4+'s (KUKA data sheet), 0 = an emulated arm without mass
+    mass : kg of the arm's moving links; -1 = 16, the LWR 4+'s (KUKA data sheet), or 0 where a controller on a loopback
+        address of this host, which is an emulated one, sends a mass matrix of zeros
     core : processor that this thread is kept on, -1 = any
     """
 
@@ -52,7 +53,7 @@ class FriConfig:
     stop_timeout: float = 5.0
     silence: float = 0.25
     priority: int = -1
-    mass: float = 16.0
+    mass: float = -1.0
     core: int = -1
 
     def __post_init__(self) -> None:
@@ -71,7 +72,7 @@ class FriConfig:
             self._require(name, good, "seven positive numbers, in degrees")
         for name in ("connect_timeout", "start_timeout", "stop_timeout", "silence"):
             self._require(name, 0.0 < getattr(self, name) <= 3600.0, "more than 0, at most 3600 s")
-        self._require("mass", 0.0 <= self.mass <= 100.0, "0 .. 100 kg")
+        self._require("mass", self.mass == -1.0 or 0.0 <= self.mass <= 100.0, "-1 or 0 .. 100 kg")
         self._require("priority", -1 <= self.priority <= 99, "-1 .. 99")
 
     def _require(self, name: str, good: bool, allowed: str) -> None:

@@ -13,6 +13,7 @@ from math import radians
 
 import numpy as np
 
+from lwrprobe.arrival_time import note_arrivals
 from lwrprobe.contracts import ConnectionLost, DeviceRefused, DriverError
 from lwrprobe.contracts.address import as_address
 from lwrprobe_fri import messages as m
@@ -29,7 +30,8 @@ _BUFFER = 1 << 20
 
 @dataclass(slots=True, frozen=True)
 class Arrival:
-    """One admitted measurement: when it came, how many cycles after the one before, whether its answer was late."""
+    """One admitted measurement: when it reached this host, how many cycles after the one before, whether its answer was
+    late."""
 
     index: int
     time: float
@@ -71,6 +73,7 @@ class Connection:
         """Bind the socket and begin to answer; returns when the first measurement has come."""
         controller = self._bound_socket()
         set_time_out(controller, self.config.silence)
+        note_arrivals(controller)
         self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for end in (self._line, theirs):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)

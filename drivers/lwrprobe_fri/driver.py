@@ -22,6 +22,7 @@ from lwrprobe.contracts import (
     InputError,
     MotionInterrupted,
 )
+from lwrprobe.contracts.address import as_address, is_loopback
 from lwrprobe.contracts.samples import Vector
 from lwrprobe_fri.config import FriConfig
 from lwrprobe_fri.connection import Arrival, Connection
@@ -33,6 +34,8 @@ _STILL = 1e-6
 """rad that a set point moves in a cycle at rest; measurements travel in single precision."""
 _LEAST = 0.1
 """s that is waited at least."""
+LWR4_MASS = 16.0
+"""kg of all moving links (KUKA data sheet)."""
 
 
 class FriArm:
@@ -45,7 +48,7 @@ class FriArm:
     def __init__(self, config: FriConfig) -> None:
         self.config = config
         self.cycle = config.cycle or 0.01
-        self.mass = config.mass
+        self.mass = LWR4_MASS if config.mass < 0.0 else config.mass
         self._line: Connection | None = None
         self._seen = -1
         self._before: Arrival | None = None
@@ -71,6 +74,7 @@ class FriArm:
         atexit.register(self.close)
         try:
             self._adopt_cycle(line.arrival().measurement.cycle)
+            self._adopt_mass(line.arrival().measurement.mass_matrix)
         except InputError:
             self.close()
             raise
@@ -272,6 +276,12 @@ class FriArm:
         if self.config.silence < 2.0 * cycle:
             raise InputError("drivers.fri.silence", self.config.silence, f"at least two cycles, {2 * cycle} s")
         self.cycle = cycle
+
+    def _adopt_mass(self, matrix: np.ndarray) -> None:
+        """An emulated arm without mass says so; any other controller is not believed that its arm has none."""
+        if self.config.mass < 0.0:
+            host, _ = as_address(self.config.remote, "drivers.fri.remote")
+            self.mass = 0.0 if is_loopback(host) and not matrix.any() else LWR4_MASS
 
     def _leave_command_mode(self, line: Connection) -> None:
         """Back to monitor mode; also heals a program whose state still says command mode after that has ended."""

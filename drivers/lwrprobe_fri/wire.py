@@ -28,6 +28,7 @@ _POWER, _CONTROL, _ERROR, _WARNING = 49, 50, 51, 52
 _TEMPERATURE, _MEASURED, _MEASURED_FRAME = slice(53, 60), slice(60, 67), slice(67, 79)
 _COMMANDED, _OFFSET = slice(79, 86), slice(86, 93)
 _TORQUE, _EXTERNAL, _TCP_WRENCH = slice(117, 124), slice(124, 131), slice(131, 137)
+_MASS_MATRIX = slice(179, 228)
 
 _FARTHEST = 3.2  # rad; no joint of the arm turns farther than 170 degrees
 _LONGEST_CYCLE = 0.2  # s; friOpen takes 1..100 ms
@@ -203,6 +204,11 @@ class Measurement:
         """(6,) N, N·m, estimated, put into the order Fx Fy Fz Tx Ty Tz; its sign is the controller's."""
         fx, fy, fz, tz, ty, tx = self.values[_TCP_WRENCH]
         return np.array([fx, fy, fz, tx, ty, tz])
+
+    @property
+    def mass_matrix(self) -> np.ndarray:
+        """(7, 7) of the arm in its joints; the unit is not stated."""
+        return np.array(self.values[_MASS_MATRIX]).reshape(7, 7)
 
     @property
     def commandable(self) -> bool:

@@ -46,7 +46,7 @@ class SimulatedWorld:
         self._arm.open()
         self._sensor.open()
         self._lately: list[tuple[int, np.ndarray]] = [(0, np.zeros(6))]
-        self._now = 0.0
+        self._before = self._now = 0.0
         self._records: dict[int, int] = {}
         self._joints = self._arm.read().q
         self.elapsed = 0.0
@@ -66,7 +66,7 @@ class SimulatedWorld:
 
     def advance(self, begin: np.ndarray, end: np.ndarray, seconds: float) -> None:
         """Let time pass at the simulator's own cycle while the set point moves evenly; it ends now."""
-        lately = []
+        lately = self._lately[-1:]
         steps = max(1, round(seconds / self._arm.cycle))
         for step in range(1, steps + 1):
             self._command(begin + (step / steps) * (end - begin))
@@ -77,7 +77,7 @@ class SimulatedWorld:
                 self.force = 0.0 if touch is None else touch.force
                 self.peak_since = max(self.peak_since, self.force)
         # Now, and not when the steps began: the measurement of these joints leaves now, and its arrival dates it.
-        self._lately, self._now = lately or self._lately, time.monotonic()
+        self._lately, self._before, self._now = lately, self._now, time.monotonic()
         self.elapsed += seconds
 
     def mark(self) -> None:
@@ -104,8 +104,10 @@ class SimulatedWorld:
 
     def record(self, number: int, instant: float) -> np.ndarray:
         """(6,) N and N·m at an instant, for the sensor's record of that number, which is remembered for `contacts`."""
-        back = round((self._now - instant) * SENSOR_RATE)
-        sample, wrench = self._lately[-1 - min(max(back, 0), len(self._lately) - 1)]
+        # A cycle that began late has taken longer than the world was moved on by. Whoever reads the joints before and
+        # after it takes them to have moved evenly in between.
+        share = (instant - self._before) / max(self._now - self._before, 1e-9)
+        sample, wrench = self._lately[round(min(max(share, 0.0), 1.0) * (len(self._lately) - 1))]
         self._records[number] = sample
         return wrench
 

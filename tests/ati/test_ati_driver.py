@@ -332,8 +332,8 @@ def test_strangers_are_not_listened_to():
         assert sensor.stream.traffic.datagrams - before < 150
 
 
-def test_console_that_a_dead_client_holds_is_freed():
-    with bench() as (sensor, device):
+def test_console_that_a_dead_client_holds_is_freed_where_that_is_asked_for():
+    with bench(take_over=True) as (sensor, device):
         host, _, port = device.telnet_address.partition(":")
         with socket.create_connection((host, int(port))):
             time.sleep(0.1)

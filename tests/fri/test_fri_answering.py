@@ -1,10 +1,14 @@
 """The process that answers the controller, on a clock that is counted: the host's load plays no part."""
 
+import socket
+import struct
 from collections import deque
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from lwrprobe import arrival_time
 from lwrprobe_fri import FriConfig
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.answering import Answering
@@ -33,6 +37,7 @@ class CountedLine:
         self._arrived, self._orders = deque(), deque()
         self._report, self._runner, self._failure = None, None, None
         self.loss = None
+        self.noted = list
 
     def run(self, runner):
         """Until the runner has ended."""
@@ -44,13 +49,13 @@ class CountedLine:
 
     # --- as the controller's socket ---
 
-    def recvfrom_into(self, buffer, size=0, flags=0):
+    def recvmsg_into(self, buffers, space, flags=0):
         while not self._arrived:
             if flags or not self._cycle():
                 raise BlockingIOError
         data = self._arrived.popleft()
-        buffer[: len(data)] = data
-        return len(data), PEER
+        buffers[0][: len(data)] = data
+        return len(data), self.noted(), 0, PEER
 
     def sendto(self, data, peer):
         assert peer == PEER
@@ -133,6 +138,29 @@ def test_each_set_point_is_in_the_next_answer():
     line.run(runner())
     assert line.cycles > 100
     assert line.controller.error == 0
+
+
+def test_measurement_is_dated_when_it_came_and_not_when_the_process_was_run(monkeypatch):
+    line, read_late = CountedLine(), 0.05
+    clock = SimpleNamespace(monotonic=lambda: line.now + read_late, time_ns=lambda: round(1e9 * (line.now + read_late)))
+    monkeypatch.setattr(arrival_time, "time", clock)
+    line.noted = lambda: [(socket.SOL_SOCKET, 35, struct.pack("@ll", *divmod(round(1e9 * line.now), 10**9)))]
+
+    def runner():
+        for _ in range(5):
+            report = yield b""
+            assert report.time == pytest.approx(line.now, abs=1e-6)
+
+    line.run(runner())
+    line = CountedLine()
+    line.noted = lambda: [(socket.SOL_SOCKET, 35, struct.pack("@ll", 2**31, 0))]  # the host's clock was set meanwhile
+    line.run(dated(line, read_late))
+
+
+def dated(line, late):
+    for _ in range(5):
+        report = yield b""
+        assert report.time == pytest.approx(line.now + late, abs=1e-6)
 
 
 def test_late_runner_is_braked_and_counted_and_may_go_on():

@@ -20,6 +20,7 @@ from lwrprobe.contracts import (
     MotionInterrupted,
 )
 from lwrprobe_fri import FriConfig, FriDriver
+from lwrprobe_fri.driver import FriArm
 from lwrprobe_fri.emulator import Controller, ControllerSettings, FriEmulator, LaggingArm
 from lwrprobe_fri.krl import PROGRAMS
 from lwrprobe_fri.wire import State
@@ -126,6 +127,21 @@ def test_joint_impedance():
         assert move(arm, 6, 0.05, 50).q[6] == pytest.approx(0.05, abs=0.01)
         assert arm.measurement.control == 3
         assert emulator.controller.state == State.CMD
+
+
+@pytest.mark.parametrize(("stated", "matrix", "mass"), [(-1.0, 0.0, 0.0), (-1.0, 0.1, 16.0), (7.0, 0.0, 7.0)])
+def test_mass_is_none_where_an_emulated_controller_says_so(stated, matrix, mass):
+    with bench(mass=stated) as (arm, emulator):
+        assert arm.mass == (7.0 if stated == 7.0 else 16.0), "not known before the controller has spoken"
+        emulator.controller._record["mass_matrix"] = matrix
+        arm.connect()
+        assert arm.mass == mass
+
+
+def test_a_controller_elsewhere_is_not_believed_to_have_no_mass():
+    arm = FriArm(FriConfig(remote="192.0.2.20:0"))
+    arm._adopt_mass(np.zeros((7, 7)))
+    assert arm.mass == 16.0
 
 
 def test_connecting_alone_moves_nothing_and_reports():
@@ -413,6 +429,8 @@ def test_cycle_must_be_the_one_the_controller_was_opened_with():
         ("range", (np.nan,) * 7),
         ("silence", 0.0),
         ("priority", 100),
+        ("mass", -2.0),
+        ("mass", 101.0),
     ],
 )
 def test_bad_options_are_named(field, value):

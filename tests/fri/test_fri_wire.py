@@ -87,6 +87,7 @@ def test_scalar_fields(field, attribute):
         ("measured_joints", "measured", 7),
         ("measured_frame", "measured_frame", 12),
         ("torque", "torque", 7),
+        ("mass_matrix", "mass_matrix", 49),
         ("external_torque", "external_torque", 7),
     ],
 )

@@ -2,7 +2,8 @@
 
 import socket
 import threading
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -119,6 +120,61 @@ def test_sensor_is_elsewhere(wrong, words):
     with device() as emulator, taken, pytest.raises(DriverError, match=words) as refused:
         sensor(emulator, **{wrong: address}).open()
     assert address in str(refused.value)
+
+
+def read_on(sensor):
+    """Until an error comes."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        sensor.read()
+        time.sleep(0.01)
+
+
+def test_second_client_of_the_sensor_does_not_disturb_the_first():
+    with device() as emulator, sensor(emulator) as first:
+        for local in ("127.0.0.1:0", f"{first._socket.getsockname()[0]}:{first._socket.getsockname()[1]}"):
+            with pytest.raises(ConnectionLost) as refused:
+                sensor(emulator, local=local).open()
+            own = "another client may hold the console: end that one, or set drivers.ati.take_over"
+            assert (own if local.endswith(":0") else "Address already in use") in str(refused.value)
+        before = first.counters()["received"]
+        while first.counters()["received"] < before + 20:
+            first.read()
+            time.sleep(0.01)
+        counts = first.counters()
+        assert (counts["lost"], counts["restarts"], counts["implausible"]) == (0, 0, 0)
+
+
+def test_sensor_that_another_client_has_taken_over():
+    """The first one ends with a sentence and leaves the stream to the second."""
+    with device() as emulator, sensor(emulator) as first, sensor(emulator, take_over=True) as second:
+        with pytest.raises(ConnectionLost, match="another client has taken it over"):
+            read_on(first)
+        first.close()
+        before = second.counters()["received"]
+        while second.counters()["received"] < before + 20:
+            second.read()
+            time.sleep(0.01)
+        assert second.counters()["restarts"] == 0
+
+
+def test_data_come_from_another_program():
+    """Datagrams from the right port that are none of the sensor's."""
+    with device() as emulator, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        where = f"127.0.0.1:{peer.getsockname()[1]}"
+        peer.settimeout(10.0)
+
+        def answer():
+            with suppress(OSError):
+                while True:
+                    peer.sendto(b"hello", peer.recvfrom(2048)[1])
+
+        threading.Thread(target=answer, daemon=True).start()
+        with pytest.raises(
+            ConnectionLost, match=rf"no usable record from {where}: of \d+ datagrams \d+ were malformed"
+        ):
+            sensor(emulator, udp=where).open()
 
 
 def test_console_that_is_no_console():

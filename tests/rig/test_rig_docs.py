@@ -57,6 +57,13 @@ def test_sentences_of_the_page_are_those_of_the_code():
         "has been silent for",
         "set point refused:",
         "clock has jumped: it was restarted",
+        "were malformed",
+        "cannot bind ",
+        "another client may hold the console",
+        "sends nothing any more and has closed its console: another",
+        "sends nothing to ",
+        "no usable record from ",
+        "no data line from ",
         "was answered with:",
     ):
         assert words in PAGE

@@ -13,6 +13,7 @@ from lwrprobe.contracts import GroundTruth as Truth
 from lwrprobe.contracts.plugins import load
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import Scene, load_scene, scene_names
+from lwrprobe_rig import world as world_module
 from lwrprobe_rig.console import OperatorConsole
 from lwrprobe_rig.ground_truth import GroundTruth
 from lwrprobe_rig.reactor import Reactor
@@ -70,21 +71,22 @@ def test_depth_times_stiffness_is_felt(scene, descent):
     assert not world.refused
 
 
-def test_a_record_is_of_its_own_instant_and_waits_until_the_world_has_come_there(scene, descent):
-    before = time.monotonic()
+def test_a_record_is_of_its_own_instant_and_waits_until_the_world_has_come_there(scene, descent, monkeypatch):
+    now = 1000.0
+    monkeypatch.setattr(world_module, "time", SimpleNamespace(monotonic=lambda: now))
     world = SimulatedWorld(scene, 1, descent[0])
-    assert world.measured_at(before) == before
+    assert world.measured_at(now) == now
     for begin, end in itertools.pairwise(descent):
+        now += CYCLE
         world.advance(begin, end, CYCLE)
-        ended = time.monotonic()
-    instants = ended - 0.001 * np.arange(5)[::-1]
+    instants = now - 0.001 * np.arange(5)[::-1]
     forces = [-world.record(number, instant)[2] for number, instant in enumerate(instants)]
     # 5 mm/s onto 2000 N/m: 10 N/s, and the sensor's noise
     assert np.diff(forces).mean() == pytest.approx(0.01, abs=0.005)
     touches = world.contacts(0, 5)
     assert [touch[6] for touch in touches] == pytest.approx(forces, abs=0.05)
     assert (np.diff([touch[6] for touch in touches]) > 0.005).all(), "one touch for each millisecond"
-    later = time.monotonic()
+    later = now + 0.001
     assert later < world.measured_at(later) < later + CYCLE * 10
     assert (world.record(20, later) == world.wrench(later)).all()
 

@@ -211,7 +211,6 @@ def _suffer_once(fault: Fault) -> Outcome:
             _REENTRY,
             'arm.driver="fri"',
             'sensor.driver="ati"',
-            "drivers.fri.mass=0",
             f'drivers.fri.bind="{bind}"',
             f'drivers.fri.remote="{remote}"',
             f'drivers.ati.telnet="{telnet}"',

@@ -156,7 +156,6 @@ def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], 
         "drivers.ati.local": local, "drivers.ati.ground_truth": control,
     }  # fmt: skip
     explore = ["explore", name, "--arm", "fri", "--sensor", "ati", "--seed", str(seed), *words]
-    explore += ["--set", "drivers.fri.mass=0"]  # the emulated arm has none
     explore += [word for key, value in addresses.items() for word in ("--set", f'{key}="{value}"')]
     with tempfile.TemporaryDirectory() as folder, _rig(name, scene, [*devices, "--seed", str(seed), *words]):
         out = Path(folder) / "run"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from ipaddress import IPv4Address
 
 from lwrprobe.errors import InputError
 
@@ -20,3 +21,8 @@ def as_address(text: str, field: str) -> tuple[str, int]:
         return str(socket.getaddrinfo(host, None, socket.AF_INET)[0][4][0]), int(port)
     except (OSError, UnicodeError):
         raise InputError(field, text, allowed) from None
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an IPv4 address, as `as_address` returns it, never leaves this host."""
+    return IPv4Address(host).is_loopback

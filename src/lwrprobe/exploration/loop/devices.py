@@ -34,13 +34,11 @@ class Devices:
     ----------
     arm, sensor : closed until the `with` block is entered
     drivers : by name, the one or two that were made
-    arm_mass : kg, of the arm's moving links; 0 for an arm that states none
     """
 
     arm: Arm
     sensor: Sensor
     drivers: dict[str, Driver]
-    arm_mass: float = 0.0
 
     @classmethod
     def assemble(cls, scene: Scene, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
@@ -61,8 +59,7 @@ class Devices:
         calibration, face = calibration_of(scene), sensor.sensor()
         if calibration is not None:
             face = CalibratedSensor(face, calibration)
-        moved = arm.arm()
-        return cls(moved, face, drivers, float(moved.mass) if isinstance(moved, MassiveArm) else 0.0)
+        return cls(arm.arm(), face, drivers)
 
     def __enter__(self) -> Devices:
         try:
@@ -75,6 +72,11 @@ class Devices:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
+
+    @property
+    def arm_mass(self) -> float:
+        """kg, of the arm's moving links; 0 for an arm that states none. An open arm may know it better."""
+        return float(self.arm.mass) if isinstance(self.arm, MassiveArm) else 0.0
 
     @property
     def ground_truth(self) -> GroundTruth | None:
