@@ -24,6 +24,7 @@ from lwrprobe_fri.messages import Traffic
 from lwrprobe_fri.wire import JOINTS, Measurement, decode_measurement
 
 _PATIENCE = 5  # cycles without set point whose way the next one may make up for
+_KEPT = 1000  # measurements that nobody has read
 _START_UP = 20.0  # s that a new process may take to say its first word, on a busy machine
 _BUFFER = 1 << 20
 
@@ -62,6 +63,7 @@ class Connection:
         self._orders = 0
         self._first: Measurement | None = None
         self._latest: Arrival | None = None
+        self._unread: deque[Arrival] = deque(maxlen=_KEPT)
         self._report: m.Report | None = None
         self._silent = True
         self._answered = False
@@ -166,6 +168,12 @@ class Connection:
             if self._failure or left <= 0.0:
                 raise ConnectionLost(self._failure or silence_of(self.config))
             self._take_in(left)
+
+    def unread(self) -> list[Arrival]:
+        """All measurements since the last call, oldest first."""
+        arrivals = list(self._unread)
+        self._unread.clear()
+        return arrivals
 
     def wait_until(self, good: Callable[[Arrival], bool], timeout: float, otherwise: str) -> Arrival:
         """The first measurement that is `good`; ConnectionLost or DeviceRefused, saying why, after `timeout`."""
@@ -278,6 +286,7 @@ class Connection:
         self._report = report
         self._first = self._first or measurement
         self._latest = Arrival(report.index, report.time, report.steps, measurement, report.late)
+        self._unread.append(self._latest)
         self._timing.append((report.time, report.took))
         self._traffic = Traffic(*report.traffic)
         self._silent = False

@@ -49,9 +49,12 @@ class FriArm:
         self.config = config
         self.cycle = config.cycle or 0.01
         self.mass = LWR4_MASS if config.mass < 0.0 else config.mass
+        self.delay = self.cycle
+        """s beyond the next cycle: a measurement is answered at once, what it leads to goes out with the next one."""
         self._line: Connection | None = None
         self._seen = -1
         self._before: Arrival | None = None
+        self._passed: list[ArmState] = []
         self._stopped = False
         self._read_at = 0.0
         self._loops: deque[float] = deque(maxlen=100_000)
@@ -156,10 +159,15 @@ class FriArm:
             raise MotionInterrupted(str(error), True) from error
         if line.loss:
             raise MotionInterrupted(line.loss, line.unasked)
-        state = self._state(arrival, line)
-        self._seen, self._before = arrival.index, arrival
+        states = [self._next_state(one) for one in line.unread() if self._seen < one.index <= arrival.index]
+        self._passed = states[:-1]
+        self._seen = arrival.index
         self._read_at = time.monotonic()
-        return state
+        return states[-1]
+
+    def passed(self) -> list[ArmState]:
+        """States that came between the last two that `read` has returned, oldest first."""
+        return self._passed
 
     def command(self, q: Vector) -> None:
         """Set point (7,) rad for the next answer.
@@ -275,7 +283,7 @@ class FriArm:
             )
         if self.config.silence < 2.0 * cycle:
             raise InputError("drivers.fri.silence", self.config.silence, f"at least two cycles, {2 * cycle} s")
-        self.cycle = cycle
+        self.cycle = self.delay = cycle
 
     def _adopt_mass(self, matrix: np.ndarray) -> None:
         """An emulated arm without mass says so; any other controller is not believed that its arm has none."""
@@ -295,10 +303,12 @@ class FriArm:
             line.request("stop")
             line.wait_until(lambda a: not commanding(a), self.config.stop_timeout, "command mode was not left")
 
-    def _state(self, arrival: Arrival, line: Connection) -> ArmState:
+    def _next_state(self, arrival: Arrival) -> ArmState:
         m = arrival.measurement
         q = np.array(m.measured)
-        return ArmState(arrival.time, q, self._velocity(arrival, q), self._status(arrival), m.temperature)
+        state = ArmState(arrival.time, q, self._velocity(arrival, q), self._status(arrival), m.temperature)
+        self._before = arrival
+        return state
 
     def _velocity(self, arrival: Arrival, q: Vector) -> Vector:
         before = self._before

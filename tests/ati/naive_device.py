@@ -10,17 +10,19 @@ import time
 
 from naive_ati import naive_crc
 
+from lwrprobe.real_time import ANSWERS, real_time_priority
+
 
 class NaiveDevice:
     """Serves one console and one stream, each in a thread, while its `with` block runs."""
 
-    def __init__(self, counts=(1_000_000, 0, 0, 0, 0, 0)):
+    def __init__(self, counts=(1_000_000, 0, 0, 0, 0, 0), noise=0):
         self.console = socket.create_server(("127.0.0.1", 0))
         self.data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.data.bind(("127.0.0.1", 0))
         self.console.settimeout(0.05)
         self.data.settimeout(0.004)
-        self.counts, self.biased, self.asked = counts, False, []
+        self.counts, self.noise, self.biased, self.asked = counts, noise, False, []
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=each, daemon=True) for each in (self._talk, self._stream)]
 
@@ -103,6 +105,10 @@ class NaiveDevice:
         return [*head, *rows, " 1 0 MaxRatings:", " 1 0 12 12 17 120 120 120"]
 
     def _stream(self):
+        with real_time_priority(ANSWERS):  # a device keeps its own time, whatever else this host does
+            self._send_records()
+
+    def _send_records(self):
         peer, sequence, due = None, 0, time.monotonic()
         while not self._stop.is_set():
             try:
@@ -114,7 +120,8 @@ class NaiveDevice:
                     peer = sender if order[3] == 1 else None
             if peer is not None and time.monotonic() >= due:
                 due += 0.008
-                counts = (0,) * 6 if self.biased else self.counts
+                wave = self.noise * (sequence * 37 % 11 - 5) // 5
+                counts = [wave + (0 if self.biased else value) for value in self.counts]
                 stamp = round(4096 * sequence * 0.008)
                 self.data.sendto(struct.pack(">4I2B6i", stamp, sequence, 1 << 16 | 2, 0, 7, 1, *counts), peer)
                 sequence += 1

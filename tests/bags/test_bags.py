@@ -30,26 +30,23 @@ TOPICS = {
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    """A short run that was recorded."""
-    folder = tmp_path_factory.mktemp("recorded") / "sphere"
-    settings = {"strategy.step": 0.04}
-    lp.explore("sphere", seed=5, settings=settings, out=folder, record=True, progress=False)
-    return folder
+def run(recorded_sphere) -> Path:
+    return recorded_sphere
 
 
-def with_mcap(run: Path) -> list[tuple[str, int, object]]:
+@pytest.fixture(scope="module")
+def decoded(run) -> list[tuple[str, int, object]]:
+    """Topic, time and content of every message, as mcap and its decoder read them."""
     with (run / "bag" / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         return [(c.topic, m.log_time, decoded) for _, c, m, decoded in reader.iter_decoded_messages()]
 
 
 @pytest.mark.slow
-def test_mcap_and_its_ros_decoder_read_all_messages(run):
-    found = with_mcap(run)
-    assert {topic for topic, _, _ in found} >= TOPICS
-    assert len(found) == sum(1 for _ in read_bag(run))
-    wrenches = [m for topic, _, m in found if topic == "/wrench"]
+def test_mcap_and_its_ros_decoder_read_all_messages(run, decoded):
+    assert {topic for topic, _, _ in decoded} >= TOPICS
+    assert len(decoded) == sum(1 for _ in read_bag(run))
+    wrenches = [m for topic, _, m in decoded if topic == "/wrench"]
     recording = read_recording(run)
     measured = recording.rows[recording.run(), 4:10]
     assert len(wrenches) == len(measured)
@@ -73,30 +70,28 @@ def test_rosbags_reads_folder_metadata_and_messages(run):
 
 
 @pytest.mark.slow
-def test_contacts_and_map_are_those_of_the_run(run):
-    found = with_mcap(run)
-    clouds = [m for topic, _, m in found if topic == "/contacts"]
+def test_contacts_and_map_are_those_of_the_run(run, decoded):
+    clouds = [m for topic, _, m in decoded if topic == "/contacts"]
     rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 9) for m in clouds])
     own = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)
     assert rows[:, :6] == pytest.approx(own[:, 1:7], abs=1e-5)
     assert rows[:, 8] == pytest.approx(own[:, 0], abs=1e-4)
     assert rows[:, 6] == pytest.approx(own[:, 7], abs=1e-4)
-    last = [m for topic, _, m in found if topic == "/map"][-1]
+    last = [m for topic, _, m in decoded if topic == "/map"][-1]
     content = (run / "map.bt").read_bytes()
     assert np.array(last.data, np.int8).tobytes() == content[content.index(b"\ndata\n") + 6 :]
     assert last.resolution == 0.002
-    states = [json.loads(m.data) for topic, _, m in found if topic == "/lwrprobe/state"]
+    states = [json.loads(m.data) for topic, _, m in decoded if topic == "/lwrprobe/state"]
     assert states[-1]["covered"] > 0.9
 
 
 @pytest.mark.slow
-def test_the_tip_is_where_the_joints_put_it(run):
+def test_the_tip_is_where_the_joints_put_it(run, decoded):
     robot = lp.kinematics.robot_by_name("lwr4")
     scene = lp.load_scene(run / "scene.toml")
     robot = robot.with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
-    found = with_mcap(run)
-    joints = {time: m for topic, time, m in found if topic == "/joint_states"}
-    tips = [(time, m) for topic, time, m in found if topic == "/probe_tip"][::97]
+    joints = {time: m for topic, time, m in decoded if topic == "/joint_states"}
+    tips = [(time, m) for topic, time, m in decoded if topic == "/probe_tip"][::97]
     for time, message in tips:
         pose = robot.fk(np.array(joints[time].position)).A
         p, o = message.pose.position, message.pose.orientation

@@ -17,7 +17,7 @@ def learn(params, state, information, sums, matrix, covariance, time, force, tor
     size, speed = np.linalg.norm(force), np.linalg.norm(velocity)
     passed, change = time - state[k.S_TIME], abs(size - state[k.S_FORCE])
     after = np.array([time, size, state[k.S_SINCE], state[k.S_MISFIT]])
-    if speed < k.MIN_SPEED or size < k.MIN_FORCE or not 0.0 < passed < k.GAP or change > k.STEADY * size:
+    if speed < k.MIN_SPEED or size < k.MIN_FORCE or not 0.0 < passed < params[k.P_GAP] or change > k.STEADY * size:
         return False, after, information, sums
     path = rotation.T @ velocity / speed
     along = force @ path

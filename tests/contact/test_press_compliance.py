@@ -11,14 +11,14 @@ UP = np.array([0.0, 0.0, 1.0])
 AXIAL = 8e-7
 
 
-def pressed(compliance, noise=0.003, slide=0.0, wrong=0.0, samples=600, seed=1, normal=UP):
+def pressed(compliance, noise=0.003, slide=0.0, wrong=0.0, samples=600, seed=1, normal=UP, rate=125.0):
     """A sphere that is pressed up and down while it slides along y, the normal wrong by an angle."""
     random = np.random.default_rng(seed)
-    watch = PressCompliance(Deflection(Probe(compliance=np.array([4e-4, 4e-4, AXIAL]))))
+    watch = PressCompliance(Deflection(Probe(compliance=np.array([4e-4, 4e-4, AXIAL]))), rate)
     shown = np.array([0.0, np.sin(wrong), np.cos(wrong)]) if wrong else normal
     for k in range(samples):
-        time = 0.008 * k
-        size = 1.0 + 0.5 * np.sin(40.0 * time)
+        time = k / rate
+        size = 1.0 + 0.5 * np.sin(0.32 * rate * time)
         force = size * normal + noise * random.standard_normal(3)
         pose = np.eye(4)
         pose[:3, :3] = DOWN
@@ -35,6 +35,12 @@ def test_the_slope_is_the_compliance_whatever_slides(compliance, wrong):
     assert watch.batches >= 10
     assert watch.value == pytest.approx(compliance, rel=0.15)
     assert abs(watch.value - compliance) < 3.0 * watch.sigma
+
+
+def test_a_slow_sensor_shows_it_as_well():
+    watch = pressed(5e-5, rate=20.0)
+    assert watch.batches >= 10
+    assert watch.value == pytest.approx(5e-5, rel=0.15)
 
 
 def test_one_batch_says_nothing_certain():

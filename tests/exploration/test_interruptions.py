@@ -183,7 +183,7 @@ def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute)
     assert milliseconds == 80 or bool(summary.interruptions) == (milliseconds > 100)
     assert {one["device"] for one in summary.interruptions} <= {"sensor"}
     assert summary.reentries == 0
-    assert summary.contact_error_mm["median"] < 0.08
+    assert summary.contact_error_mm["median"] < 0.06
     assert_replayed(tmp_path)
 
 

@@ -56,5 +56,7 @@ def test_a_loop_that_is_slower_than_stated_counts_as_measured_and_a_faster_one_a
     assert reaction_delay(scene, CYCLE, 0.004, 125.0, LoopDelay()) == stated
     late = reaction_delay(scene, CYCLE, 0.004, 125.0, measured(11, 0.0, age=0.014))
     assert late == pytest.approx(stated + 0.02, abs=1e-4)
+    waits = reaction_delay(scene, CYCLE, 0.004, 125.0, measured(1, 0.0), arm_delay=0.01)
+    assert waits == pytest.approx(stated + 0.01), "an arm that follows a cycle later than the next one"
     own = load_scene("block", ["contact.delay=0.05"])
     assert reaction_delay(own, CYCLE, 0.004, 125.0, measured(11, 0.0)) == 0.05

@@ -12,6 +12,7 @@ from lwrprobe import arrival_time
 from lwrprobe_fri import FriConfig
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.answering import Answering
+from lwrprobe_fri.driver import FriArm
 from lwrprobe_fri.emulator import Controller, ControllerSettings, LaggingArm
 from lwrprobe_fri.wire import State, decode_measurement
 from lwrprobe_rig.link import FaultyLink, LinkFaults
@@ -161,6 +162,24 @@ def dated(line, late):
     for _ in range(5):
         report = yield b""
         assert report.time == pytest.approx(line.now + late, abs=1e-6)
+
+
+def test_set_point_is_followed_as_late_as_the_driver_states():
+    """The answer to a measurement leaves before the runner has seen it: what it leads to goes out with the next one."""
+    line, arm = CountedLine(), FriArm(FriConfig(cycle=CYCLE))
+
+    def runner():
+        yield from taken_over(line)
+        goal = START.copy()
+        goal[3] += 0.001
+        yield set_point(goal, START)
+        cycles = 1
+        while line.controller.set_point[3] < START[3] + 0.0009:
+            yield set_point(goal, goal)
+            cycles += 1
+        assert cycles * CYCLE == pytest.approx(CYCLE + arm.delay)
+
+    line.run(runner())
 
 
 def test_late_runner_is_braked_and_counted_and_may_go_on():

@@ -11,6 +11,7 @@ import pytest
 
 from lwrprobe.contracts import (
     ArmStatus,
+    BufferedArm,
     ConnectionLost,
     DeviceRefused,
     Driver,
@@ -176,6 +177,21 @@ def test_late_runner_is_told_rests_and_may_go_on():
         state = move(arm, 0, 0.02, 50)
         assert not state.status & ArmStatus.NOT_COMMANDING
         assert emulator.controller.error == 0
+
+
+def test_states_that_came_while_nobody_read_are_kept():
+    with bench() as (arm, _):
+        arm.open()
+        before = arm.read()
+        time.sleep(0.4)
+        after = arm.read()
+        times = [before.time, *(state.time for state in arm.passed()), after.time]
+        assert isinstance(arm, BufferedArm)
+        assert len(times) > 10
+        assert 0.0 < np.diff(times).min() < np.diff(times).max() < 0.2
+        last = arm.read()
+        assert last.time > after.time
+        assert len(arm.passed()) < 10
 
 
 def test_drives_off_discards_the_motion_and_restarts_only_when_asked():

@@ -24,15 +24,12 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> list[Path]:
+def runs(recorded_sphere, tmp_path_factory) -> list[Path]:
     """A run with a bag, and one without."""
-    base = tmp_path_factory.mktemp("runs")
-    for name, strategy, record in (("with", "grid_version", True), ("without", "surface_contour", None)):
-        settings = {"strategy.step": 0.04}
-        lp.explore(
-            "sphere", strategy=strategy, seed=5, settings=settings, out=base / name, record=record, progress=False
-        )
-    return [base / "with", base / "without"]
+    without = tmp_path_factory.mktemp("runs") / "without"
+    settings = {"strategy.step": 0.04}
+    lp.explore("sphere", strategy="surface_contour", seed=5, settings=settings, out=without, progress=False)
+    return [recorded_sphere, without]
 
 
 @pytest.fixture(scope="module")

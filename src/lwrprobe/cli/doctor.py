@@ -72,6 +72,7 @@ def _installation() -> Iterator[tuple[str, bool]]:
 def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool | None]]:
     from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError, MassiveArm
     from lwrprobe.contracts.plugins import load
+    from lwrprobe.exploration.loop.devices import delay_of
     from lwrprobe.options import configure
     from lwrprobe.scene import load_scene
 
@@ -92,13 +93,14 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         from lwrprobe.exploration.procedures.dry_run import stability
 
         arm = faces["arm"]
-        reading = stability(loaded, arm.cycle, faces["sensor"].latency, mass)
+        reading = stability(loaded, arm.cycle, faces["sensor"].latency, mass, delay_of(arm))
         yield f"{loaded.name} {reading.name:<24} {reading.value}", reading.good
     if "arm" in faces:
         from lwrprobe.exploration.procedures.host_stalls import host_checks
 
         latency = faces["sensor"].latency if "sensor" in faces else 0.0
-        for reading in host_checks(loaded, faces["arm"].cycle, latency, min(seconds, 5.0), mass):
+        arm = faces["arm"]
+        for reading in host_checks(loaded, arm.cycle, latency, min(seconds, 5.0), mass, delay_of(arm)):
             # Some seconds beside whatever else runs say what to improve; whether cycles are missed the arm itself says.
             yield f"host {reading.name:<24} {reading.value}", reading.good or None
 

@@ -13,8 +13,8 @@ from lwrprobe.contracts.samples import Vector
 
 MIN_CHANGE = 0.02
 """N between two samples: seven times the noise of a reading, which makes the slope some percent too small."""
-GAP = 0.02
-"""s between two samples, from which on they are not compared."""
+GAP = 2.5
+"""Periods of the sensor between two samples, from which on they are not compared."""
 ALONG = 0.9
 """Least cosine between normal and stick: across it the stick itself gives way hundreds of times more."""
 BATCH = 10
@@ -36,10 +36,11 @@ class PressCompliance:
     Parameters
     ----------
     bend : the probe's own deflection, which is subtracted
+    rate : Hz, of the sensor
     """
 
-    def __init__(self, bend: Deflection) -> None:
-        self._bend = bend
+    def __init__(self, bend: Deflection, rate: float = 125.0) -> None:
+        self._bend, self._gap = bend, GAP / rate
         self._last: tuple[float, list[float], list[float], list[float]] | None = None
         self._squares = [0.0, 0.0, 0.0]
         self._count = 0
@@ -73,7 +74,7 @@ class PressCompliance:
             return False
         place, force = pose[:3, 3].tolist(), wrench.world_force.tolist()
         self._last = (wrench.time, place, force, normal)
-        if before is None or not 0.0 < wrench.time - before[0] < GAP:
+        if before is None or not 0.0 < wrench.time - before[0] < self._gap:
             return False
         mean = [a + b for a, b in zip(normal, before[3])]
         length = hypot(*mean)

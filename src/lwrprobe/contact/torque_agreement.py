@@ -21,6 +21,8 @@ SOLVE_EVERY = 0.1
 """s of usable samples after which the matrix is found anew."""
 SURPRISE = 2.0
 """Ratio of found to expected disagreement from which on more is expected."""
+GAP = 6.25
+"""Periods of the sensor between two samples, from which on the earlier one says nothing."""
 LARGEST = 10.0
 """That ratio at most: without a prior, readings with a wrong normal would decide what forces have not shown."""
 
@@ -34,15 +36,16 @@ class TorqueAgreement:
     expected : (3,) m, standard deviation of E's entries for force along the sensor's x, y, z
     zero : N·m, standard deviation of the torque about the sphere through the wandering zero of all axes
     normal_error : rad, standard deviation of a normal that follows from force and path
+    rate : Hz, of the sensor
 
     Attributes
     ----------
     disagreement : largest torque error that was found, over the lever: 0.03 means that torque and force disagree by 3 %
     """
 
-    def __init__(self, probe: Probe, expected: Vector, zero: float, normal_error: float) -> None:
+    def __init__(self, probe: Probe, expected: Vector, zero: float, normal_error: float, rate: float = 125.0) -> None:
         self._lever = probe.sensor_distance
-        self._params = np.array([probe.radius, self._lever, *probe.compliance, zero, normal_error])
+        self._params = np.array([probe.radius, self._lever, *probe.compliance, zero, normal_error, GAP / rate])
         self._expected, self._scale, self._zero = np.array(expected, dtype=np.float64), 1.0, zero
         self._state = np.array([-np.inf, 0.0, 0.0, 1.0])
         self._information, self._sums = np.zeros((4, 4)), np.zeros((4, 3))

@@ -15,7 +15,8 @@ P_LEVER = 1  # m, from the sensor to the sphere
 P_COMPLIANCE = 2  # 3, m/N
 P_ZERO = 5  # N m, standard deviation by the wandering zero
 P_NORMAL = 6  # rad, standard deviation of a normal that follows from force and path
-PARAMS = 7
+P_GAP = 7  # s between two samples, from which on the earlier one says nothing
+PARAMS = 8
 
 # state
 S_TIME = 0  # s, of the last sample, negative infinity before the first
@@ -28,7 +29,6 @@ MIN_SPEED = 0.004  # m/s, below it the sphere may stick
 MIN_FORCE = 0.4  # N, below it the zero decides
 STEADY = 0.1  # relative change of the force between two samples above which the tip lands or lifts off
 OBLIQUE = 0.8  # least sine between force and path: friction is below 0.75
-GAP = 0.05  # s between two samples, from which on the earlier one says nothing
 WANDER = 2.0  # s over which the wandering of the zero is one and the same: samples within it count as one
 OUTLIER = 3.0  # standard deviations from which on a residual counts with less weight
 RUN = 0.05  # weight of a reading in the running mean of the residuals
@@ -63,7 +63,7 @@ def learn(params, state, information, sums, matrix, covariance, time, force, tor
     speed = sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
     passed, change = time - state[S_TIME], abs(size - state[S_FORCE])
     state[S_TIME], state[S_FORCE] = time, size
-    if speed < MIN_SPEED or size < MIN_FORCE or not 0.0 < passed < GAP or change > STEADY * size:
+    if speed < MIN_SPEED or size < MIN_FORCE or not 0.0 < passed < params[P_GAP] or change > STEADY * size:
         return False
     px = (rotation[0, 0] * velocity[0] + rotation[1, 0] * velocity[1] + rotation[2, 0] * velocity[2]) / speed
     py = (rotation[0, 1] * velocity[0] + rotation[1, 1] * velocity[1] + rotation[2, 1] * velocity[2]) / speed

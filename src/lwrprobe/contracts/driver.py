@@ -114,6 +114,26 @@ class MassiveArm(Arm, Protocol):
 
 
 @runtime_checkable
+class DelayedArm(Arm, Protocol):
+    """An arm that says by how much it follows a set point later than in the next cycle; optional, like `MassiveArm`."""
+
+    @property
+    def delay(self) -> float:
+        """s beyond the next cycle. A plain attribute will do."""
+
+
+@runtime_checkable
+class BufferedArm(Arm, Protocol):
+    """An arm whose states are kept while nobody reads them; optional, and found by its method.
+
+    The samples of a sensor that were measured meanwhile are then taken to where the arm was.
+    """
+
+    def passed(self) -> list[ArmState]:
+        """States that came between the last two that `read` has returned, oldest first."""
+
+
+@runtime_checkable
 class RestartableArm(Arm, Protocol):
     """An arm that can take set points again after it has stopped by itself; optional, and found by its method.
 

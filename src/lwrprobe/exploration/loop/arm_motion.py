@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.contracts import ArmState, ArmStatus
+from lwrprobe.contracts import ArmState, ArmStatus, BufferedArm
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
@@ -52,6 +52,7 @@ class ArmMotion:
         self._pipeline = pipeline
         self._arm, self._trajectory, self._governor = devices.arm, pipeline.trajectory, pipeline.governor
         self._simulated = SimulatedTime.of(devices, robot.n)
+        self._buffered = devices.arm if isinstance(devices.arm, BufferedArm) else None
         self._clock, self._silence = clock, silence
         self.cycle = devices.arm.cycle
         self.time, self.q = 0.0, np.zeros(robot.n)
@@ -65,11 +66,17 @@ class ArmMotion:
     def observe(self) -> ArmState:
         """The arm's next state; raises MotionStop where it does not follow."""
         state = self._arm.read()
+        if self._buffered is not None:
+            for passed in self._buffered.passed():
+                self._note(passed)
+        self._note(state)
+        return state
+
+    def _note(self, state: ArmState) -> None:
         self.time = state.time
         self.history.note(state.time, self._trajectory.velocity, state.q)
         self.excess.note_state(state.time, bool(state.status & _UNANSWERED))
         self.guard.watch(state)
-        return state
 
     def rest(self, state: ArmState) -> None:
         """Begin anew where the arm rests after it has stopped by itself."""

@@ -11,6 +11,7 @@ import numpy as np
 from lwrprobe.contracts import (
     DRIVER_CONTRACT,
     Arm,
+    DelayedArm,
     Driver,
     DriverContext,
     GroundTruth,
@@ -74,6 +75,11 @@ class Devices:
         self.close()
 
     @property
+    def arm_delay(self) -> float:
+        """s beyond the next cycle by which the arm follows a set point later; 0 for an arm that states none."""
+        return delay_of(self.arm)
+
+    @property
     def arm_mass(self) -> float:
         """kg, of the arm's moving links; 0 for an arm that states none. An open arm may know it better."""
         return float(self.arm.mass) if isinstance(self.arm, MassiveArm) else 0.0
@@ -99,3 +105,8 @@ class Devices:
             self.arm.close()
         finally:
             self.sensor.close()
+
+
+def delay_of(arm: Arm) -> float:
+    """s that an arm states as a `DelayedArm`, or 0."""
+    return float(arm.delay) if isinstance(arm, DelayedArm) else 0.0

@@ -187,7 +187,8 @@ class Explorer:
         area, margin = self._pipeline.area, self._scene.safety.margin
         self.arm.guard.confine(area.lower - margin, area.upper + margin)
         task, sensor = self.task(), self._devices.sensor
-        stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate)
+        arm_delay = self._devices.arm_delay
+        stated = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, None, arm_delay)
         self._pipeline.force.begin(task.delay, stated, task.arm_mass)
         self._sample.zero_time = self.arm.time - elapsed
         if self._recorder.bag is not None:
@@ -203,7 +204,8 @@ class Explorer:
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""
         sensor = self._devices.sensor
-        delay = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, self.start_up.loop_delay)
+        measured, arm_delay = self.start_up.loop_delay, self._devices.arm_delay
+        delay = reaction_delay(self._scene, self.arm.cycle, sensor.latency, sensor.rate, measured, arm_delay)
         reachable, clear = self._answered(self._request.reachable), self._answered(self._request.clear)
         mass = tip_mass(self._pipeline.robot, self._devices.arm_mass, self.arm.q)
         return make_task(self._scene, self._pipeline, delay, reachable, clear, mass)
@@ -366,6 +368,7 @@ def make_task(
         delay=delay,
         arm_mass=arm_mass,
         arm_stiffness=arm_stiffness(scene),
+        search_for=scene.area.search_for,
         options=pipeline.options,
         reachable=reachable,
         clear=clear,

@@ -46,17 +46,18 @@ def dry_run(scene: Scene, message: Callable[[str], None] = lambda text: None) ->
     """
     devices = Devices.assemble(scene, scene.run.seed, False)
     cycle, latency = devices.arm.cycle, devices.sensor.latency
-    readings = [*_posture(scene), stability(scene, cycle, latency, devices.arm_mass)]
-    summary = explore(_simulated(scene, cycle, latency), message=message)
+    late = devices.arm_delay
+    readings = [*_posture(scene), stability(scene, cycle, latency, devices.arm_mass, late)]
+    summary = explore(_simulated(scene, cycle, latency, late), message=message)
     return DryRun(readings + _driven(scene, summary), summary)
 
 
-def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0) -> HealthCheck:
+def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0, late: float = 0.0) -> HealthCheck:
     """S = K tau / B of the stiffest direction, and how fast it may be touched (see `control.force_law`).
 
-    `arm_mass` is kg of the arm's moving links.
+    `arm_mass` is kg of the arm's moving links, `late` s by which it follows set points later than in the next cycle.
     """
-    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate, arm_delay=late)
     probe, contact = scene.probe.as_probe(), scene.contact
     soft = 1.0 / contact.stiffness + probe.compliance.min()
     law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
@@ -86,9 +87,9 @@ def _posture(scene: Scene) -> list[HealthCheck]:
     ]
 
 
-def _simulated(scene: Scene, cycle: float, latency: float) -> Scene:
+def _simulated(scene: Scene, cycle: float, latency: float, late: float) -> Scene:
     # What the real devices' drivers know of themselves is what the simulator imitates.
-    options = {"cycle": cycle, "latency": latency} | dict(scene.drivers.get("sim", {}))
+    options = {"cycle": cycle, "latency": latency, "delay": late} | dict(scene.drivers.get("sim", {}))
     return scene.model_copy(
         update={
             "arm": scene.arm.model_copy(update={"driver": "sim"}),

@@ -47,7 +47,9 @@ def smallest_cycle(late: np.ndarray) -> float | None:
     return None
 
 
-def host_checks(scene: Scene, cycle: float, latency: float, seconds: float, arm_mass: float = 0.0) -> list[HealthCheck]:
+def host_checks(
+    scene: Scene, cycle: float, latency: float, seconds: float, arm_mass: float = 0.0, late: float = 0.0
+) -> list[HealthCheck]:
     """Idle for some seconds, half of them with real-time priority where that is permitted, and evaluate it.
 
     Parameters
@@ -55,6 +57,7 @@ def host_checks(scene: Scene, cycle: float, latency: float, seconds: float, arm_
     cycle : s, of the arm
     latency : s, of the sensor
     arm_mass : kg, of the arm's moving links
+    late : s, by which the arm follows set points later than in the next cycle
     """
     ordinary = stalls(0.5 * seconds)
     with real_time_priority(LOOP) as permitted:
@@ -77,7 +80,8 @@ def host_checks(scene: Scene, cycle: float, latency: float, seconds: float, arm_
             {"cycle_ms": None if allowed is None else 1e3 * allowed},
         ),
     ]
-    return [*checks, _speed(scene, cycle, latency, float(np.quantile(preferred, 0.999)), arm_mass)]
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate, arm_delay=late)
+    return [*checks, _speed(scene, delay, float(np.quantile(preferred, 0.999)), arm_mass)]
 
 
 def _described(late: np.ndarray) -> str:
@@ -85,9 +89,8 @@ def _described(late: np.ndarray) -> str:
     return f"median {median:.2f} ms, p99.9 {high:.2f} ms, longest {longest:.2f} ms of {len(late)} wake-ups"
 
 
-def _speed(scene: Scene, cycle: float, latency: float, stall: float, arm_mass: float) -> HealthCheck:
+def _speed(scene: Scene, delay: float, stall: float, arm_mass: float) -> HealthCheck:
     """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
-    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
     mass, speeds = tip_mass_at_start(scene, arm_mass), []
     for seconds in (delay, delay + stall):
         law = touch_law(scene, seconds, mass, max_speed=1.0)

@@ -194,7 +194,7 @@ def repeat(
     did not come to its end.
     """
     devices = Devices.assemble(scene, scene.run.seed, False)
-    fastest = safe_speed(scene, devices.arm.cycle, devices.sensor.latency, devices.arm_mass)
+    fastest = safe_speed(scene, devices.arm.cycle, devices.sensor.latency, devices.arm_mass, devices.arm_delay)
     if not plan.speeds:
         plan = replace(plan, speeds=tuple(share * fastest for share in (0.25, 0.5, 1.0)))
     for speed in plan.speeds:
@@ -208,9 +208,9 @@ def repeat(
     return {"speeds": statistics(touches), "summary": summary}
 
 
-def safe_speed(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0) -> float:
-    """m/s at which the stiffest direction may be touched by an arm of `arm_mass` kg."""
-    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate)
+def safe_speed(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0, late: float = 0.0) -> float:
+    """m/s at which the stiffest direction may be touched by an arm of `arm_mass` kg that follows `late` [s]."""
+    delay = reaction_delay(scene, cycle, latency, scene.sensor.rate, arm_delay=late)
     law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
     if isinstance(law, Refusal):
         raise InputError("contact.stiffness", scene.contact.stiffness, f"something that may be touched: {law.reason}")

@@ -16,6 +16,7 @@ import numpy as np
 
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
+    Bounds,
     Clearance,
     Contact,
     Doubt,
@@ -24,6 +25,7 @@ from lwrprobe.contracts import (
     Motion,
     Observation,
     Progress,
+    SearchingStrategy,
     Strategy,
     Task,
 )
@@ -140,6 +142,11 @@ class Logged:
     def line_spacing(self) -> float | None:
         """The strategy's own."""
         return self.strategy.line_spacing
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The strategy's own; None for one that does not search."""
+        return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:

@@ -82,7 +82,7 @@ class ForceStage:
         )
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
-        self._press = PressCompliance(self._bend)
+        self._press = PressCompliance(self._bend, rate)
         # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
         stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
         self._at_first = self._of_stiffness = min(COVERED / stiffest, 1.0)
@@ -230,7 +230,7 @@ class ForceStage:
         """Normals were wrong: what presses have shown with them is dropped."""
         if self._press.batches == 0:
             return
-        self._press, self._of_stiffness = PressCompliance(self._bend), self._at_first
+        self._press, self._of_stiffness = PressCompliance(self._bend, self._rate), self._at_first
         if self._compliance > 0.0:
             self._compliance = 0.0
             self._estimator.set_indentation(1.0 / self._contact.stiffness)

@@ -20,9 +20,11 @@ from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
     Area,
+    Bounds,
     LeftOut,
     Probe,
     Reconstructor,
+    SearchingStrategy,
     Strategy,
 )
 from lwrprobe.contracts.plugins import load
@@ -76,6 +78,16 @@ class Pipeline:
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Of an object that the strategy has searched for; None where it has not, or has not found any."""
+        return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    @property
+    def explored(self) -> Area:
+        """Where the sphere's centre may go while the object is explored: all of the area, or what was bounded in it."""
+        return self.area if self.bounds is None else self.bounds.area
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
@@ -268,17 +280,24 @@ def _deflection(scene: Scene, probe: Probe) -> tuple[Deflection | None, str]:
 
 
 def reaction_delay(
-    scene: Scene, cycle: float, sensor_latency: float, rate: float, measured: LoopDelay | None = None
+    scene: Scene,
+    cycle: float,
+    sensor_latency: float,
+    rate: float,
+    measured: LoopDelay | None = None,
+    arm_delay: float = 0.0,
 ) -> float:
     """s, from a force at the sphere to the arm's answer, at worst: sensor, its period, one cycle, and the jerk ramp.
 
-    What the start-up has `measured` counts where it is longer by more than `UNNOTICED`.
+    An arm that follows set points later than in the next cycle adds its `arm_delay` [s]. What the start-up has
+    `measured` counts where it is longer by more than `UNNOTICED`.
     """
     ramp = float(np.sqrt(scene.motion.contour_speed / scene.motion.jerk))
     stated = scene.contact.delay
-    stated = sensor_latency + 1.0 / rate + cycle + ramp if stated is None else float(stated)
+    follows = cycle + arm_delay
+    stated = sensor_latency + 1.0 / rate + follows + ramp if stated is None else float(stated)
     if measured is None:
         return stated
     latency = sensor_latency if measured.sensor is None else measured.sensor
-    found = latency + 1.0 / rate + max(cycle, measured.arm or 0.0) + ramp
+    found = latency + 1.0 / rate + max(follows, measured.arm or 0.0) + ramp
     return found if found > stated + UNNOTICED else stated

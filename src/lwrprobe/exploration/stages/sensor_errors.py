@@ -29,7 +29,7 @@ def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:
     if scene.contact.estimator == "force_direction" or not expected.any() or zero <= 0.0:
         return None
     direction = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
-    return TorqueAgreement(probe, expected, zero, hypot(direction, 0.01))
+    return TorqueAgreement(probe, expected, zero, hypot(direction, 0.01), scene.sensor.rate)
 
 
 def torque_errors(scene: Scene, probe: Probe) -> Vector:
