@@ -49,7 +49,8 @@ def _label_fences(app: object, name: str, source: list[str]) -> None:
 
 def _labelled(fence: re.Match[str]) -> str:
     language, word, file = fence.groups()
-    return f"```{{code-block}} {language}\n:caption: {file or _SAYS[word]}\n"
+    caption = file.replace("_", r"\_") if file else _SAYS[word]  # a caption is Markdown: __init__ would be bold
+    return f"```{{code-block}} {language}\n:caption: {caption}\n"
 
 
 _SECTIONS = ("Parameters", "Attributes", "Raises")

@@ -31,6 +31,8 @@ def ensure(extra: str = "") -> float:
     """Environment with lwrprobe and one extra installed; returns the seconds that setting it up took."""
     if sys.version_info < OLDEST:
         sys.exit(f"lwrprobe needs Python {OLDEST[0]}.{OLDEST[1]} or newer; this is {sys.version.split()[0]}")
+    # Byte code belongs into this environment as compiled kernels do: without it each start takes seconds longer.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if _installed(extra):
         return 0.0
     begin = time.monotonic()

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import environment
 
 # Tests of one file share its fixtures; tests/conftest.py says which group goes where and in which order.
-SIDE_BY_SIDE = ["-n", "auto", "--dist", "loadgroup", "--no-loadscope-reorder"]
+SIDE_BY_SIDE = ["--dist", "loadgroup", "--no-loadscope-reorder"]
 LWRPROBE = "from lwrprobe.cli.app import main; main()"
 
 
@@ -28,7 +28,14 @@ def main() -> None:
     arguments = [str(Path(a).resolve()) if Path(a).exists() else a for a in sys.argv[1:]]
     os.chdir(environment.ROOT)
     _compile_kernels()
-    environment.hand_over([str(environment.PYTHON), "-m", "pytest", *SIDE_BY_SIDE, *arguments])
+    processes = ["-n", str(_processes(quick="--quick" in arguments))]
+    environment.hand_over([str(environment.PYTHON), "-m", "pytest", *processes, *SIDE_BY_SIDE, *arguments])
+
+
+def _processes(quick: bool) -> int:
+    """One for each core, and one more for the tests that mostly wait, which the quick path leaves out."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores if quick else cores + 1
 
 
 def _compile_kernels() -> None:

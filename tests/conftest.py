@@ -5,8 +5,10 @@ two of them compete for the processor: sockets, signals and loops that keep up w
 """
 
 import re
+from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
 
@@ -40,6 +42,20 @@ def pytest_collection_modifyitems(config, items):
         items[:] = chosen
     if hasattr(config, "workerinput"):
         _group(items)
+
+
+@pytest.fixture(scope="session")
+def recorded_sphere(tmp_path_factory, request) -> Path:
+    """The folder of a short run with a bag, made once for all processes; nobody changes it."""
+    import lwrprobe as lp
+
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if hasattr(request.config, "workerinput") else base
+    folder = base / "recorded_sphere"
+    with FileLock(base / "recorded_sphere.lock"):
+        if not (folder / "summary.json").exists():
+            lp.explore("sphere", seed=5, settings={"strategy.step": 0.04}, out=folder, record=True, progress=False)
+    return folder
 
 
 def _group(items):

@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.kinematics import Robot, robot_by_name
 from lwrprobe.scene import Scene
-from lwrprobe.scene.actual_scene import actual_scene
+from lwrprobe.scene.actual_scene import actual_scene, placed
 from lwrprobe.scene.table import Pose
 from lwrprobe_sim.config import SimConfig
 
@@ -35,8 +35,8 @@ def actual_world(scene: Scene, config: SimConfig, seed: int) -> ActualWorld:
     truth = scene.truth
     if truth.ideal:
         return ActualWorld(scene, config, robot, {"profile": truth.profile})
-    drawn = truth.draw(seed, robot.n)
     run = scene.run.model_copy(update={"seed": seed})
+    drawn = placed(scene, truth.draw(seed, robot.n))
     report: dict[str, Any] = {name: [round(float(v), 9) for v in numbers] for name, numbers in drawn.items()}
     if "zero_wander_force_mn" in drawn or "zero_wander_torque_unm" in drawn:
         report["zero_wander_s"] = truth.zero_wander_s

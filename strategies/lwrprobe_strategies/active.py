@@ -74,6 +74,8 @@ class Active(GridVersion):
     def step(self, observation: Observation) -> Motion:
         """Answer one observation, after noting it in the estimate."""
         contact = observation.contact
+        if self.searching:
+            return super().step(observation)
         if contact is None:
             self.estimate.passed(observation.pose[:3, 3])
         elif contact.confidence is Confidence.RELIABLE:
@@ -111,9 +113,11 @@ class Active(GridVersion):
     @property
     def line_spacing(self) -> float | None:
         """m between two strokes, about."""
-        return SPACING * self.options.step
+        return SPACING * float((self.task.options or self.Config()).step)
 
     def progress(self) -> Progress:
         """The skill that runs, and how near the expected error is to the aim."""
+        if self.searching:
+            return super().progress()
         doing = f"stroke {self.strokes.count()[0] + 1}: {self.tip.trace.state}"
         return Progress(doing, self.strokes.share, self.tip.trace.state)

@@ -367,10 +367,12 @@ class Coverage(SkillStrategy):
     @property
     def line_spacing(self) -> float | None:
         """m between two lines."""
-        return float(self.options.step)
+        return float((self.task.options or self.Config()).step)
 
     def progress(self) -> Progress:
         """The line, the skill, and the share of the lines done."""
+        if self.searching:
+            return super().progress()
         driven, known = self.lines.count()
         kind = "grid line" if self.frame.line.axis == Y else "line across"
         state = self.tip.trace.state

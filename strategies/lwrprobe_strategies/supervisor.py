@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import STRATEGY_CONTRACT, Done, Motion, Observation, Progress, Task
+from lwrprobe.contracts import STRATEGY_CONTRACT, Bounds, Done, Motion, Observation, Progress, Task
+from lwrprobe_strategies.blind_start import BlindStart, bounded
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload
 from lwrprobe_strategies.skills.skill import Skill
 from lwrprobe_strategies.tip import MAX_PERIOD, Tip
@@ -92,16 +93,20 @@ class Supervisor:
 class SkillStrategy(ABC):
     """A strategy written as a program of skills; `program` is all that it has to define.
 
+    Where nobody knows where the object is, it is found and bounded before the program begins.
+
     Attributes
     ----------
-    task : what is to be explored, from `start` on
+    task : what is to be explored, from `start` on; what was found, once the program runs
     tip : what the skills share, from `start` on
+    bounds : of an object that was searched for, else None
     """
 
     Config: ClassVar[type]
     contract: ClassVar[int] = STRATEGY_CONTRACT
     task: Task
     tip: Tip
+    bounds: Bounds | None
 
     @abstractmethod
     def program(self) -> Program:
@@ -121,7 +126,8 @@ class SkillStrategy(ABC):
         """Take over: the tip rests in free space. The program runs up to its first motion."""
         self.task, self.tip = task, Tip(task)
         self._supervisor = Supervisor(self.tip)
-        self._program = self.program()
+        self.bounds = None
+        self._program = self.program() if task.search_for is None else self._blind_program()
         self._done: Done | None = None
         self._advance(None)
 
@@ -131,6 +137,24 @@ class SkillStrategy(ABC):
             return self._done
         self.tip.observe(observation)
         return self._advance(observation)
+
+    @property
+    def searching(self) -> bool:
+        """The object is still to be found."""
+        return self.task.search_for is not None
+
+    def _blind_program(self) -> Program:
+        """Find the object, bound it, and do what is to be done with it."""
+        start = BlindStart(self.tip)
+        found = yield from start.program()
+        if found is None:
+            return Done(
+                f"nothing found; nothing was missed over which a level circle of {1e3 * start.missed:.0f} mm fits"
+            )
+        self.task = bounded(self.task, found)
+        self.tip.confine(self.task)
+        self.bounds = Bounds(found.found_at, self.tip.seen.time, found.area)
+        return (yield from self.program())
 
     def _advance(self, seen: Observation | None) -> Motion:
         trace = self.tip.trace

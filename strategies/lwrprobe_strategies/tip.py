@@ -11,7 +11,7 @@ from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Speeds
+from lwrprobe_strategies.planning.paths import Speeds, body
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
@@ -67,6 +67,13 @@ class Tip:
         self.leaving = False
         self.trace = Trace()
         self._samples = 0
+
+    def confine(self, task: Task) -> None:
+        """Go on with a task in a part of the area; what was touched stays known."""
+        self.task = task
+        wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
+        self.free = FreeSpace(task.area, min(wide, default=inf))
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
 
     @property
     def here(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import lwrprobe as lp
 from lwrprobe.bags import messages
-from lwrprobe.bags.bag_file import BagState, read_bag, read_file
+from lwrprobe.bags.bag_file import BagState, bag_files, read_bag, read_file
 from lwrprobe.bags.bag_writer import BagWriter, state_of
 from lwrprobe.bags.recover import recover_bag
 from lwrprobe.contracts import FormatError, StorageError
@@ -30,26 +30,23 @@ TOPICS = {
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    """A short run that was recorded."""
-    folder = tmp_path_factory.mktemp("recorded") / "sphere"
-    settings = {"strategy.step": 0.04}
-    lp.explore("sphere", seed=5, settings=settings, out=folder, record=True, progress=False)
-    return folder
+def run(recorded_sphere) -> Path:
+    return recorded_sphere
 
 
-def with_mcap(run: Path) -> list[tuple[str, int, object]]:
+@pytest.fixture(scope="module")
+def decoded(run) -> list[tuple[str, int, object]]:
+    """Topic, time and content of every message, as mcap and its decoder read them."""
     with (run / "bag" / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         return [(c.topic, m.log_time, decoded) for _, c, m, decoded in reader.iter_decoded_messages()]
 
 
 @pytest.mark.slow
-def test_mcap_and_its_ros_decoder_read_all_messages(run):
-    found = with_mcap(run)
-    assert {topic for topic, _, _ in found} >= TOPICS
-    assert len(found) == sum(1 for _ in read_bag(run))
-    wrenches = [m for topic, _, m in found if topic == "/wrench"]
+def test_mcap_and_its_ros_decoder_read_all_messages(run, decoded):
+    assert {topic for topic, _, _ in decoded} >= TOPICS
+    assert len(decoded) == sum(1 for _ in read_bag(run))
+    wrenches = [m for topic, _, m in decoded if topic == "/wrench"]
     recording = read_recording(run)
     measured = recording.rows[recording.run(), 4:10]
     assert len(wrenches) == len(measured)
@@ -73,30 +70,28 @@ def test_rosbags_reads_folder_metadata_and_messages(run):
 
 
 @pytest.mark.slow
-def test_contacts_and_map_are_those_of_the_run(run):
-    found = with_mcap(run)
-    clouds = [m for topic, _, m in found if topic == "/contacts"]
+def test_contacts_and_map_are_those_of_the_run(run, decoded):
+    clouds = [m for topic, _, m in decoded if topic == "/contacts"]
     rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 9) for m in clouds])
     own = np.loadtxt(run / "contacts.csv", delimiter=",", skiprows=1)
     assert rows[:, :6] == pytest.approx(own[:, 1:7], abs=1e-5)
     assert rows[:, 8] == pytest.approx(own[:, 0], abs=1e-4)
     assert rows[:, 6] == pytest.approx(own[:, 7], abs=1e-4)
-    last = [m for topic, _, m in found if topic == "/map"][-1]
+    last = [m for topic, _, m in decoded if topic == "/map"][-1]
     content = (run / "map.bt").read_bytes()
     assert np.array(last.data, np.int8).tobytes() == content[content.index(b"\ndata\n") + 6 :]
     assert last.resolution == 0.002
-    states = [json.loads(m.data) for topic, _, m in found if topic == "/lwrprobe/state"]
+    states = [json.loads(m.data) for topic, _, m in decoded if topic == "/lwrprobe/state"]
     assert states[-1]["covered"] > 0.9
 
 
 @pytest.mark.slow
-def test_the_tip_is_where_the_joints_put_it(run):
+def test_the_tip_is_where_the_joints_put_it(run, decoded):
     robot = lp.kinematics.robot_by_name("lwr4")
     scene = lp.load_scene(run / "scene.toml")
     robot = robot.with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
-    found = with_mcap(run)
-    joints = {time: m for topic, time, m in found if topic == "/joint_states"}
-    tips = [(time, m) for topic, time, m in found if topic == "/probe_tip"][::97]
+    joints = {time: m for topic, time, m in decoded if topic == "/joint_states"}
+    tips = [(time, m) for topic, time, m in decoded if topic == "/probe_tip"][::97]
     for time, message in tips:
         pose = robot.fk(np.array(joints[time].position)).A
         p, o = message.pose.position, message.pose.orientation
@@ -133,13 +128,14 @@ def test_the_bag_alone_is_enough(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize("streams", [("/joint_states",), ("/probe_tip",)])
-def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams):
+def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams, storage):
     """Written by rosbags, with the standard messages and nothing of lwrprobe's."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     recording = read_recording(run)
     pause = recording.pauses()[-1]
-    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(tmp_path / "other", version=9, storage_plugin=storage) as writer:
         made = {}
         kinds = {m.topic: m.type for m in read_bag(run) if m.topic in (*streams, "/wrench")}
         for topic, kind in kinds.items():
@@ -161,6 +157,8 @@ def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams):
             writer.write(made[message.topic], message.time, message.data)
     other = read_recording(tmp_path / "other")
     assert not other.own
+    (file,) = bag_files(tmp_path / "other")
+    assert file.suffix == {StoragePlugin.MCAP: ".mcap", StoragePlugin.SQLITE3: ".db3"}[storage]
     passage = Replay(other, lp.load_scene(run / "scene.toml"), None, same=False)
     passage.run()
     points = np.array([contact.point for contact in passage.contacts])
@@ -230,7 +228,7 @@ def test_a_bag_is_readable_while_it_is_open(tmp_path):
 def test_a_second_part_goes_into_a_file_of_its_own(tmp_path):
     for part in range(2):
         writer = BagWriter(tmp_path, "bag")
-        writer.send("/text", part + 1, messages.text(str(part)))
+        writer.send("/lwrprobe/samples", part + 1, messages.table(SAMPLE_COLUMNS, np.zeros((1, 20))))
         writer.close()
     with Reader(tmp_path) as reader:
         assert reader.message_count == 2
@@ -263,6 +261,61 @@ def test_claims_beyond_the_file_are_refused_without_memory(tmp_path):
         tracemalloc.stop()
         assert state.broken
         assert peak < 2**20
+
+
+def sqlite_bag(folder: Path, times: range, part: int = 0) -> Path:
+    """Written by rosbags: a wrench and a pose at each time [ms]."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = {"/ft": "geometry_msgs/msg/WrenchStamped", "/tip": "geometry_msgs/msg/PoseStamped"}
+    with Writer(folder / f"w{part}", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        for time in (1_000_000 * ms for ms in times):
+            for topic, template, numbers in (
+                ("/ft", messages.wrench("ft"), (float(part), 0.0, 0.0, 0.0, 0.0, 0.0)),
+                ("/tip", messages.pose(), (0.0, 0.0, 1e-9 * time, 0.0, 0.0, 0.0, 1.0)),
+            ):
+                writer.write(connections[topic], time, template.at(time, numbers))
+    return next((folder / f"w{part}").glob("*.db3"))
+
+
+def test_a_bag_that_was_split_is_read_as_one(tmp_path):
+    for part, times in enumerate((range(0, 1000, 10), range(1000, 2000, 10))):
+        sqlite_bag(tmp_path, times, part).rename(tmp_path / f"long_{part}.db3")
+    recording = read_recording(tmp_path)
+    assert len(recording.rows) == 200
+    assert recording.column("fx").tolist() == [0.0] * 100 + [1.0] * 100
+    assert recording.poses[150, 2, 3] == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("share", np.linspace(0.1, 0.95, 12))
+def test_a_sqlite_bag_cut_anywhere_is_read_to_the_cut_or_refused(tmp_path, share):
+    content = sqlite_bag(tmp_path, range(0, 4000, 10)).read_bytes()
+    file = tmp_path / "cut.db3"
+    file.write_bytes(content[: int(share * len(content))])
+    state = BagState()
+    try:
+        read = list(read_file(file, state))
+    except FormatError:
+        return
+    assert not state.complete
+    assert state.broken
+    assert len(read) < 800
+
+
+def test_a_sqlite_file_is_read_without_running_what_is_in_it(tmp_path):
+    """A view in the place of a table may be a query that never ends."""
+    import sqlite3
+
+    file = tmp_path / "view.db3"
+    with sqlite3.connect(file) as made:
+        made.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+        endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS id, i AS topic_id FROM n"
+        made.execute(f"CREATE VIEW messages AS {endless}")
+    made.close()
+    with pytest.raises(FormatError, match="lacks a table"):
+        list(read_file(file, BagState()))
+    with pytest.raises(FormatError, match="only bags in MCAP"):
+        recover_bag(sqlite_bag(tmp_path, range(0, 100, 10)))
 
 
 def test_what_is_no_bag_is_refused(tmp_path):

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from answer import ask
 from typer.testing import CliRunner
 
 from lwrprobe.bench.sampled_lines import sample_lines, voxelised
@@ -128,7 +129,7 @@ def test_fit_tells_the_block(run_folder):
     assert fits[0]["warranted"]
     assert fits[0]["dimensions"]["width"] == pytest.approx(0.05, abs=2e-4)
     assert not any(found["warranted"] for found in fits[1:])
-    text = lwrprobe("fit", run_folder[0]).stdout
+    text = ask("fit", run_folder[0]).stdout
     assert "no cylinder" in text
     assert "±" in text
 
@@ -162,7 +163,7 @@ def test_what_is_wrong_is_told_in_one_sentence(tmp_path, arguments, words):
         (tmp_path / name).write_bytes(b"VERSION nonsense\n\x00\x01")
     write_cloud(tmp_path / "three.csv", Cloud(np.eye(3)))
     write_cloud(tmp_path / "flat.csv", Cloud(np.pad(np.random.default_rng(0).random((20, 2)), ((0, 0), (0, 1)))))
-    done = subprocess.run([*COMMAND, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    done = ask(*arguments, folder=tmp_path)
     assert done.returncode == 2
     sentence = done.stderr.strip().splitlines()
     assert len(sentence) == 1, done.stderr

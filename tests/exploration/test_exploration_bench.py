@@ -62,6 +62,31 @@ def test_without_the_other_profile_nothing_is_compared(monkeypatch):
     assert len(report.tables[0].rows) == 2
 
 
+def test_blind_starts_stand_beside_runs_with_a_given_area(monkeypatch):
+    def blindly(job):
+        """Found after 20, 30 and never; 1.2 and 1.4 times the time."""
+        record, seed = made_up(job), job[3]
+        if job[2] == "given":
+            return record
+        found = {1: 20.0, 2: 30.0}.get(seed)
+        return record | {"found": found, "bounded": found, "time": 100.0 + 20.0 * seed, "true_peak_n": 2.0 + 0.6 * seed}
+
+    monkeypatch.setattr(exploration, "_explored", blindly)
+    options = {"scenes": "block", "strategies": "grid_version", "profiles": "blind,given"}
+    report = exploration.run(False, options)
+    table = next(table for table in report.tables if table.title == "Blind starts beside given areas")
+    cells = [dict(zip(table.columns, row)) for row in table.rows]
+    assert [row["found s"] for row in cells] == [20.0, 30.0, None]
+    assert [row["factor"] for row in cells] == pytest.approx([1.2, 1.4, 1.6])
+    held = {verdict.requirement: verdict.held for verdict in report.verdicts}
+    assert held == {
+        "blind start: status done": True,
+        "blind start: no link collision, true peak <= 3 N": False,
+        "blind start: found within 25 s in the median": False,
+        "blind start: at most 1.3 x the run with a given area, median": False,
+    }
+
+
 def test_seconds_count_from_when_the_error_stays_small():
     curve = made_up(("block", "active", "default", 1))["curve"]
     assert error_curves.seconds_to(curve, 0.3) == 120.0

@@ -6,6 +6,8 @@ import pytest
 from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
+from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
+from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.reaction import MAX_LATE, ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
@@ -96,10 +98,19 @@ def run(monkeypatch, tmp_path, stops, settings=(), confirm=None, **how):
 
     monkeypatch.setattr(Devices, "assemble", classmethod(with_stops))
     scene = load_scene("cylinder_vertical", [*SMALL, *settings])
-    with Exploration(scene, RunOptions(out=tmp_path / "run", message=said.append, confirm=confirm)) as exploration:
+    options = RunOptions(out=tmp_path / "run", message=said.append, confirm=confirm, record=True)
+    with Exploration(scene, options) as exploration:
         for _ in exploration:
             pass
     return exploration.finish(), made[0], said
+
+
+def assert_replayed(folder):
+    """The recording gives the same bytes again, whatever the run was interrupted by."""
+    recording = read_recording(folder / "run")
+    Replay(recording, recorded_scene(recording), folder / "again").run()
+    for name in ("contacts.csv", "states.csv"):
+        assert (folder / "again" / name).read_bytes() == (folder / "run" / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -118,6 +129,7 @@ def test_run_goes_on_after_the_arm_has_stopped_in_contact(monkeypatch, tmp_path)
     times = [one["time_s"] for one in summary.interruptions]
     assert times == sorted(times)
     assert all(0.4 < one["pause_s"] < 20.0 for one in summary.interruptions)
+    assert_replayed(tmp_path)
 
 
 @pytest.mark.slow
@@ -150,6 +162,7 @@ def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monke
     assert any("back into motion after: the controller left command mode" in sentence for sentence in asked)
     assert arm.asked == ([True] if answer == "" else [])
     assert summary.reentries == (answer == "")
+    assert_replayed(tmp_path)
     if answer:
         assert "the operator said 'n'" in summary.reason
 
@@ -159,7 +172,7 @@ def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monke
 def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute):
     burst = [f"truth.loss_burst_ms={milliseconds}", f"truth.loss_bursts_per_min={per_minute}"]
     scene = load_scene("cylinder_vertical", [*SMALL, *burst])
-    with Exploration(scene, RunOptions(out=tmp_path / "run")) as exploration:
+    with Exploration(scene, RunOptions(out=tmp_path / "run", record=True)) as exploration:
         for _ in exploration:
             pass
     summary = exploration.finish()
@@ -171,6 +184,7 @@ def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute)
     assert {one["device"] for one in summary.interruptions} <= {"sensor"}
     assert summary.reentries == 0
     assert summary.contact_error_mm["median"] < 0.06
+    assert_replayed(tmp_path)
 
 
 def test_one_lost_sample_is_no_gap_and_two_are():

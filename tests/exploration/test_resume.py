@@ -69,8 +69,16 @@ class Room:
     def __init__(self) -> None:
         self.voxels, self.force, self.contacts, self.inserted = self, self, [], []
 
+        self.felt: list = []
+
     def add_point(self, point: np.ndarray) -> None:
         self.inserted.append(point)
+
+    def begin(self, delay: float, stated: float | None = None, tip_mass: float = 0.0) -> None:
+        assert not self.felt
+
+    def update(self, wrench, pose: np.ndarray, contact: Contact | None) -> None:
+        self.felt.append((wrench, contact))
 
 
 def a_task(**more) -> Task:
@@ -151,6 +159,42 @@ def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_
     assert len(strategy.shown) == 41
 
 
+def test_in_an_even_contact_the_strategy_goes_on_where_it_was_cut_off(cut_off, tmp_path):
+    """The probe comes back off the surface; the touch of its last step, or its end, gives the strategy the word."""
+    again, _, log = resumed(tmp_path)
+    for pose in [*again._path]:
+        again.step(replace(seen(39), pose=pose, goal_reached=True))
+    for k in range(50, 62):
+        again.step(replace(touching(k), blocked=""))
+    log.close()
+    for touched in (True, False):
+        again, strategy, log = resumed(tmp_path)
+        assert len(strategy.shown) == 52
+        end = again._path[-1][:3, 3]
+        assert end == pytest.approx(seen(61).pose[:3, 3])
+        assert again._path[-2][:3, 3] == pytest.approx(end + 0.001 * touching(61).contact.normal)
+        for pose in again._path[:-1]:
+            assert isinstance(again.step(replace(seen(61), pose=pose.copy(), goal_reached=True)), Goal)
+        here = replace(touching(61), blocked="") if touched else seen(61, goal_reached=True)
+        assert again.step(here).velocity[0] == 52.0, "what it had answered last"
+        assert again.step(here).velocity[0] == 53.0
+        log.close()
+        (tmp_path / OBSERVATIONS).write_bytes((tmp_path / OBSERVATIONS).read_bytes()[: -8 * WIDTH])
+
+
+def test_what_was_felt_is_known_again(cut_off, tmp_path):
+    past = read_log(tmp_path, 0.1)
+    room = Room()
+    Resumed(Counting(), Logbook(tmp_path, keep=past.last + 2), past).recall(
+        a_task(reachable=lambda _: True), room, room
+    )
+    assert [wrench.time for wrench, _ in room.felt] == pytest.approx([0.008 * k for k in range(47)])
+    assert (room.felt[-1][0].world_force == touching(46).force).all()
+    assert room.felt[-1][0].force == pytest.approx([0.0, 0.0, -0.8]), "in the sensor's frame"
+    assert room.felt[39][1] is None
+    assert room.felt[-1][1].confidence_score == 0.7
+
+
 def test_it_can_be_taken_up_twice(cut_off, tmp_path):
     again, _, log = resumed(tmp_path)
     for pose in [*again._path]:
@@ -213,8 +257,9 @@ def test_under_a_bulge_the_probe_returns_the_way_it_came_without_its_loops():
     assert path[0] == pytest.approx([-0.05, -0.1, 0.06])
     assert path[1] == pytest.approx([-0.05, -0.1, 0.021], abs=0.0021), "straight down where nothing stands"
     assert (np.abs(path[:, 0] + 0.05) < 0.0012).all(), "without the loop"
-    assert path[-1] == pytest.approx([-0.05, -0.021, 0.039]), "off the wall"
-    assert len(path) < 9
+    assert path[-2] == pytest.approx([-0.05, -0.021, 0.039]), "off the wall"
+    assert path[-1] == pytest.approx([-0.05, -0.02, 0.039]), "to the wall"
+    assert len(path) < 10
 
 
 def test_a_finished_run_and_a_run_that_never_moved_freely_cannot_be_taken_up(cut_off, tmp_path):

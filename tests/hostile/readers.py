@@ -12,13 +12,15 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from lwrprobe.bags.bag_file import read_bag
+from lwrprobe.calibration.calibration_file import LENGTHS, Calibration, Quantity, read_calibration, write_calibration
 from lwrprobe.contracts import LwrprobeError, TriangleMesh
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, read_log
@@ -36,6 +38,8 @@ from lwrprobe_ati.emulator import Transducer
 BROKEN = Path(__file__).with_name("broken")
 MEMORY = 3 * 2**30
 """Bytes of address space beyond what is in use, that a damaged file of some kB may make a reader ask for."""
+SLOW = 10.0
+"""s of computing time that a file of some kB may take."""
 
 
 def bag(path: Path) -> None:
@@ -94,7 +98,7 @@ def journal(path: Path) -> None:
     Journal(path).close()
 
 
-def calibration(path: Path) -> None:
+def console(path: Path) -> None:
     """What a sensor's console prints."""
     parse_calibration(path.read_bytes().decode("latin-1"), 2, 1)
 
@@ -105,6 +109,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "scene.toml": load_scene,
     "plan.toml": read_plan,
     "bag.mcap": bag,
+    "bag.db3": bag,
     "cloud.pcd": read_cloud,
     "cloud.ply": read_cloud,
     "cloud.csv": read_cloud,
@@ -118,7 +123,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "summary.json": summary,
     "observations.f64": observations,
     "journal.jsonl": journal,
-    "calibration.txt": calibration,
+    "console.txt": console,
+    "calibration.toml": read_calibration,
 }
 """By the name of a file: what reads it. The part after the first dot is its ending."""
 
@@ -157,7 +163,8 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
         writer.send("/contacts", k + 1, messages.cloud(k, generator.normal(size=(4, 9))))
         writer.send("/lwrprobe/run", k + 1, messages.text(_ABOUT))
     writer.close()
-    found["bag.mcap"] = [writer.path.read_bytes()]
+    found["bag.mcap"] = [writer.path.read_bytes(), _foreign_bag(folder / "foreign")]
+    found["bag.db3"] = [_sqlite_bag(folder / "sqlite")]
     rows = "\n".join(",".join(f"{v:.4f}" for v in row) for row in generator.normal(size=(5, 9)))
     found["contacts.csv"] = [f"{CONTACT_COLUMNS}\n{rows}\n".encode()]
     rows = "\n".join(",".join(f"{v:.4f}" for v in row) + ",approach" for row in generator.normal(size=(5, 7)))
@@ -169,8 +176,55 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
     found["journal.jsonl"] = [b'{"key": "a", "result": {"status": "done"}}\n{"key": "b", "result": {}}\n']
     found["scene.toml"] = [SCENE.encode(), b'[[object]]\nshape = "mesh"\nfile = "../../../etc/passwd"\n']
     found["plan.toml"] = [b'scenes = ["block"]\nseeds = 3\nset = ["strategy.step=0.01"]\n']
-    found["calibration.txt"] = ["\n".join(Transducer(2, 0.0, 3).table()).encode()]
+    quantities = {name: Quantity("m", (0.1,) * n, (0.01,) * n, (True,) * n) for name, n in LENGTHS.items() if n}
+    quantities |= {name: Quantity("m", (0.1,), (0.01,), (True,)) for name, n in LENGTHS.items() if not n}
+    write_calibration(
+        Calibration(datetime(2026, 1, 1), "block", "0", "lwr4", 0.02, 3, 1e-5, 60.0, quantities), folder / "c.toml"
+    )
+    found["calibration.toml"] = [(folder / "c.toml").read_bytes()]
+    found["console.txt"] = ["\n".join(Transducer(2, 0.0, 3).table()).encode()]
     return found
+
+
+def _foreign_bag(folder: Path) -> bytes:
+    """With the messages of any robot."""
+    from lwrprobe.bags.bag_writer import BagWriter
+
+    writer = BagWriter(folder, "a")
+    for topic, kind, stamp, data in _foreign_messages():
+        writer.write(topic, kind, stamp, data)
+    writer.close()
+    return writer.path.read_bytes()
+
+
+def _sqlite_bag(folder: Path) -> bytes:
+    """The same, written by rosbags."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2.enums import StoragePlugin
+
+    from lwrprobe.bags import messages
+
+    connections = {}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic, kind, stamp, data in _foreign_messages():
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=messages.type_store())
+            writer.write(connections[topic], stamp, data)
+    return next(folder.glob("*.db3")).read_bytes()
+
+
+def _foreign_messages() -> Iterator[tuple[str, str, int, bytes]]:
+    """Wrenches, joint states and poses over two seconds."""
+    from lwrprobe.bags import messages
+
+    for k in range(20):
+        time = 100_000_000 * (k + 1)
+        for topic, kind, template, numbers in (
+            ("/ft", _WRENCH, messages.wrench("ft"), range(6)),
+            ("/joint_states", _JOINT, messages.joint_state(list("abcdefg")), range(7)),
+            ("/tip", "geometry_msgs/msg/PoseStamped", messages.pose(), (0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0)),
+        ):
+            yield topic, kind, time, template.at(time, numbers)
 
 
 _ABOUT = json.dumps(
@@ -235,11 +289,11 @@ def damaged(content: bytes, choose: random.Random) -> bytes:
 
 
 def outcome(name: str, content: bytes, folder: Path) -> str:
-    """`read`, `refused`, or the error that must not be; a reader has `MEMORY` for it."""
+    """`read`, `refused`, or the error that must not be; a reader has `MEMORY` and the time `SLOW` for it."""
     path = folder / name
     path.write_bytes(content)
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    before = resource.getrlimit(resource.RLIMIT_AS)
+    begin, before = time.process_time(), resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY, before[1]))
     try:
         READERS[name](path)
@@ -251,7 +305,7 @@ def outcome(name: str, content: bytes, folder: Path) -> str:
         return f"{type(error).__name__}: {error}"
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
-    return "read"
+    return "slow" if time.process_time() - begin > SLOW else "read"
 
 
 def fuzz(seconds: float, seed: int = 1) -> Counter[tuple[str, str]]:
@@ -261,13 +315,12 @@ def fuzz(seconds: float, seed: int = 1) -> Counter[tuple[str, str]]:
     with TemporaryDirectory() as place:
         folder = Path(place)
         files = well_formed(folder)
+        for name, contents in files.items():
+            outcome(name, contents[0], folder)  # kernels are compiled here
         while time.monotonic() < end:
             for name, contents in files.items():
                 content = damaged(choose.choice(contents), choose)
-                begin = time.monotonic()
                 found = outcome(name, content, folder)
-                if time.monotonic() - begin > 10.0:
-                    found = "slow"
                 if found not in ("read", "refused"):
                     BROKEN.mkdir(exist_ok=True)
                     kept = BROKEN / f"{counts.total()}_{name}"

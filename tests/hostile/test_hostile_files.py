@@ -1,9 +1,10 @@
 """Files of others are read or refused with one sentence: never another error, never without bound in memory or time."""
 
 import pickle
-import random
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from readers import BROKEN, READERS, damaged, outcome, well_formed
 
 from lwrprobe.contracts import LwrprobeError
@@ -20,10 +21,12 @@ def files(tmp_path_factory):
 
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files_are_read_or_refused(files, tmp_path, name):
-    choose = random.Random(name)
-    for _ in range(40):
-        found = outcome(name, damaged(choose.choice(files[name]), choose), tmp_path)
-        assert found in ("read", "refused")
+    @settings(max_examples=40)
+    @given(choose=st.randoms(use_true_random=False))
+    def each(choose):
+        assert outcome(name, damaged(choose.choice(files[name]), choose), tmp_path) in ("read", "refused")
+
+    each()
 
 
 @pytest.mark.parametrize("file", sorted(BROKEN.glob("*")), ids=lambda file: file.name)

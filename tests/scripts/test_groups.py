@@ -40,7 +40,7 @@ def test_a_file_and_what_keeps_up_with_a_clock_stay_in_one_process(tmp_path):
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", *side_by_side, str(tmp_path)],
-        cwd=tmp_path, env=environment | {"NOTES": str(notes)}, capture_output=True, text=True, timeout=120,
+        cwd=tmp_path, env=environment | {"NOTES": str(notes)}, capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     workers = defaultdict(set)

@@ -41,13 +41,13 @@ def call(
 ) -> subprocess.CompletedProcess:
     command = [sys.executable, str(project / "scripts" / script), *arguments]
     environment = {**os.environ, **variables}
-    return subprocess.run(command, cwd=folder or project, capture_output=True, text=True, timeout=120, env=environment)
+    return subprocess.run(command, cwd=folder or project, capture_output=True, text=True, timeout=600, env=environment)
 
 
 def inside(project: Path, code: str) -> subprocess.CompletedProcess:
     """Code that runs with the scripts' own module `environment` imported as `e`."""
     command = [sys.executable, "-c", f"import os, sys\nimport environment as e\n{code}"]
-    return subprocess.run(command, cwd=project / "scripts", capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=project / "scripts", capture_output=True, text=True, timeout=600)
 
 
 def write_program(path: Path, text: str) -> None:
@@ -69,9 +69,11 @@ def test_test_runs_pytest_in_the_project_from_any_folder(copy, tmp_path):
     ready(copy, "test")
     done = call(copy, "test.py", "-k", "nothing", folder=tmp_path)
     assert done.returncode == 0
-    assert "-m pytest -n auto" in done.stdout
+    cores = len(os.sched_getaffinity(0))
+    assert f"-m pytest -n {cores + 1} " in done.stdout
     assert "-k nothing in" in done.stdout
     assert f"in {copy}" in done.stdout
+    assert f"-m pytest -n {cores} " in call(copy, "test.py", "--quick").stdout
 
 
 def test_check_runs_the_steps_it_is_asked_for(copy):
@@ -95,6 +97,12 @@ def test_docs_builds_the_site_with_warnings_as_errors(copy, tmp_path):
     assert "-m sphinx -b html --fail-on-warning" in done.stdout
     assert f"-E docs docs/_build in {copy}" in done.stdout
     assert "the site is in docs/_build/index.html" in done.stdout
+
+
+def test_byte_code_is_kept_for_the_next_start(copy):
+    ready(copy, "")
+    write_program(copy / ".venv" / "bin" / "lwrprobe", 'echo "forbidden: ${PYTHONDONTWRITEBYTECODE:-no}"')
+    assert call(copy, "run.py", PYTHONDONTWRITEBYTECODE="1").stdout == "forbidden: no\n"
 
 
 def test_any_complete_setup_serves_run(copy):

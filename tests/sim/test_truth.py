@@ -9,10 +9,11 @@ from gantry_rig import CLEAN, Rig, gantry
 
 import lwrprobe_sim.driver as sim_driver
 from lwrprobe.contracts import DriverContext, SceneError
+from lwrprobe.evaluation.truth import with_given_area
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import load_scene, write_scene
-from lwrprobe.scene.actual_scene import actual_scene
+from lwrprobe.scene.actual_scene import actual_scene, placed
 from lwrprobe.scene.table import Pose
 from lwrprobe.scene.truth import PROFILES, QUANTITIES, Kind, TruthTable
 from lwrprobe_sim import SimConfig, SimDriver, sensor_kernels
@@ -70,7 +71,7 @@ def test_what_compares_with_the_truth_is_used_after_a_run_alone():
         for file in modules("src/lwrprobe")
         if "lwrprobe.evaluation.truth" in imports(file) and file != package / "exploration/procedures/merge.py"
     }
-    assert parts == {"evaluation", "runs", "views"}
+    assert parts == {"evaluation", "runs", "views", "bench"}
 
 
 def test_nothing_that_acts_during_a_run_imports_the_evaluation():
@@ -480,3 +481,45 @@ def test_the_documented_figures_are_those_of_the_profiles():
     known = {name: [cell(PROFILES[p].get(name)) for p in profiles] for name in QUANTITIES}
     assert known.pop("sensor_delay_ms") == ["–"] * 3
     assert rows == known
+
+
+@pytest.mark.parametrize("scene", ["block", "cylinder_vertical", "jaw_chuck"])
+def test_an_object_that_may_be_anywhere_stays_off_the_border_and_the_area_says_nothing_of_it(scene):
+    area, middles = load_scene(scene, profile="blind").area, []
+    for seed in range(30):
+        world = load_scene(scene, [f"run.seed={seed}"], "blind")
+        assert world.area == area
+        assert (world.area.lower, world.area.upper) == ((-0.12, -0.1, 0.006), (0.12, 0.1, 0.13))
+        lower, upper = actual_scene(world).solid().bounds()
+        assert (lower[:2] - np.array(area.lower)[:2] >= 2.5 * world.probe.radius).all()
+        assert (np.array(area.upper)[:2] - upper[:2] >= 2.5 * world.probe.radius).all()
+        middles.append(0.5 * (lower + upper)[:2])
+    assert (np.ptp(middles, axis=0) > 0.04).all()
+
+
+def test_what_lies_anywhere_is_drawn_apart_and_written_down():
+    scene = load_scene("block", ["run.seed=4"], "blind")
+    drawn = scene.truth.draw(4)
+    assert list(drawn) == ["object_anywhere"]
+    with_friction = load_scene("block", ["truth.object_friction=0.2"], "blind").truth.draw(4)
+    assert np.array_equal(drawn["object_anywhere"], with_friction["object_anywhere"])
+    turn, shift = (placed(scene, drawn)[name].tolist() for name in ("object_turn_deg", "object_shift_mm"))
+    same = actual_scene(load_scene("block", [f"truth.object_turn_deg={turn}", f"truth.object_shift_mm={shift}"]))
+    anywhere = actual_scene(scene).objects[0].at.matrix()
+    assert same.objects[0].at.matrix() == pytest.approx(anywhere, abs=1e-9)
+
+
+def test_objects_too_large_for_their_area_are_refused_with_what_they_need():
+    scene = load_scene("block", ["truth.object_anywhere=true", "area.upper=[0.0, 0.0, 0.13]"])
+    with pytest.raises(SceneError, match=r"an area of at least .* mm"):
+        actual_scene(scene)
+
+
+def test_a_given_area_lies_as_far_from_the_object_as_the_scenes_own():
+    blind, own = load_scene("block", ["run.seed=2"], "blind"), load_scene("block")
+    around = with_given_area(blind, own)
+    lower, upper = around.solid().bounds()
+    assert np.array(around.area.lower)[:2] - lower[:2] == pytest.approx([-0.035, -0.035], abs=1e-3)
+    assert np.array(around.area.upper)[:2] - upper[:2] == pytest.approx([0.035, 0.035], abs=1e-3)
+    assert around.area.search_for is None
+    assert around.truth.ideal

@@ -17,7 +17,7 @@ from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
 from lwrprobe.contracts import InputError, SceneError
-from lwrprobe.sweeps.execute import KILLED, run_cluster, run_local
+from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_local
 from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.page import pareto
 from lwrprobe.sweeps.plan import read_plan
@@ -40,6 +40,10 @@ def squared(number: int) -> dict:
     return {"status": "done", "square": number * number, "threads": [os.environ[name] for name in THREADS]}
 
 
+def doubled(number: int) -> dict:
+    return {"double": 2 * number}
+
+
 def deadly(number: int) -> dict:
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -58,6 +62,11 @@ def test_results_of_all_tasks_come_back_from_processes_of_one_thread():
     found = dict(run_local({str(k): k for k in range(9)}, squared, 2))
     assert {key: result["square"] for key, result in found.items()} == {str(k): k * k for k in range(9)}
     assert {tuple(result["threads"]) for result in found.values()} == {("1",) * len(THREADS)}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_tasks(workers):
+    assert [result["double"] for result in run_in_order([5, 3, 4], doubled, workers)] == [10, 6, 8]
 
 
 @pytest.mark.slow

@@ -24,15 +24,12 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> list[Path]:
+def runs(recorded_sphere, tmp_path_factory) -> list[Path]:
     """A run with a bag, and one without."""
-    base = tmp_path_factory.mktemp("runs")
-    for name, strategy, record in (("with", "grid_version", True), ("without", "surface_contour", None)):
-        settings = {"strategy.step": 0.04}
-        lp.explore(
-            "sphere", strategy=strategy, seed=5, settings=settings, out=base / name, record=record, progress=False
-        )
-    return [base / "with", base / "without"]
+    without = tmp_path_factory.mktemp("runs") / "without"
+    settings = {"strategy.step": 0.04}
+    lp.explore("sphere", strategy="surface_contour", seed=5, settings=settings, out=without, progress=False)
+    return [recorded_sphere, without]
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +81,25 @@ def test_the_arm_stands_where_the_bag_has_it(runs):
     alone = playback(runs[0] / "bag" / "bag_0.mcap")
     assert alone.points == pytest.approx(contacts.points, abs=1e-5)
     assert alone.contact_times == pytest.approx(contacts.times, abs=1e-4)
+
+
+def test_uncertainty_and_certificate_are_shown(runs):
+    shown = playback(runs[0])
+    own = np.loadtxt(runs[0] / "contact_errors.csv", delimiter=",", skiprows=1)
+    assert shown.sigmas == pytest.approx(1e-3 * own[:, 2])
+    cloud = lp.mapping.clouds.read_cloud(runs[0] / "hiding.ply")
+    assert (shown.hiding == cloud.points).all()
+    assert shown.sizes.max() == pytest.approx(1e-3 * lp.open_run(runs[0]).summary.certified_mm, rel=0.01)
+    viewer = Viewer(shown, port=0)
+    try:
+        viewer._handles["colour"].value = "uncertainty"
+        painted = viewer._handles["points"].colors.reshape(-1, 3)
+        assert len(np.unique(painted, axis=0)) > 3
+        assert not viewer._handles["hiding"].visible
+        viewer._handles["box hiding"].value = True
+        assert viewer._handles["hiding"].visible
+    finally:
+        viewer.close()
 
 
 def test_without_a_bag_the_arm_follows_the_path_of_the_sphere(runs):

@@ -15,9 +15,12 @@ from struct import unpack_from
 from typing import Any, BinaryIO
 
 from lwrprobe.bags import messages
+from lwrprobe.bags.sqlite_bag import read_rows
 from lwrprobe.errors import FormatError, LwrprobeError
 
 MAGIC = b"\x89MCAP0\r\n"
+SQLITE = b"SQLite f"
+STORAGES = (".mcap", ".db3")
 LARGEST_RECORD = 64 * 2**20
 """Bytes of a record, compressed or not: lwrprobe's chunks have 16 kB, those of rosbag2 less than 1 MB."""
 _CHUNK, _DATA_END, _FOOTER = 0x06, 0x0F, 0x02
@@ -76,7 +79,7 @@ class BagState:
 
 
 def bag_files(path: str | Path) -> list[Path]:
-    """The `.mcap` files of a bag, of a run folder with one, or the file itself, oldest first.
+    """The `.mcap` or `.db3` files of a bag, of a run folder with one, or the file itself, oldest first.
 
     Raises FormatError where there is none.
     """
@@ -84,10 +87,11 @@ def bag_files(path: str | Path) -> list[Path]:
     if path.is_file():
         return [path]
     folder = path / "bag" if (path / "bag").is_dir() else path
-    files = sorted(folder.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
-    if not files:
-        raise FormatError(f"{path}: no bag: neither an .mcap file nor a folder with one")
-    return files
+    for ending in STORAGES:
+        files = sorted(folder.glob(f"*{ending}"), key=lambda file: (len(file.name), file.name))
+        if files:
+            return files
+    raise FormatError(f"{path}: no bag: neither a file {' or '.join(STORAGES)} nor a folder with one")
 
 
 def read_bag(path: str | Path) -> Iterator[BagMessage]:
@@ -104,11 +108,35 @@ def read_file(path: Path, state: BagState) -> Iterator[BagMessage]:
     """The messages of one file; `state` says in the end what was found. Raises as `read_bag` does."""
     try:
         with path.open("rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise FormatError(f"{path}: not an MCAP file: its first bytes are others")
+            first = stream.read(len(MAGIC))
+            if first == SQLITE:
+                yield from _rows(path, state)
+                return
+            if first != MAGIC:
+                raise FormatError(f"{path}: neither MCAP nor SQLite: its first bytes are others")
             yield from _messages(stream, path.stat().st_size, state)
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _rows(path: Path, state: BagState) -> Iterator[BagMessage]:
+    try:
+        for topic, kind, time, data in read_rows(path, LARGEST_RECORD):
+            state.types[topic] = kind
+            yield _counted(BagMessage(topic, kind, time, data), state)
+    except FormatError as error:
+        if not state.counts:
+            raise
+        state.broken = str(error)
+        return
+    state.good, state.complete = path.stat().st_size, True
+
+
+def _counted(message: BagMessage, state: BagState) -> BagMessage:
+    state.counts[message.topic] += 1
+    state.first = min(state.first or message.time, message.time)
+    state.last = max(state.last, message.time)
+    return message
 
 
 def _messages(stream: BinaryIO, size: int, state: BagState) -> Iterator[BagMessage]:
@@ -129,10 +157,7 @@ def _messages(stream: BinaryIO, size: int, state: BagState) -> Iterator[BagMessa
                     state.types[record.topic] = schemas.get(record.schema_id, "")
                 elif isinstance(record, Message):
                     topic, kind = channels[record.channel_id]
-                    state.counts[topic] += 1
-                    state.first = min(state.first or record.log_time, record.log_time)
-                    state.last = max(state.last, record.log_time)
-                    yield BagMessage(topic, kind, record.log_time, record.data)
+                    yield _counted(BagMessage(topic, kind, record.log_time, record.data), state)
         except (
             FormatError,
             McapError,
@@ -140,6 +165,7 @@ def _messages(stream: BinaryIO, size: int, state: BagState) -> Iterator[BagMessa
             KeyError,
             UnicodeDecodeError,
             EOFError,
+            OverflowError,
             ValueError,
             RuntimeError,
         ) as bad:

@@ -8,7 +8,7 @@ from pathlib import Path
 from lwrprobe.bags import messages
 from lwrprobe.bags.bag_file import BagState, bag_files, read_file
 from lwrprobe.bags.bag_writer import CHUNK, state_of, write_metadata
-from lwrprobe.errors import StorageError
+from lwrprobe.errors import FormatError, StorageError
 
 
 @dataclass(slots=True, frozen=True)
@@ -39,6 +39,8 @@ def recover_bag(path: str | Path) -> list[RecoveredFile]:
     found, states = [], {}
     files = bag_files(path)
     for file in files:
+        if file.suffix != ".mcap":
+            raise FormatError(f"{file}: only bags in MCAP can be made good; SQLite keeps its own files whole")
         state = state_of(file)
         lost = 0
         if not state.complete:

@@ -3,7 +3,8 @@
 Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. The error over time is
 that of the mesh as if the run had ended at each of some instants. Options (`--set`): `scenes`, `strategies` (those of
 plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
-side.
+side. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where it lies,
+with an area around it.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ from lwrprobe.bench.threat_pictures import SCENE as STACKED
 from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.evaluation.truth import with_given_area
 from lwrprobe.scene import Scene
-from lwrprobe.sweeps.execute import run_local
+from lwrprobe.sweeps.execute import run_in_order
 
 SOURCE_SCENES = (
     "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
@@ -38,6 +40,9 @@ POKES = "random_pokes"
 """What the strategies are compared with, in error against time alone: it does not set out to cover the object."""
 QUICK_SCENES = ("block", "stacked_blocks")
 DEFAULT, THESIS = "default", "thesis"
+BLIND, GIVEN = "blind", "given"
+FOUND_WITHIN, BLIND_FACTOR = 25.0, 1.3
+"""s until an object is found, and times the run with an area that is given: medians that a blind start should keep."""
 
 COLUMNS = {
     "scene": "scene",
@@ -59,6 +64,8 @@ COLUMNS = {
     "ends mm": "ends",
     "mesh mm": "mesh",
     "clearance mm": "clearance",
+    "found s": "found",
+    "bounded s": "bounded",
     "robot s": "time",
     "bound s": "bound",
     "times bound": "ratio",
@@ -73,12 +80,7 @@ COLUMNS = {
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench exploration`."""
     jobs, processes = _jobs(quick, options)
-    if processes > 1:
-        tasks = {str(number): job for number, job in enumerate(jobs)}
-        results = dict(run_local(tasks, _explored, processes))
-        found = [results[key] for key in tasks]
-    else:
-        found = [_explored(job) for job in jobs]
+    found = run_in_order(jobs, _explored, processes)
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
@@ -86,6 +88,10 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.tables += _summaries(found)
     report.tables += _beside_thesis(found)
     report.verdicts = _verdicts([item for item in found if item["profile"] == DEFAULT and item["strategy"] != POKES])
+    blind = _beside_given(found)
+    if blind:
+        report.table("Blind starts beside given areas", list(BESIDE_GIVEN), [list(row.values()) for row in blind])
+        report.verdicts += _blind_verdicts(blind)
     report.figures["coverage"] = partial(_draw_growth, found=found)
     if any(item.get("curve") for item in found):
         report.figures["error"] = partial(draw_curves, found=found)
@@ -114,7 +120,9 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
     try:
         settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
-        scene = load_scene(name, settings, None if profile == DEFAULT else profile)
+        scene = load_scene(name, settings, {DEFAULT: None, GIVEN: BLIND}.get(profile, profile))
+        if profile == GIVEN:
+            scene = with_given_area(scene, load_scene(name, settings))
         touched = (name, profile, seed) == (STACKED, DEFAULT, 1)
         if touched or (name, strategy, profile, seed) == (STROKED, STROKES, DEFAULT, 1):
             with TemporaryDirectory() as folder:
@@ -142,6 +150,9 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         "ends": max(map(abs, ends)) if ends and None not in ends else None,
         "mesh": mesh.get("mean"),
         "clearance": None if summary["min_clearance_m"] is None else 1e3 * summary["min_clearance_m"],
+        "true_peak_n": summary["true_peak_force_n"],
+        "found": summary["found_at_s"],
+        "bounded": summary["search_time_s"],
         "time": summary["sim_time_s"],
         "bound": bound,
         "ratio": summary["sim_time_s"] / bound if bound else None,
@@ -225,6 +236,51 @@ def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
     columns += [f"{name}{what}" for name in compared for what in ("", ", thesis", ", factor")]
     columns += [f"{name}{what}" for name in (*alone, "done") for what in ("", ", thesis")]
     return [Table("The thesis profile beside the default, medians over the seeds", columns, rows)]
+
+
+BESIDE_GIVEN = (
+    "scene", "strategy", "seed", "status", "found s", "bounded s", "robot s", "robot s, given", "factor", "true peak N",
+    "collisions", "mesh mm", "mesh mm, given",
+)  # fmt: skip
+
+
+def _beside_given(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Each blind start beside the run with the area given, a row each with the columns of `BESIDE_GIVEN`."""
+
+    def key(item: dict[str, Any]) -> tuple[Any, ...]:
+        return item["scene"], item["strategy"], item["seed"]
+
+    given = {key(item): item for item in found if item["profile"] == GIVEN}
+    rows = []
+    for item in found:
+        if item["profile"] != BLIND:
+            continue
+        beside = given.get(key(item), {})
+        time, other = item.get("time"), beside.get("time")
+        values = [
+            *key(item), item["status"], item.get("found"), item.get("bounded"), time, other,
+            time / other if time and other else None, item.get("true_peak_n"), item["collisions"], item.get("mesh"),
+            beside.get("mesh"),
+        ]  # fmt: skip
+        rows.append(dict(zip(BESIDE_GIVEN, values)))
+    return rows
+
+
+def _blind_verdicts(rows: list[dict[str, Any]]) -> list[Verdict]:
+    def median(column: str, most: float, requirement: str) -> Verdict:
+        # What was not found, or has nothing beside it, counts as taking for ever.
+        values = [row[column] if row[column] is not None else np.inf for row in rows]
+        middle = float(np.median(values))
+        return Verdict(requirement, f"{middle:.3g}, {min(values):.3g} to {max(values):.3g}", middle <= most)
+
+    done = sum(row["status"] == "done" for row in rows)
+    safe = sum(row["collisions"] == 0 and (row["true peak N"] or 0.0) <= 3.0 for row in rows)
+    return [
+        Verdict("blind start: status done", f"{done} of {len(rows)}", done == len(rows)),
+        Verdict("blind start: no link collision, true peak <= 3 N", f"{safe} of {len(rows)}", safe == len(rows)),
+        median("found s", FOUND_WITHIN, f"blind start: found within {FOUND_WITHIN:g} s in the median"),
+        median("factor", BLIND_FACTOR, f"blind start: at most {BLIND_FACTOR:g} x the run with a given area, median"),
+    ]
 
 
 def _median(runs: list[dict[str, Any]], key: str) -> float | None:

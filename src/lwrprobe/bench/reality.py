@@ -2,7 +2,8 @@
 
 Every run is a full one with the scene's `[truth]` set; see docs/explanation/simulator.md. Options (`--set`): `rows`,
 names of departures separated by commas, `all` or `none`; `scenes`, `strategies`, `profiles` (`lab`, `datasheet`,
-`rough`, or `none`) as comma-separated lists; `count`, draws of each profile and of each departure that is drawn.
+`rough`, or `none`) as comma-separated lists; `count`, draws of each profile and of each departure that is drawn;
+`jobs`, processes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import LwrprobeError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
+from lwrprobe.sweeps.execute import run_in_order
 
 SEED = 7
 """Of the noise in the rows of single departures."""
@@ -87,18 +89,21 @@ FIGURES = {
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench reality`."""
-    asked = Options("reality", options, "rows", "scenes", "strategies", "profiles", "count")
+    asked = Options("reality", options, "rows", "scenes", "strategies", "profiles", "count", "jobs")
     scenes = asked.words("scenes", SOURCE_SCENES[:1] if quick else SOURCE_SCENES)
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
     count = asked.count("count", 1 if quick else 5)
     rows, profiles = _rows(asked, quick), _profiles(asked, quick)
     report = BenchReport("reality", "A world that differs from its scene")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
-    single = [_single(row, draw) for row in rows for draw in range(1, 1 + (count if row.drawn else 1))]
-    whole = [
+    jobs = [_single(row, draw) for row in rows for draw in range(1, 1 + (count if row.drawn else 1))]
+    departures = len(jobs)
+    jobs += [
         _whole(scene, strategy, profile, seed)
         for profile, scene, strategy, seed in product(profiles, scenes, strategies, range(1, 1 + count))
     ]
+    found = run_in_order(jobs, _explored, asked.count("jobs", 1))
+    single, whole = found[:departures], found[departures:]
     if single:
         title = f"One departure at a time, {SOURCE_SCENES[0]}, {STRATEGIES[0]}, seed {SEED}"
         names = {"the world differs by": "row", "draw": "draw", **FIGURES, "reason": "reason"}
@@ -136,16 +141,24 @@ def _table(title: str, names: dict[str, str], found: list[dict[str, Any]]) -> Ta
     return Table(title, list(names), [[item.get(key) for key in names.values()] for item in found])
 
 
-def _single(row: Row, draw: int) -> dict[str, Any]:
+Job = tuple[dict[str, Any], str, list[str]]
+"""What the run is called in the table, its scene, and its settings."""
+
+
+def _single(row: Row, draw: int) -> Job:
     settings = [f"truth.{setting}" for setting in (*row.settings, f"seed={draw}")]
-    return {"row": row.name, "draw": draw if row.drawn else None} | explored(
-        SOURCE_SCENES[0], [f'strategy.name="{STRATEGIES[0]}"', f"run.seed={SEED}", *settings]
-    )
+    named = {"row": row.name, "draw": draw if row.drawn else None}
+    return named, SOURCE_SCENES[0], [f'strategy.name="{STRATEGIES[0]}"', f"run.seed={SEED}", *settings]
 
 
-def _whole(scene: str, strategy: str, profile: str, seed: int) -> dict[str, Any]:
+def _whole(scene: str, strategy: str, profile: str, seed: int) -> Job:
     settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", f'truth.profile="{profile}"']
-    return {"profile": profile, "scene": scene, "strategy": strategy, "seed": seed} | explored(scene, settings)
+    return {"profile": profile, "scene": scene, "strategy": strategy, "seed": seed}, scene, settings
+
+
+def _explored(job: Job) -> dict[str, Any]:
+    named, scene, settings = job
+    return named | explored(scene, settings)
 
 
 def explored(name: str, settings: list[str]) -> dict[str, Any]:

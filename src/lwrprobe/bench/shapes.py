@@ -23,7 +23,7 @@ from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport, Table
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
-from lwrprobe.sweeps.execute import run_local
+from lwrprobe.sweeps.execute import run_in_order
 
 if TYPE_CHECKING:
     from lwrprobe.bench.true_mesh import TrueMesh
@@ -131,13 +131,7 @@ COLUMNS = {
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench shapes`."""
     jobs, processes = _jobs(quick, options)
-    if processes > 1:
-        tasks = {str(number): job for number, job in enumerate(jobs)}
-        results = dict(run_local(tasks, _judged, processes))
-        found = [_record(job, results[key]) for key, job in tasks.items()]
-    else:
-        found = [_record(job, _judged(job)) for job in jobs]
-    return _report(found)
+    return _report([_record(job, result) for job, result in zip(jobs, run_in_order(jobs, _judged, processes))])
 
 
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:

@@ -170,12 +170,20 @@ def _zone(zone: dict[str, Any]) -> str:
     return f"{zone['kind']} at ({middle}) mm, {zone['width_mm']:.1f} mm wide: narrower than the probe, not reached"
 
 
+def _search(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    if summary["search_time_s"] is None:
+        return []
+    found, bounded = summary["found_at_s"], summary["search_time_s"]
+    return [("search", f"first touch after {found:.1f} s, bounded after {bounded:.1f} s")]
+
+
 def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     parts = summary["wall_time_parts_s"]
     rows = [
         ("status", f"{summary['status']}: {summary['reason']}"),
         ("contacts", f"{summary['contacts']} in {summary['voxels']} voxels"),
         ("robot time", f"{summary['sim_time_s']:.1f} s, {summary['real_time_factor']:.1f} times as fast as real"),
+        *_search(summary),
         ("wall time", ", ".join(f"{name} {seconds:.1f} s" for name, seconds in parts.items())),
         ("peak force", f"{summary['peak_force_n']:.2f} N"),
     ]

@@ -13,7 +13,7 @@ def replay(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Run folder with a bag, bag folder, or .mcap file with standard messages.", show_default=False
+            help="Run folder with a bag, bag folder, or .mcap or .db3 file with standard messages.", show_default=False
         ),
     ],
     strategy: Annotated[

@@ -66,6 +66,9 @@ class Task:
     delay : s, from a force at the sphere to the arm's reaction
     arm_mass : kg, of the arm as its tip shows it to what it strikes; 0 = an arm without mass
     arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
+    search_for : m, diameter of the smallest object that is to be found; where it is in the area is not known. None =
+        the area is around the object
+    tallest : m, nothing is known to be taller, inf = as tall as the area allows
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
         within its joint limits and without a jump
@@ -88,6 +91,8 @@ class Task:
     delay: float
     arm_mass: float = 0.0
     arm_stiffness: float = np.inf
+    search_for: float | None = None
+    tallest: float = np.inf
     options: Any = None
     reachable: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
     clear: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
@@ -133,6 +138,35 @@ class Progress:
     doing: str
     covered: float = 0.0
     state: str = ""
+
+
+@dataclass(slots=True, frozen=True)
+class Bounds:
+    """Where an object was found that was searched for.
+
+    Attributes
+    ----------
+    found_at : s of the run, of the first touch
+    bounded_at : s of the run, when the object was bounded
+    area : what is explored from then on
+    """
+
+    found_at: float
+    bounded_at: float
+    area: Area
+
+
+@runtime_checkable
+class SearchingStrategy(Protocol):
+    """A strategy that finds and bounds an object first where its task says so; any other explores the whole area.
+
+    Attributes
+    ----------
+    bounds : None as long as there are none
+    """
+
+    @property
+    def bounds(self) -> Bounds | None: ...
 
 
 @runtime_checkable

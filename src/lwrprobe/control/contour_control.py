@@ -182,18 +182,19 @@ class ContourControl:
         """
         return self._approach(float(rotation[:, 2] @ direction))
 
-    def stick_speed(self, reach: float) -> float:
+    def stick_speed(self, reach: float, share: float = STICK_SHARE) -> float:
         """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
 
         The stick is a beam that is clamped at the sensor: its compliance falls with the third power of the distance
         from there (Euler and Bernoulli). The task's approach speed is never exceeded.
+        `share` is that of the safe speed which is used.
         """
         probe, (series, lateral, _) = self.task.probe, self._compliance
         left = min(max(1.0 - reach / probe.sensor_distance, 0.0), 1.0)
         stiffness = 1.0 / (series + lateral * left**3)
         delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
         safe = approach_speed(self._reserve, stiffness, delay, self.task.acceleration)
-        return min(STICK_SHARE * safe, self.task.approach_speed)
+        return min(share * safe, self.task.approach_speed)
 
     def return_speed(self, direction: np.ndarray, rotation: np.ndarray) -> float:
         """m/s at which a contact that was just lost is sought again along `direction` (unit).

@@ -62,14 +62,14 @@ def read_run(folder: str | Path) -> RunFolder:
     if not scene_file.is_file():
         raise FormatError(f"{folder}: not a run folder: it has no scene.toml")
     scene = load_scene(str(scene_file))
-    contacts = _table(folder / "contacts.csv", _CONTACTS)
+    contacts = read_table(folder / "contacts.csv", _CONTACTS)
     summary = Summary.read(folder / "summary.json") if (folder / "summary.json").is_file() else None
     moved = summary.stillness.get("moved_since_s") if summary is not None and summary.stillness else None
     if moved is not None:  # what was touched from then on was somewhere else
         contacts = contacts[contacts[:, 0] < moved]
     if summary is not None and summary.table_found is not None:
         contacts = contacts[~TablePlane.of(summary.table_found).touched(contacts[:, 1:4], contacts[:, 4:7])]
-    trace = _table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
+    trace = read_table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
     record = TouchRecord(
         points=contacts[:, 1:4],
         normals=contacts[:, 4:7],
@@ -95,7 +95,7 @@ def _pitch(scene: Scene) -> float | None:
     return float(step) if isinstance(step, int | float) and step > 0.0 else None
 
 
-def _table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
+def read_table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     """(n, columns) numbers of a file that was written line by line; columns after these may hold text."""
     try:
         text = path.read_text(encoding="utf-8")

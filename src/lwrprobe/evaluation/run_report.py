@@ -123,6 +123,8 @@ class _Page:
         tiles = [("contacts", f"{len(self.run.record.points)}", "")]
         if s is not None:
             tiles.append(("robot time", f"{s.sim_time_s:.0f}", "s"))
+        if s is not None and s.search_time_s is not None:
+            tiles.append(("of it to find and bound", f"{s.search_time_s:.0f}", "s"))
         if s is not None and s.coverage is not None:
             tiles.append(("touched of what can be", f"{100 * s.coverage:.1f}", "%"))
         if self.compared is not None:

@@ -44,6 +44,12 @@ class Summary:
     """Number of occupied voxels of the map."""
     sim_time_s: float = 0.0
     """s, duration on the robot's clock."""
+    found_at_s: float | None = None
+    """s on the robot's clock, when an object was first touched that had to be searched for; None where none was."""
+    search_time_s: float | None = None
+    """s on the robot's clock, until that object was bounded; None where the area was given."""
+    bounds_mm: list[list[float]] | None = None
+    """mm, lower and upper corner of what was then explored, in places of the sphere's centre."""
     real_time_factor: float | None = None
     """Duration on the robot's clock divided by the wall-clock time of the exploration."""
     path_length_m: float = 0.0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from lwrprobe.contracts import FormatError
 from lwrprobe.reconstruction.meshes import WRITERS
 from lwrprobe.scene import Scene, load_scene
@@ -15,6 +17,20 @@ from lwrprobe.scene.solid import Solid
 def true_solid(scene: Scene) -> Solid | None:
     """The objects where they really are in a simulation of the scene; None where it has none."""
     return actual_scene(scene).solid() if scene.objects else None
+
+
+def with_given_area(blind: Scene, own: Scene) -> Scene:
+    """A scene as it really is, with an area as far from its objects as that of the same scene not begun blindly.
+
+    For runs that a blind start is compared with.
+    """
+    actual, area = actual_scene(blind), own.area
+    (low, high), (own_low, own_high) = actual.solid().bounds(), own.solid().bounds()
+    lower, upper = np.array(area.lower), np.array(area.upper)
+    lower[:2] += (low - own_low)[:2]
+    upper[:2] += (high - own_high)[:2]
+    around = area.model_copy(update={"lower": tuple(lower.tolist()), "upper": tuple(upper.tolist())})
+    return actual.model_copy(update={"area": around})
 
 
 def read_truth(name: str) -> tuple[Solid, float]:

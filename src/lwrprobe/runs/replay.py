@@ -56,7 +56,7 @@ def replay(
 
     Parameters
     ----------
-    source : run folder with a bag, bag folder, or .mcap file
+    source : run folder with a bag, bag folder, or .mcap or .db3 file
     scene : for a bag that does not contain its own
     settings : `key=value`
     estimators : names, none = the one that the scene names

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from lwrprobe.contracts import SceneError
 from lwrprobe.scene.scene import AreaTable, GroundTable, ProbeTable, Scene
 from lwrprobe.scene.table import Pose
-from lwrprobe.scene.truth import TruthTable
+from lwrprobe.scene.truth import ANYWHERE, TruthTable
 
 _MOVES = ("object_turn_deg", "object_shift_mm", "table_height_mm", "table_tilt_deg")
 _OF_THE_PROBE = ("probe_length_mm", "sphere_radius_mm")
@@ -21,6 +21,8 @@ _TURNS = ("base_turn_deg", "dh_offset_deg", "dh_twist_deg")
 """What raises or lowers the table as the arm sees it: by itself, and by its lever from the arm's base."""
 _BESIDE, _ABOVE = 3.0, 1.2
 """Radii from the objects to the border of the area within which the sphere's centre moves."""
+_SAMPLES = 5000
+"""Points of the surface that say how far objects reach once they are turned."""
 Drawn = dict[str, np.ndarray]
 
 
@@ -28,11 +30,11 @@ def actual_scene(scene: Scene) -> Scene:
     """The same scene with actual objects, table and probe, and without a table of departures; itself where ideal.
 
     For the simulator and for whoever compares a result with the truth. Raises SceneError naming a departure that
-    leaves no probe.
+    leaves no probe, or objects that are too large for their area.
     """
     if scene.truth.ideal:
         return scene
-    drawn = scene.truth.draw(scene.run.seed)
+    drawn = placed(scene, scene.truth.draw(scene.run.seed))
     table = _table(scene.table, drawn)
     return scene.model_copy(
         update={
@@ -44,13 +46,39 @@ def actual_scene(scene: Scene) -> Scene:
     )
 
 
+def placed(scene: Scene, drawn: Drawn) -> Drawn:
+    """What was drawn, with a place anywhere in the area as a turn and a shift of the objects.
+
+    Raises SceneError for objects that do not fit into the area so turned.
+    """
+    if ANYWHERE not in drawn:
+        return drawn
+    others = {name: numbers for name, numbers in drawn.items() if name != ANYWHERE}
+    if not scene.objects:
+        return others
+    turn, *shares = drawn[ANYWHERE]
+    angle = 360.0 * float(turn) - 180.0
+    solid = scene.solid()
+    middle = 0.5 * np.add(*solid.bounds())
+    points = (solid.sample_surface(_SAMPLES)[0] - middle) @ Pose(rpy_deg=(0.0, 0.0, angle)).matrix()[:3, :3].T
+    beside = _BESIDE * scene.probe.radius
+    least = np.array(scene.area.lower[:2]) + beside - points.min(axis=0)[:2]
+    most = np.array(scene.area.upper[:2]) - beside - points.max(axis=0)[:2]
+    if not (least <= most).all():
+        needed = 1e3 * (np.ptp(points, axis=0)[:2] + 2.0 * beside)
+        allowed = f"an area of at least {needed[0]:.0f} x {needed[1]:.0f} mm: the objects are turned by {angle:.0f} deg"
+        raise SceneError(f"truth.{ANYWHERE}", True, allowed)
+    shift = least + np.array(shares) * (most - least) - middle[:2]
+    return others | {"object_turn_deg": np.array([angle]), "object_shift_mm": 1e3 * shift}
+
+
 def widened_area(scene: Scene) -> Scene:
     """The scene with its area widened so that it holds the objects wherever `[truth]` may put them, and off the table.
 
     The area's floor rises to where the sphere stays off the table by three standard deviations of all that raises the
     table as the arm sees it, but not above the objects' middle: nobody lets the area of a probe reach into the table.
     What may be drawn counts, not what is drawn: the area says no more of the truth than its profile does. An area
-    that is wide enough is kept.
+    that is wide enough is kept, and where the objects lie anywhere in it, its sides and its top are.
     """
     reach = {name: departure.reach() for name in _MOVES if (departure := scene.truth.departure(name)) is not None}
     if not any(reach.values()) or not scene.objects:
@@ -64,7 +92,10 @@ def widened_area(scene: Scene) -> Scene:
     half = half + _BESIDE * scene.probe.radius + 1e-3 * reach.get("object_shift_mm", 0.0)
     most, least = np.maximum(high[:2], middle + half), np.minimum(low[:2], middle - half)
     top = float(high[2])
-    if top >= upper[2]:
+    if scene.truth.object_anywhere:
+        most, least = high[:2], low[:2]
+        middle, half = 0.5 * (most + least), 0.5 * (most - least)
+    elif top >= upper[2]:
         raised = 1e-3 * reach.get("table_height_mm", 0.0)
         raised += np.tan(np.radians(reach.get("table_tilt_deg", 0.0))) * float(np.hypot(*half))
         top = max(top, float(upper[2]) + _ABOVE * scene.probe.radius + raised)

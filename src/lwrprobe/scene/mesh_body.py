@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from os.path import isfile
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ def _read(shape: Mesh, part: int) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
     name = f"object[{part}].file"
-    if not Path(shape.file).is_file():
+    if not isfile(shape.file):
         raise SceneError(name, shape.file, "an existing mesh file")
     try:
         mesh: Any = trimesh.load(shape.file, force="mesh")

@@ -166,6 +166,10 @@ class AreaTable(Table):
 
     lower: Vector3 = (-0.085, -0.06, 0.006)
     upper: Vector3 = (0.085, 0.06, 0.09)
+    search_for: Length | None = None
+    """m. Nobody knows where in the area the object is: it is searched for and bounded before it is explored.
+    The search ends when nothing can have been missed over which a level circle of this diameter fits. Left out, the
+    area is around the object."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

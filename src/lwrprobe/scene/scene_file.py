@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from os.path import isfile
 from pathlib import Path
 from typing import Any, get_args
 
@@ -90,7 +91,7 @@ def _locate(name_or_path: str | Path) -> Path:
     if given in library.scene_names():
         return library.scene_path(given)
     path = Path(given)
-    if path.is_file():
+    if isfile(path):
         return path
     if path.suffix or len(path.parts) > 1:
         raise SceneError("scene", given, "an existing scene file (.toml), or a name from `lwrprobe list scenes`")
@@ -101,7 +102,7 @@ def _locate_profile(name_or_path: str) -> Path:
     if name_or_path in library.profile_names():
         return library.profile_path(name_or_path)
     path = Path(name_or_path)
-    if path.suffix == ".toml" and path.is_file():
+    if path.suffix == ".toml" and isfile(path):
         return path
     raise UnknownNameError("profile", name_or_path, library.profile_names())
 
@@ -181,7 +182,7 @@ def _resolve_meshes(shapes: Any, path: Path, key: str) -> None:
         file = shape.get("file")
         if shape.get("shape") == "mesh" and isinstance(file, str) and file:
             shape["file"] = str((path.parent / file).resolve())
-            if not Path(shape["file"]).is_file():
+            if not isfile(shape["file"]):  # also where the name is longer than a system allows
                 raise SceneError(f"{path.name}: {key}[{n}].file", file, "an existing mesh file")
         _resolve_meshes(shape.get("children"), path, f"{key}[{n}].children")
 
@@ -191,7 +192,7 @@ def _resolve_calibration(content: dict[str, Any], path: Path) -> None:
     file = content.get("calibration")
     if isinstance(file, str) and file:
         content["calibration"] = str((path.parent / file).resolve())
-        if not Path(content["calibration"]).is_file():
+        if not isfile(content["calibration"]):
             raise SceneError(f"{path.name}: calibration", file, "an existing file written by `lwrprobe calibrate`")
 
 

@@ -78,6 +78,8 @@ QUANTITIES: dict[str, Quantity] = {
     "object_mass_kg": Quantity(1, Kind.SCALE),
 }
 """All keys of the table that are drawn."""
+ANYWHERE = "object_anywhere"
+"""Key of the place that is drawn as a whole."""
 
 _FORMS = "a number, a list of numbers, { sigma = number } or { between = [low, high] }"
 
@@ -204,6 +206,9 @@ class TruthTable(Table):
     """Along the world's x and y."""
     object_mass_kg: Departure | None = None
     """A single object stands free with this mass; left out, it is held as the scene says."""
+    object_anywhere: bool = False
+    """All objects together lie anywhere in the area, at any angle about the vertical: drawn from the seed, in the place
+    of `object_turn_deg` and `object_shift_mm`."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -216,7 +221,8 @@ class TruthTable(Table):
     @property
     def ideal(self) -> bool:
         """Nothing differs."""
-        return self.profile == "ideal" and not any(getattr(self, name) is not None for name in QUANTITIES)
+        departs = self.object_anywhere or any(getattr(self, name) is not None for name in QUANTITIES)
+        return self.profile == "ideal" and not departs
 
     def departure(self, name: str) -> Departure | None:
         """What was set for a quantity, else the profile's, None where the world is as the scene says."""
@@ -225,10 +231,13 @@ class TruthTable(Table):
     def draw(self, run_seed: int, joints: int = 0) -> dict[str, np.ndarray]:
         """(k,) numbers of each quantity that differs; those of the joints only where their number is given.
 
+        `ANYWHERE` has three shares, from 0 to 1: of a turn, and of what is free along x and y.
         Raises SceneError for a list of another length than the number of joints.
         """
         seed = run_seed if self.seed is None else self.seed
         drawn = {}
+        if self.object_anywhere:
+            drawn[ANYWHERE] = _stream(ANYWHERE, seed).random(3)
         for name, quantity in QUANTITIES.items():
             departure, count = self.departure(name), quantity.count or joints
             if departure is not None and count:
@@ -254,8 +263,7 @@ def _numbers(name: str, quantity: Quantity, departure: Departure, seed: int, cou
         if len(departure.value) not in (1, count):
             raise SceneError(f"truth.{name}", list(departure.value), f"one number or {count}, one for each joint")
         return np.full(count, departure.value) if len(departure.value) == 1 else np.array(departure.value)
-    random = np.random.default_rng([seed, crc32(name.encode())])
-    kind = quantity.kind
+    random, kind = _stream(name, seed), quantity.kind
     if departure.between is not None:
         low, high = departure.between
         if kind is Kind.SCALE:
@@ -265,6 +273,10 @@ def _numbers(name: str, quantity: Quantity, departure: Departure, seed: int, cou
     if kind is Kind.PERCENT:
         return 100.0 * np.expm1(0.01 * drawn)
     return np.abs(drawn) if kind is Kind.SIZE else drawn
+
+
+def _stream(name: str, seed: int) -> np.random.Generator:
+    return np.random.default_rng([seed, crc32(name.encode())])
 
 
 def _profile(

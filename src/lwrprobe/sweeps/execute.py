@@ -29,6 +29,14 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def run_in_order(tasks: Sequence[Task], work: Callable[[Task], Result], workers: int) -> list[Result]:
+    """Results in the order of the tasks, from so many processes as of `run_local`; one worker is this process."""
+    if workers == 1:
+        return [work(task) for task in tasks]
+    results = dict(run_local({str(number): task for number, task in enumerate(tasks)}, work, workers))
+    return [results[str(number)] for number in range(len(tasks))]
+
+
 def run_local(tasks: Mapping[str, Task], work: Callable[[Task], Result], workers: int) -> Iterator[tuple[str, Result]]:
     """Results as they come, by the tasks' keys, from spawned processes of one thread each.
 

@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bags.bag_file import STORAGES
 from lwrprobe.contracts import FormatError, LinkShape, TriangleMesh
-from lwrprobe.evaluation.run_folder import read_run
+from lwrprobe.evaluation.run_folder import read_run, read_table
+from lwrprobe.evaluation.run_report import HIDING_FILE
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, Robot
 from lwrprobe.mapping import VoxelMap
+from lwrprobe.mapping.clouds import Cloud, read_cloud
 from lwrprobe.scene import Scene, load_scene
 
 RATE = 25.0
@@ -36,6 +39,8 @@ class Playback:
     voxels : the map, None where there is none
     goals : (g, 4) time s and place m; clearances : (c, 8) time s, distance m, and both ends m
     states : (time s, what the strategy does)
+    sigmas : (n,) m, standard deviation of each contact along its normal, NaN where it is not known
+    hiding : (h, 3) m, where something about as large as the certificate says could hide; sizes : (h,) m, how large
     """
 
     scene: Scene
@@ -54,6 +59,9 @@ class Playback:
     goals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
     clearances: np.ndarray = field(default_factory=lambda: np.empty((0, 8)))
     states: list[tuple[float, str]] = field(default_factory=list)
+    sigmas: np.ndarray = field(default_factory=lambda: np.empty(0))
+    hiding: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def end(self) -> float:
@@ -82,7 +90,7 @@ def playback(source: str | Path) -> Playback:
     path = Path(source)
     if path.is_dir() and (path / "scene.toml").is_file():
         return _of_run(path)
-    if path.suffix == ".mcap" or path.is_dir():
+    if path.suffix in STORAGES or path.is_dir():
         return _of_bag(path)
     return of_scene(load_scene(str(source)))
 
@@ -119,10 +127,12 @@ def _of_run(folder: Path) -> Playback:
         except FormatError:  # that of a run without contacts has no triangles
             mesh = None
     voxels = VoxelMap.read(folder / "map.bt") if (folder / "map.bt").is_file() else None
+    hiding = read_cloud(folder / HIDING_FILE) if (folder / HIDING_FILE).is_file() else Cloud(np.empty((0, 3)))
     simulated = run.summary is None or run.summary.link_collisions is not None
     return Playback(
         scene, robot, times, joints, tips, record.points, record.normals, run.times, run.force, record.confidence,
-        _truth(scene, simulated), mesh, voxels, goals, clearances, states,
+        _truth(scene, simulated), mesh, voxels, goals, clearances, states, _sigmas(folder, run.times), hiding.points,
+        hiding.scalars.get("size", np.zeros(len(hiding.points))),
     )  # fmt: skip
 
 
@@ -186,6 +196,15 @@ def _along(scene: Scene, robot: Robot, trace: np.ndarray) -> tuple[np.ndarray, n
         joints.append(found)
         tips.append(wanted)
     return np.concatenate([[0.0], rows[:, 0]]), np.array(joints), np.array(tips)
+
+
+def _sigmas(folder: Path, times: np.ndarray) -> np.ndarray:
+    """(n,) m of the contacts at these times; the table lacks those that are no part of the object."""
+    if not (folder / "contact_errors.csv").is_file():
+        return np.full(len(times), np.nan)
+    rows = read_table(folder / "contact_errors.csv", ("time", "sigma_random_mm", "sigma_mm"))
+    known = {round(time, 6): 1e-3 * sigma for time, _, sigma in rows.tolist()}
+    return np.array([known.get(round(time, 6), np.nan) for time in times.tolist()])
 
 
 def _states(path: Path) -> list[tuple[float, str]]:

@@ -21,7 +21,7 @@ MAP_EVERY = 2.0
 POINT, VOXEL = 0.0009, 0.8
 """m of a contact; share of a voxel that a cube fills."""
 MAX_VOXELS = 60_000
-COLOURS: dict[str, Ramp] = {"force": ERROR, "age": HEIGHT, "confidence": ERROR}
+COLOURS: dict[str, Ramp] = {"force": ERROR, "age": HEIGHT, "confidence": ERROR, "uncertainty": ERROR}
 
 _ARM, _PROBE, _OBJECT, _MESH = (198, 203, 209), (70, 90, 110), (120, 158, 199), (250, 168, 82)
 _FREE, _OCCUPIED, _GOAL, _NEAR = (120, 190, 150), (90, 90, 110), (220, 60, 140), (215, 40, 30)
@@ -153,6 +153,9 @@ class Viewer:
         self._handles["sphere"] = scene.add_icosphere("/arm/sphere", radius=radius, color=(200, 50, 40))
         if shown.voxels is not None:
             self._map(shown.voxels)
+        if len(shown.hiding):
+            share = shown.sizes / max(float(shown.sizes.max()), 1e-9)
+            self._cloud("hiding", shown.hiding, _bytes(ERROR, share), POINT)
 
     def _mesh(self, name: str, mesh: TriangleMesh, colour: tuple[int, int, int], opacity: float | None) -> Any:
         return self._server.scene.add_mesh_simple(
@@ -180,7 +183,8 @@ class Viewer:
         for name, label, on in (
             ("points", "contacts", True), ("object", "true object", True), ("mesh", "mesh", False),
             ("arm", "arm", True), ("occupied", "map", False), ("free", "free space", False),
-            ("goal", "next goal", True), ("clearance", "clearance line", True),
+            ("hiding", "where something may hide", False), ("goal", "next goal", True),
+            ("clearance", "clearance line", True),
         ):  # fmt: skip
             box = gui.add_checkbox(label, on)
             self._handles[f"box {name}"] = box
@@ -194,7 +198,7 @@ class Viewer:
 
     def _visibility(self) -> None:
         with self._lock:
-            for name in ("points", "object", "mesh", "occupied", "free", "goal", "clearance"):
+            for name in ("points", "object", "mesh", "occupied", "free", "hiding", "goal", "clearance"):
                 if name in self._handles:
                     self._handles[name].visible = self._handles[f"box {name}"].value
             for name, handle in self._handles.items():
@@ -218,10 +222,13 @@ class Viewer:
             share = 1.0 - (time - shown.contact_times[:count]) / max(time, 1e-9)
         elif by == "confidence":
             share = shown.confidence[:count]
+        elif by == "uncertainty" and np.isfinite(shown.sigmas).any():
+            share = np.nan_to_num(shown.sigmas[:count] / np.nanmax(shown.sigmas), nan=1.0)
+        elif by == "uncertainty":  # known at the end of a run alone
+            share = np.ones(count)
         else:
             share = shown.forces[:count] / max(2.0 * shown.scene.contact.target, 1e-9)
-        colours = np.round(255.0 * COLOURS[by].colours(np.asarray(share))).astype(np.uint8).reshape(-1, 3)
-        self._cloud("points", points, colours, POINT)
+        self._cloud("points", points, _bytes(COLOURS[by], share), POINT)
 
     def _map(self, voxels: VoxelMap) -> None:
         self._cloud("occupied", voxels.centres(), _OCCUPIED, VOXEL * voxels.resolution)
@@ -264,3 +271,8 @@ class Viewer:
         content = "\n\n".join(line for line in lines if line)
         if "text" in self._handles and self._handles["text"].content != content:
             self._handles["text"].content = content
+
+
+def _bytes(ramp: Ramp, share: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8, of shares (n,) of a ramp."""
+    return np.round(255.0 * ramp.colours(np.asarray(share))).astype(np.uint8).reshape(-1, 3)

@@ -47,10 +47,12 @@ class FreeSpace:
     Parameters
     ----------
     area : the sphere's centre is above all that may be there at the area's top, and no lower
+    body : m above the sphere's centre, from which on a body that is wider than the sphere stands on the stick: where
+        an upright probe is, the sphere fits from that height on
     """
 
-    def __init__(self, area: Area) -> None:
-        self._area = area
+    def __init__(self, area: Area, body: float = np.inf) -> None:
+        self._area, self._body = area, body
         self._top = float(area.upper[2])
         self._rows: list[tuple[float, ...]] = []  # place, place off the surface, stick's direction, open, upright
         self._turns: list[np.ndarray] = []
@@ -88,6 +90,11 @@ class FreeSpace:
                 break
             level = z
         return level
+
+    def clear_from(self, place: np.ndarray) -> float:
+        """m, the lowest height from which the sphere fits straight up, for an upright probe that is at a place (3,)."""
+        level = self.clear_down_to(place.item(0), place.item(1))
+        return min(level, place.item(2) + self._body)
 
     def open_places(self) -> np.ndarray:
         """(n, 3) m, places from which the probe may go straight up: it came down there.

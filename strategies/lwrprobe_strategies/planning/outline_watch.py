@@ -17,9 +17,15 @@ BENEATH = 0.006
 
 
 class OutlineWatch:
-    """Measures the way along one outline. One object serves one outline."""
+    """Measures the way along one outline. One object serves one outline.
+
+    Attributes
+    ----------
+    closed : it has come around
+    """
 
     def __init__(self) -> None:
+        self.closed = False
         self._begin: np.ndarray | None = None
         self._last: np.ndarray | None = None
         self._way = self._beneath = 0.0
@@ -39,5 +45,5 @@ class OutlineWatch:
         self._beneath = self._beneath + way if under else 0.0
         self._last = here.copy()
         away = here - self._begin
-        closed = self._way > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
-        return closed or self._beneath > BENEATH
+        self.closed = self._way > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
+        return self.closed or self._beneath > BENEATH

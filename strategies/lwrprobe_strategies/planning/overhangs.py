@@ -71,10 +71,12 @@ class Overhangs:
         if contact.confidence is Confidence.RELIABLE:
             px, py, pz = contact.point.tolist()
             k, m = self._cell(px, py)
-            self._touched[k, m] = max(self._touched.item(k, m), pz)
-            if pz < self._lowest.item(k, m) and contact.normal.item(2) > LEANS:
+            up = contact.normal.item(2)
+            if pz > self._touched.item(k, m):
+                self._touched[k, m] = pz
+            if pz < self._lowest.item(k, m) and up > LEANS:
                 self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
-            self._leaning = self._leaning + 1 if contact.normal.item(2) < LEANS else 0
+            self._leaning = self._leaning + 1 if up < LEANS else 0
             if self._leaning >= WITNESSES:
                 self._add(k, m, pz)
         above = contact.reason is Doubt.AXIS_MISSES and contact.point.item(2) > z + self._probe.radius

@@ -183,7 +183,7 @@ def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> boo
 
 def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoint]:
     """Straight up from a place (3,) of the upright probe to another one: fast from where the sphere fits."""
-    level = free.clear_down_to(float(here[X]), float(here[Y]))
+    level = free.clear_from(here)
     if level - here[Z] < GAP or level > there[Z]:
         return [Waypoint(there, SpeedLimit.FREE if level - here[Z] < GAP else SpeedLimit.COLUMN)]
     return [Waypoint(np.array([here[X], here[Y], level]), SpeedLimit.COLUMN), Waypoint(there)]
@@ -228,7 +228,7 @@ def line_height(task: Task) -> float:
 
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
-    tallest = float(task.area.upper[Z]) - task.probe.radius
+    tallest = min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
     lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 

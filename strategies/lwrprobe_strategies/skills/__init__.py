@@ -10,6 +10,7 @@ from lwrprobe_strategies.skills.reorient import reorient
 from lwrprobe_strategies.skills.retract import retract
 from lwrprobe_strategies.skills.search import search
 from lwrprobe_strategies.skills.skill import Procedure, Skill, skill
+from lwrprobe_strategies.skills.spiral_down import spiral_down
 from lwrprobe_strategies.skills.transit import transit
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "retract",
     "search",
     "skill",
+    "spiral_down",
     "transit",
     "unload",
 ]

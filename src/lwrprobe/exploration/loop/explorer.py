@@ -368,6 +368,7 @@ def make_task(
         delay=delay,
         arm_mass=arm_mass,
         arm_stiffness=arm_stiffness(scene),
+        search_for=scene.area.search_for,
         options=pipeline.options,
         reachable=reachable,
         clear=clear,

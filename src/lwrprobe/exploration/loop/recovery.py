@@ -130,6 +130,7 @@ class Recovery:
             raise SafetyStop(f"{cause}; not re-entered: safety.reentries allows {allowed}") from cause
         self._attempts += 1
         self._message(f"interrupted: {cause}")
+        self._sample.interrupt(str(cause))
         asked = self._asked(cause)
         try:
             device.reenter(self._safety.reentry_time, asked)
@@ -143,6 +144,7 @@ class Recovery:
         begin = self._arm.time
         self._received = begin - self._silence.silent
         self._message(f"interrupted: {cause}")
+        self._sample.interrupt(str(cause))
         self._pipeline.trajectory.stop()
         self._arm.finish_plan(1.0)
         self._retreat(self._safety.retreat)
@@ -186,8 +188,8 @@ class Recovery:
 
     def _release(self) -> None:
         """Off what the probe touches, as the force tells it now."""
-        _, wrenches = self._rest(LOOK)
-        usable = [wrench.world_force for wrench in wrenches if wrench.usable]
+        begin, rows = self._rest(LOOK)
+        usable = [wrench.world_force for sample, wrench in rows if wrench.usable and sample.time > begin]
         if not usable:
             raise SensorSilent("no usable wrench sample while the arm rests")
         force = np.mean(usable, axis=0)
@@ -200,13 +202,13 @@ class Recovery:
 
     def _check_zero(self) -> None:
         """Take the sensor's zero where it agrees with the one before; raises SafetyStop where no place does."""
-        conditioner = self._pipeline.conditioner
         reason = ""
         for attempt in range(TRIES):
             if attempt:
                 self._retreat(self._safety.retreat)
             rotation = self._pipeline.trajectory.pose[:3, :3].copy()
-            found = conditioner.take_bias(self._rest(ZERO)[0], rotation, 0.5 * self._threshold, conditioner.bias)
+            begin, rows = self._rest(ZERO)
+            found = self._sample.check_zero([sample for sample, _ in rows], begin, rotation)
             if found.taken:
                 return
             reason = found.reason
@@ -254,15 +256,14 @@ class Recovery:
                 raise SafetyStop(f"no way back after an interruption: {arm.blocked}")
         return False
 
-    def _rest(self, seconds: float) -> tuple[list[WrenchSample], list[Wrench]]:
-        """The samples of so long a rest, and what they mean."""
+    def _rest(self, seconds: float) -> tuple[float, list[tuple[WrenchSample, Wrench]]]:
+        """When a rest of so many s began, and the samples that came in it with what they mean."""
         arm, rows = self._arm, []
         begin = arm.time
         while arm.time < begin + seconds:
             arm.hold()
             rows += [(sample, self._watch(sample)) for sample in self._samples()]
-        rows = [row for row in rows if row[0].time > begin]
-        return [row[0] for row in rows], [row[1] for row in rows]
+        return begin, rows
 
     def _watch(self, sample: WrenchSample) -> Wrench:
         wrench = self._sample.watch(sample)

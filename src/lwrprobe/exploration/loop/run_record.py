@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import dist, hypot
+from operator import sub
 
 import numpy as np
 
@@ -74,13 +75,13 @@ class RunRecord:
         if largest < self._threshold or self._normal is None or self._last is None:
             return
         # Number by number: vectors of three take numpy several times as long.
-        way, normal = [b - a for a, b in zip(self._last, tip)], self._normal.tolist()
-        leaving = sum(a * b for a, b in zip(way, normal))
+        (x, y, z), (u, v, w) = map(sub, tip, self._last), self._normal.tolist()
+        leaving = x * u + y * v + z * w
         if leaving > 0.0:
-            way = [a - leaving * b for a, b in zip(way, normal)]
-        length = hypot(*way)
+            x, y, z = x - leaving * u, y - leaving * v, z - leaving * w
+        length = hypot(x, y, z)
         if length > 1e-9:
-            (x, y, z), soft = way, self._soft * length * length
+            soft = self._soft * length * length
             for (a, b, c), compliance in zip(seen.pose[:3, :3].T.tolist(), self._compliance):
                 soft += compliance * (a * x + b * y + c * z) ** 2
             largest = max(largest, 0.5 * (self.force + force + length**3 / soft))

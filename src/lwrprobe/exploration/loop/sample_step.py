@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM, UNCONFIRMED, Wrench, stick_contact
+from lwrprobe.contact import RELIABLE_FROM, UNCONFIRMED, BiasOutcome, Wrench, stick_contact
 from lwrprobe.contracts import (
     Contact,
     Doubt,
@@ -38,6 +40,8 @@ GIVE_WAY = 0.001
 MISSED = 2.5
 """Periods of the sensor between two samples of a touch, from which on the tip has given way meanwhile: the touch begins
 anew."""
+RATE_SPAN = 0.032
+"""s over which the rate is taken at which the stick bends: over one period the force's noise would show."""
 SETTLED = 3
 """Samples of one touch before its contacts are stored: until then the slip that friction opposes is the approach's."""
 
@@ -90,13 +94,21 @@ class SampleStep:
         self.zero_time = 0.0
         self.observation: Observation | None = None
         self._last_touch, self._touch_age = -np.inf, 0
+        self._shifts: deque[tuple[float, np.ndarray]] = deque(
+            maxlen=max(round(RATE_SPAN * scene.sensor.rate), 1) + 1
+        )  # s and m: how far the sphere is from the unloaded tip
 
     def watch(self, sample: WrenchSample) -> Wrench:
         """Condition a sample that the strategy is not shown; its force counts for the peak.
 
         Raises SensorLost where the sensor cannot be relied on.
         """
-        pose, _ = self._arm.history.tip_at(sample.time)
+        arm, bag = self._arm, self._recorder.bag
+        pose, velocity = arm.history.tip_at(sample.time)
+        if bag is not None:
+            measured, gain = arm.history.measured_velocity(sample.time), arm.history.acceleration
+            bag.sample(sample, arm.time, gain, False, "", pose, velocity, measured, arm.history.q, shown=False)
+            bag.flush_when_due()
         wrench = self._conditioned(sample, pose[:3, :3])
         if wrench.usable:
             self._record.note_unseen(wrench.magnitude)
@@ -108,8 +120,26 @@ class SampleStep:
         velocity = np.zeros(3) if normal is None else self._way_speed * normal
         self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
 
+    def interrupt(self, why: str) -> None:
+        """The strategy has to wait."""
+        if self._recorder.bag is not None:
+            self._recorder.bag.interrupted(why)
+
+    def check_zero(self, samples: Sequence[WrenchSample], since: float, rotation: np.ndarray) -> BiasOutcome:
+        """Take the sensor's zero from those of the samples at rest that are later than `since` s.
+
+        Where it agrees with the zero before; `rotation` (3, 3) is the sensor's in the world.
+        """
+        if self._recorder.bag is not None:
+            self._recorder.bag.zero_checked(len(samples), since, rotation)
+        conditioner = self._pipeline.conditioner
+        later = [sample for sample in samples if sample.time > since]
+        return conditioner.take_bias(later, rotation, 0.5 * self._threshold, conditioner.bias)
+
     def resume(self, pause: float) -> None:
         """The strategy goes on after a pause [s] that it is not shown."""
+        if self._recorder.bag is not None:
+            self._recorder.bag.went_on(pause)
         self.zero_time += pause
         self._last_touch += pause
         self._touch_age = 0
@@ -194,15 +224,22 @@ class SampleStep:
                 pipeline.sweep.move_to(place)
                 clock.lap("carve")
             return None
-        if sample.time - self._last_touch > self._missed:
+        passed = sample.time - self._last_touch
+        if passed > self._missed:
             self._touch_age = 0
-        if sample.time - self._last_touch > FORGET:
+        if passed > FORGET:
             pipeline.estimator.reset()
         self._last_touch = sample.time
         centre = place
         if pipeline.deflection is not None:
             centre = pipeline.deflection.centre(place, rotation, wrench.world_force)
         velocity = self._arm.history.measured_velocity(sample.time)
+        if self._touch_age == 0:
+            self._shifts.clear()
+        self._shifts.append((sample.time, centre - place))
+        (first, before), (last, now) = self._shifts[0], self._shifts[-1]
+        if last > first:  # while the force changes, sphere and tip move differently
+            velocity = velocity + (now - before) / (last - first)
         measured = wrench
         if pipeline.torque is not None:
             wrench, lever_error = pipeline.torque.corrected(measured)

@@ -123,7 +123,8 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     # The stages that only a moving arm needs are compiled by the run itself at this time.
     pipeline: Any = SimpleNamespace(
         voxels=voxels, surface=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(),
-        area=scene.area.as_area(), force=SimpleNamespace(report=dict), torque=None, left_out=[],
+        area=scene.area.as_area(), explored=scene.area.as_area(), bounds=None,
+        force=SimpleNamespace(report=dict), torque=None, left_out=[],
         line_spacing=DEFAULT_SPACING,
     )  # fmt: skip
     certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, _OUTCOME.time)

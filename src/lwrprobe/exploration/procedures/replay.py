@@ -6,6 +6,7 @@ are noted but move nothing. With the settings of the recorded run all its decisi
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,7 +38,7 @@ from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.recording import Recording
+from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
@@ -215,9 +216,15 @@ class Replay:
         try:
             tip = self._begin()
             self._clock.reset()
-            for k in self._recording.run():
+            pauses = deque(self._recording.interruptions)
+            for k in self._recording.sequel():
+                while pauses and pauses[0].row <= k:
+                    self._pass(pauses.popleft())
                 self._arm.show(int(k), tip)
                 self._clock.start()
+                if not self._recording.shown(int(k)):
+                    self._sample.watch(self._recording.sample(int(k)))
+                    continue
                 last = self._sample.process(self._recording.sample(int(k))).time
                 if isinstance(self._request.current, Done):
                     done = self._request.current
@@ -239,6 +246,14 @@ class Replay:
             counters=self.pipeline.conditioner.counters,
         )  # fmt: skip
         return self.outcome
+
+    def _pass(self, pause: Pause) -> None:
+        """What the run did in an interruption, done again."""
+        if pause.rest:
+            rest = range(pause.row - pause.rest, pause.row)
+            self._sample.check_zero([self._recording.sample(k) for k in rest], pause.since, pause.rotation)
+        else:
+            self._sample.resume(pause.pause)
 
     def finish(self) -> Summary:
         """Mesh, summary and report as of an exploration without a known truth."""

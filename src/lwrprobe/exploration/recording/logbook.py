@@ -16,6 +16,7 @@ import numpy as np
 
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
+    Bounds,
     Clearance,
     Contact,
     Doubt,
@@ -24,6 +25,7 @@ from lwrprobe.contracts import (
     Motion,
     Observation,
     Progress,
+    SearchingStrategy,
     Strategy,
     Task,
 )
@@ -36,8 +38,10 @@ TASK, SEEN, ANSWER = 0.0, 1.0, 2.0
 
 _NO_CONTACT, _NOTHING_NEAR = (0.0,) * 16, (0.0,) * 10
 
-FREE = 10
-"""Samples in a row without a force, after which the probe is away from the surface."""
+EVEN = 10
+"""Samples in a row without a force, or in a contact whose normal is known, after which a run can be resumed there."""
+RELIABLE = 0.5
+"""Trust of a contact from which on its normal tells where the surface is."""
 
 Question = Callable[[Sequence[np.ndarray]], bool]
 
@@ -140,6 +144,11 @@ class Logged:
         return self.strategy.line_spacing
 
     @property
+    def bounds(self) -> Bounds | None:
+        """The strategy's own; None for one that does not search."""
+        return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
         """The strategy's own."""
         return self.strategy.trace
@@ -180,7 +189,7 @@ class Past:
     orientation, start, delay : of the task, (3, 3), (3,) m, s
     rows : (n, WIDTH) after the task's
     words : by their codes
-    last : index of the row up to which the past is shown again: the probe had been free for a while
+    last : index of the row up to which the past is shown again: the probe had been free, or had touched, for a while
     """
 
     orientation: np.ndarray
@@ -223,20 +232,25 @@ def read_log(folder: Path, free_force: float) -> Past:
     if not {words[int(code)] for code in rows[:, 37]} <= set(Doubt):
         raise FormatError(f"{path}: the reason of a contact's low confidence is unknown")
     first = rows[0]
-    last = _last_free(rows[1:], free_force)
+    last = _last_even(rows[1:], free_force)
     if last is None:
         raise FormatError(f"{folder}: nothing to take up: the run was cut off before the probe had moved freely")
     return Past(first[2:11].reshape(3, 3).copy(), first[11:14].copy(), float(first[14]), rows[1:], words, last)
 
 
-def _last_free(rows: np.ndarray, free_force: float) -> int | None:
-    """Index of the last observation at the end of at least FREE without a force and not blocked."""
+def _last_even(rows: np.ndarray, free_force: float) -> int | None:
+    """Index of the last observation at the end of at least EVEN without a force, or in contact, and not blocked.
+
+    None for a probe that had never moved freely: there is no way back to where it was.
+    """
     seen = np.flatnonzero(rows[:, 0] == SEEN)
     if not len(seen):
         return None
-    free = (np.linalg.norm(rows[seen, 17:20], axis=1) < free_force) & (rows[seen, 22] == 0.0) & (rows[seen, 21] == 0.0)
-    ends = np.flatnonzero(np.convolve(free, np.ones(FREE))[: len(seen)] >= FREE)
-    return int(seen[ends[-1]]) if len(ends) else None
+    moving, touching = rows[seen, 21] == 0.0, rows[seen, 22] > 0.0
+    free = moving & ~touching & (np.linalg.norm(rows[seen, 17:20], axis=1) < free_force)
+    known = moving & touching & (rows[seen, 24] > RELIABLE)
+    ends = [np.flatnonzero(np.convolve(which, np.ones(EVEN))[: len(seen)] >= EVEN) for which in (free, known)]
+    return int(seen[max(int(end[-1]) for end in ends if len(end))]) if len(ends[0]) else None
 
 
 def _read_words(path: Path) -> list[str]:

@@ -15,12 +15,32 @@ from scipy.spatial.transform import Rotation, Slerp
 from lwrprobe.bags.bag_file import bag_files, read_bag
 from lwrprobe.bags.messages import seconds
 from lwrprobe.contracts import FormatError, WrenchSample
-from lwrprobe.exploration.recording.run_bag import ANSWERS, LOG, RUN, SAMPLE_COLUMNS, SAMPLES, STATE, WORDS
+from lwrprobe.exploration.recording.run_bag import ANSWERS, LOG, PAUSES, RUN, SAMPLE_COLUMNS, SAMPLES, STATE, WORDS
 
 REST = 0.8
 """s at the beginning of a foreign bag in which the probe rests in free space: the sensor's bias is taken there."""
 _FIXED = len(SAMPLE_COLUMNS)
 _COLUMN = {name: k for k, name in enumerate(SAMPLE_COLUMNS)}
+
+
+@dataclass(slots=True, frozen=True)
+class Pause:
+    """What happened in an interruption of a run before its row `row`: the zero was checked, or the run went on.
+
+    Attributes
+    ----------
+    row : number of samples before it
+    rest : number of the samples before it that were taken at rest; 0 where the run went on
+    since : s, those of the rest that are later count
+    rotation : (3, 3) of the sensor in the world, at rest
+    pause : s that the strategy was not shown, where the run went on
+    """
+
+    row: int
+    rest: int = 0
+    since: float = 0.0
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    pause: float = 0.0
 
 
 @dataclass(slots=True)
@@ -38,6 +58,7 @@ class Recording:
     arm_mass : kg, the task's
     start : (4, 4) tip pose where the strategy took over, None likewise
     scene : the scene's text, empty likewise
+    interruptions : what the run did in them, in the order of the rows
     answers : to the strategy's questions
     frames : moments of the strategy's state, (time s, content)
     log : (time s, sentence)
@@ -56,6 +77,7 @@ class Recording:
     arm_mass: float = 0.0
     start: np.ndarray | None = None
     scene: str = ""
+    interruptions: list[Pause] = field(default_factory=list)
     answers: list[bool] = field(default_factory=list)
     frames: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
     log: list[tuple[float, str]] = field(default_factory=list)
@@ -81,28 +103,37 @@ class Recording:
         return [np.flatnonzero(number == k).tolist() for k in np.unique(number[number > 0.0])]
 
     def run(self) -> np.ndarray:
-        """Rows of the run itself."""
+        """Rows of the run itself, that its strategy was shown."""
         return np.flatnonzero(self.column("listening") == 0.0)
+
+    def shown(self, k: int) -> bool:
+        """Whether the strategy was shown the sample of row k, rather than it came in an interruption."""
+        return bool(self.rows[k, 0] == 0.0)
+
+    def sequel(self) -> np.ndarray:
+        """Rows from the begin of the run on, those of its interruptions among them."""
+        return np.flatnonzero(self.column("listening") <= 0.0)
 
 
 def read_recording(path: str | Path) -> Recording:
-    """The recording in a run folder, a bag or an .mcap file; what follows a bad record is left out.
+    """The recording in a run folder, a bag, or an .mcap or .db3 file; what follows a bad record is left out.
 
-    Raises FormatError for what is no bag, for one without wrench samples and places of the probe, and for a run that
-    was resumed, whose parts are files of their own; and MissingExtraError.
+    A bag of others that was split into several files is read as one. Raises FormatError for what is no bag, for one
+    without wrench samples and places of the probe, and for a run that was resumed, whose parts are files of their own;
+    and MissingExtraError.
     """
     path = Path(path)
     files = bag_files(path)
-    if len(files) > 1:
-        names = ", ".join(str(file) for file in files)
-        raise FormatError(f"{path}: the recording has several parts; give one of them: {names}")
     parts: dict[str, list[tuple[int, Any]]] = {}
-    wanted = (SAMPLES, RUN, ANSWERS, WORDS, STATE, LOG)
+    wanted = (SAMPLES, RUN, ANSWERS, WORDS, PAUSES, STATE, LOG)
     streams = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped")
     kinds: dict[str, list[tuple[int, Any]]] = {}
     own = False
     for message in read_bag(path):
         own = own or message.topic == SAMPLES
+        if own and len(files) > 1:
+            names = ", ".join(str(file) for file in files)
+            raise FormatError(f"{path}: the recording has several parts; give one of them: {names}")
         if message.topic in wanted:
             parts.setdefault(message.topic, []).append((message.time, message.decode()))
         elif message.type in streams and not own:
@@ -129,6 +160,7 @@ def _own(path: Path, parts: dict[str, list[tuple[int, Any]]]) -> Recording:
     found = Recording(path, rows, words)
     if RUN in parts:
         _about(found, parts[RUN][0][1].data)
+    found.interruptions = [_interruption(found, message.data) for _, message in parts.get(PAUSES, ())]
     begin = parts[RUN][0][0] if RUN in parts else parts[SAMPLES][0][0]
     found.answers = [bool(message.data) for _, message in parts.get(ANSWERS, ())]
     for time, message in parts.get(STATE, ()):
@@ -140,6 +172,19 @@ def _own(path: Path, parts: dict[str, list[tuple[int, Any]]]) -> Recording:
             found.frames.append((1e-9 * (time - begin), content))
     found.log = [(1e-9 * (time - begin), message.msg) for time, message in parts.get(LOG, ())]
     return found
+
+
+def _interruption(found: Recording, text: str) -> Pause:
+    try:
+        content = json.loads(text)
+        row, rest = int(content["row"]), int(content.get("samples", 0))
+        since, pause = float(content.get("since", 0.0)), float(content.get("pause", 0.0))
+        rotation = np.array(content.get("rotation", np.eye(3)), dtype=np.float64).reshape(3, 3)
+        if not (0 <= rest <= row and np.isfinite([since, pause, *rotation.ravel()]).all()):
+            raise ValueError("numbers that no run writes")
+    except (ValueError, KeyError, TypeError, OverflowError, AttributeError, RecursionError) as error:
+        raise FormatError(f"{found.path}: {PAUSES}: {error}") from None
+    return Pause(row, rest, since, rotation, pause)
 
 
 def _about(found: Recording, text: str) -> None:

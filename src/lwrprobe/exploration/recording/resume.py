@@ -1,9 +1,10 @@
-"""A run that was cut off, resumed where the probe was last free.
+"""A run that was cut off, resumed where the probe was last free, or followed a surface.
 
-The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts and the memory of
-where the sphere has been are restored the same way: an object that was moved in the meantime is noticed at the first
-touch that contradicts. The probe goes over the top of the area to the last place above which nothing is, and from there
-back the way it came; then the strategy continues as if nothing had happened.
+The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts, what presses have
+shown of the stiffness, and the memory of where the sphere has been are restored the same way: an object that was moved
+in the meantime is noticed at the first touch that contradicts. The probe goes over the top of the area to the last
+place above which nothing is, and from there back the way it came, off the surface; then the strategy continues as after
+a contact that was lost for a moment.
 """
 
 from __future__ import annotations
@@ -14,8 +15,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from lwrprobe.contracts import Contact, Done, Goal, Motion, Observation, PluginError, Progress, Strategy, Task
-from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
+from lwrprobe.contact import Wrench
+from lwrprobe.contracts import (
+    Contact,
+    Done,
+    Goal,
+    Motion,
+    Observation,
+    PluginError,
+    Progress,
+    SafetyStop,
+    Strategy,
+    Task,
+)
+from lwrprobe.exploration.recording.logbook import ANSWER, RELIABLE, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.return_path import return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -62,8 +75,10 @@ class Resumed(Logged):
     def recall(self, task: Task, pipeline: Pipeline, recorder: Recorder) -> None:
         """Show the strategy its past and fill map and memory; takes seconds, so it is done before the arm is asked.
 
-        Raises PluginError for a strategy that does not do again what it did.
+        Raises PluginError for a strategy that does not do again what it did, SafetyStop for a surface that must not be
+        touched.
         """
+        pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         past, contacts = self._past, iter(recorder.contacts)
         coming = next(contacts, None)
         try:
@@ -78,6 +93,8 @@ class Resumed(Logged):
                 _remember(pipeline, seen)
                 if k <= past.last:
                     self._motion = self.strategy.step(seen)
+        except SafetyStop:
+            raise
         except Exception as error:
             raise PluginError(f"the strategy does not do again what it did: {type(error).__name__}: {error}") from error
         if isinstance(self._motion, Done):
@@ -86,7 +103,7 @@ class Resumed(Logged):
         self._old_steps = len(super().trace)
         self._path = return_path(past, task.area)
         self._speeds = [task.free_speed, task.approach_speed]
-        for here, there in pairwise(self._path[1:]):
+        for here, there in pairwise(self._path[1:]):  # the last one may lead to the surface that was followed
             dives = _dives(here, there)
             self._speeds.append(pipeline.force.touch_speed if dives else task.approach_speed)
         self._touched = np.array([contact.point for contact in recorder.contacts]).reshape(-1, 3)
@@ -103,7 +120,7 @@ class Resumed(Logged):
         self._leaving = self._leaving and seen.contact is not None
         if seen.contact is not None and not self._goes_on(seen, seen.contact):
             return Done("something stands in the way back to where the run was cut off", complete=False)
-        if np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached:
+        if self._path and np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached:
             self._next()
         if not self._path:
             assert self._motion is not None
@@ -150,6 +167,9 @@ def _dives(here: np.ndarray, there: np.ndarray) -> bool:
 
 def _remember(pipeline: Pipeline, seen: Observation) -> None:
     place = seen.pose[:3, 3]
+    known = seen.contact if seen.contact is not None and seen.contact.confidence_score > RELIABLE else None
+    wrench = Wrench(seen.time, seen.pose[:3, :3].T @ seen.force, np.zeros(3), seen.force)
+    pipeline.force.update(wrench, seen.pose, known)
     if pipeline.sweep is not None:
         if seen.contact is None:
             pipeline.sweep.move_to(place)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe.exploration.recording.logbook import SEEN, Past
+from lwrprobe.exploration.recording.logbook import RELIABLE, SEEN, Past
 from lwrprobe.mapping import path_corners
 
 OPEN = 0.001
@@ -16,14 +16,13 @@ CUT = 0.001
 """m between two places of the path, within which what the probe did in between is left out."""
 CHORD, TURN = 0.0003, 0.05
 """m, and change of a rotation's element, by which straight pieces may differ from the path that was driven."""
-RELIABLE = 0.5
-"""Trust of a contact from which on its normal tells where the surface is."""
 
 
 def return_path(past: Past, area: Area) -> list[np.ndarray]:
     """Poses (4, 4): above a place that is open towards the top, then along what was driven from there; loops are cut.
 
-    The last pose is where the run was cut off. A run that never was at an open place returns over its first one.
+    The last pose is where the run was cut off; before it, where a surface was touched there, comes one that is off that
+    surface. A run that never was at an open place returns over its first one.
     """
     seen = np.flatnonzero(past.rows[:, 0] == SEEN)
     rows = past.rows[seen[seen <= past.last]]
@@ -39,6 +38,8 @@ def return_path(past: Past, area: Area) -> list[np.ndarray]:
     height = float(area.upper[2]) - above[2, 3]
     if height > 0.0 and axis[2] < 0.0:
         above[:3, 3] += height / axis[2] * axis
+    if normals[-1].any():
+        path.append(_pose(np.hstack([poses[-1, :, 3], rotations[-1]])))
     return [above, *path]
 
 

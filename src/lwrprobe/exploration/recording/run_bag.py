@@ -22,6 +22,7 @@ from lwrprobe.kinematics import Robot
 from lwrprobe.mapping import VoxelMap
 
 SAMPLES, RUN, ANSWERS, WORDS = "/lwrprobe/samples", "/lwrprobe/run", "/lwrprobe/answers", "/lwrprobe/words"
+PAUSES = "/lwrprobe/pauses"
 JOINTS, WRENCH, TIP, FRAMES = "/joint_states", "/wrench", "/probe_tip", "/tf"
 CONTACTS, MAP, MARKERS, GOALS = "/contacts", "/map", "/markers", "/goal"
 STATE, LOG = "/lwrprobe/state", "/rosout"
@@ -31,7 +32,8 @@ SAMPLE_COLUMNS = (
     "arrived", "blocked", "vx", "vy", "vz", "mx", "my", "mz",
 )  # fmt: skip
 """Of a row of samples, before the joints' values: `listening` counts the pauses in which the bias was taken, 0 after
-them; `blocked` is a code of `WORDS`; vx, vy, vz are the commanded velocity of the tip, mx, my, mz the measured one."""
+them, -1 in an interruption, where the strategy is not shown the sample; `blocked` is a code of `WORDS`; vx, vy, vz are
+the commanded velocity of the tip, mx, my, mz the measured one."""
 
 SLOW, RARE, MAP_EVERY = 0.2, 0.5, 20.0
 """s of the robot's time between two messages: transforms; state and markers; maps."""
@@ -67,6 +69,7 @@ class RunBag:
             GOALS: (messages.pose(), "geometry_msgs/msg/PoseStamped"),
         }
         self._rows: list[list[float]] = []
+        self._count = 0
         self._contacts: list[list[float]] = []
         self._codes: dict[str, float] = {}
         self._at_rest = 0
@@ -106,12 +109,23 @@ class RunBag:
         velocity: np.ndarray,
         measured: np.ndarray,
         q: np.ndarray,
+        shown: bool = True,
     ) -> None:
         """One wrench sample with the joints q (n,) and the tip's pose (4, 4) at its instant.
 
-        Velocities of the tip (3,) m/s are the commanded and the measured one.
+        Velocities of the tip (3,) m/s are the commanded and the measured one; `shown` is False for a sample that the
+        strategy is not shown, because the run is interrupted.
         """
-        self._row(0, sample, arm_time, acceleration, arrived, blocked, velocity.tolist() + measured.tolist(), q)
+        self._row(
+            0 if shown else -1,
+            sample,
+            arm_time,
+            acceleration,
+            arrived,
+            blocked,
+            velocity.tolist() + measured.tolist(),
+            q,
+        )
         self._now = now = sample.time - self._zero
         if now < self._stream_due:
             return
@@ -119,6 +133,22 @@ class RunBag:
         self._stream(JOINTS, q.tolist())
         self._stream(WRENCH, [*sample.force.tolist(), *sample.torque.tolist()])
         self._stream(TIP, [*pose[:3, 3].tolist(), *quaternion(pose)])
+
+    def interrupted(self, why: str) -> None:
+        """The strategy has to wait; what was touched before goes on disk now."""
+        self.log(f"interrupted: {why}", warning=True)
+        self._flush()
+
+    def zero_checked(self, samples: int, since: float, rotation: np.ndarray) -> None:
+        """The sensor's zero was checked on those of the last `samples` that are later than `since` s.
+
+        `rotation` (3, 3) is the sensor's in the world.
+        """
+        self._pause({"samples": samples, "since": since, "rotation": rotation.tolist()})
+
+    def went_on(self, pause: float) -> None:
+        """The strategy goes on, after a pause [s] that it is not shown."""
+        self._pause({"pause": pause})
 
     def answer(self, answer: bool) -> bool:
         """The answer to a strategy's question for reach or clearance."""
@@ -153,6 +183,10 @@ class RunBag:
         if now >= self._map_due and len(voxels):
             self._map_due = now + MAP_EVERY
             self._send(MAP, messages.octomap(self._stamp, voxels.encoded(".bt"), voxels.resolution))
+        self.flush_when_due()
+
+    def flush_when_due(self) -> None:
+        """Hand everything to the system when the last time is long enough ago."""
         if self._writer.due:
             self._flush()
 
@@ -194,6 +228,11 @@ class RunBag:
         row += velocity
         row += q.tolist()
         self._rows.append(row)
+        self._count += 1
+
+    def _pause(self, what: dict[str, Any]) -> None:
+        """`row` is the number of samples before it."""
+        self._send(PAUSES, messages.text(json.dumps({"row": self._count} | what)))
 
     def _code(self, word: str) -> float:
         if word not in self._codes:

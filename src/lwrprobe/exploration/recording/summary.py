@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import GroundTruth, InputError, LeftOut, Reconstruction, TriangleMesh
+from lwrprobe.contracts import Area, Bounds, GroundTruth, InputError, LeftOut, Reconstruction, TriangleMesh
 from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
     Reach,
@@ -68,6 +68,7 @@ def summarise(
     points, normals = recorder.points(), recorder.normals()
     clearance = pipeline.clearance.smallest if pipeline.clearance is not None else np.inf
     pitch = pipeline.line_spacing or DEFAULT_SPACING
+    bounds = pipeline.bounds
     return Summary(
         scene=scene.name,
         strategy=scene.strategy.name,
@@ -79,6 +80,7 @@ def summarise(
         contacts=len(points),
         voxels=len(pipeline.voxels),
         sim_time_s=round(outcome.time, 4),
+        **_search(bounds),
         real_time_factor=round(outcome.time / max(explore_seconds, 1e-9), 2),
         path_length_m=round(outcome.path, 4),
         contact_path_length_m=round(outcome.contact_path, 4),
@@ -96,7 +98,7 @@ def summarise(
         interruptions=outcome.interruptions,
         slowed_cycles=outcome.slowed_cycles,
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
-        open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.area)],
+        open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.explored)],
         untouched=_untouched(scene, points, normals, surface, pitch, pipeline),
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
@@ -113,6 +115,14 @@ def summarise(
         machine=machine(),
         line_spacing_m=pipeline.line_spacing,
     )
+
+
+def _search(bounds: Bounds | None) -> dict[str, Any]:
+    if bounds is None:
+        return {}
+    corners = [[round(1e3 * float(v), 2) for v in corner] for corner in (bounds.area.lower, bounds.area.upper)]
+    times = {"found_at_s": round(bounds.found_at, 3), "search_time_s": round(bounds.bounded_at, 3)}
+    return {**times, "bounds_mm": corners}
 
 
 def _against_truth(
@@ -140,10 +150,10 @@ def _against_truth(
     radius = actual.probe.radius
     everywhere = reach(solid, radius, lowest)
     within = everywhere.within(area)
-    found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch), 2)
+    found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch, pipeline.explored), 2)
     if "delay_s" in pipeline.force.report():  # else the run ended before the first touch was planned
         descent = _fastest_descent(scene, pipeline)
-        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, descent), 2)
+        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, pipeline.explored, descent), 2)
     share = coverage(points, normals, within, pitch)
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
@@ -248,7 +258,7 @@ def _untouched(
         pose[:3, 3] = centre
         return stage.threatens(pose)
 
-    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.area, meets)
+    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.explored, meets)
     return [place.as_dict() for place in places]
 
 
@@ -259,10 +269,10 @@ def _fastest_descent(scene: Scene, pipeline: Pipeline) -> float:
     return approach_speed(margin, report["stiffness_along_stick"], report["delay_s"], scene.motion.acceleration)
 
 
-def _lower_bound(scene: Scene, within: Reach, pitch: float, descent_speed: float | None = None) -> float:
+def _lower_bound(scene: Scene, within: Reach, pitch: float, area: Area, descent_speed: float | None = None) -> float:
     """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
     motion = scene.motion
     return lower_bound_time(
-        within, pitch, motion.contour_speed, scene.area.as_area(), motion.free_speed, motion.acceleration,
+        within, pitch, motion.contour_speed, area, motion.free_speed, motion.acceleration,
         descent_speed,
     )  # fmt: skip

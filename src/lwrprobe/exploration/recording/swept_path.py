@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
+from operator import sub
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class SweptPath:
         self._joined: list[bool] = []
         self._poses: list[np.ndarray] = []
         self._last: list[float] = []
+        self._turn: list[float] = []  # entries of the rotation that was kept last
         self._broken = True
 
     def note(self, seen: Observation) -> None:
@@ -42,13 +44,14 @@ class SweptPath:
         if not isfinite(sum(place)):
             self._broken = True
             return
-        joined = False
+        joined, turn = False, pose[:3, :3].ravel().tolist()
         if not self._broken:
-            moved = max(abs(a - b) for a, b in zip(place, self._last))
-            if moved < APART and np.abs(pose[:3, :3] - self._poses[-1][:3, :3]).max() < TURNED:
+            # Number by number: so few take numpy several times as long.
+            moved = max(map(abs, map(sub, place, self._last)))
+            if moved < APART and max(map(abs, map(sub, turn, self._turn))) < TURNED:
                 return
             joined = moved <= LONGEST
-        self._broken, self._last = False, place
+        self._broken, self._last, self._turn = False, place, turn
         pose = pose.copy()
         pose[:3, 3] = place
         self._times.append(seen.time)

@@ -20,9 +20,11 @@ from lwrprobe.contracts import (
     RECONSTRUCTOR_CONTRACT,
     STRATEGY_CONTRACT,
     Area,
+    Bounds,
     LeftOut,
     Probe,
     Reconstructor,
+    SearchingStrategy,
     Strategy,
 )
 from lwrprobe.contracts.plugins import load
@@ -76,6 +78,16 @@ class Pipeline:
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Of an object that the strategy has searched for; None where it has not, or has not found any."""
+        return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    @property
+    def explored(self) -> Area:
+        """Where the sphere's centre may go while the object is explored: all of the area, or what was bounded in it."""
+        return self.area if self.bounds is None else self.bounds.area
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""

@@ -1,0 +1,133 @@
+"""A blind start against analytic surfaces, without robot and simulator: found, bounded, missed, and how it ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_surface import FakeSurface, box
+
+from lwrprobe.contracts import Area, Done
+from lwrprobe.scene.scene import ProbeTable
+from lwrprobe_strategies.planning.search_places import SearchPlaces
+from lwrprobe_strategies.supervisor import SkillStrategy
+from strategy_task import task
+
+AREA = Area(np.array([-0.075, -0.065, 0.006]), np.array([0.075, 0.065, 0.13]))
+SMALL = Area(np.array([-0.05, -0.045, 0.006]), np.array([0.05, 0.045, 0.13]))
+TASK = replace(
+    task(approach=0.03, area=AREA, links=ProbeTable().as_probe().links),
+    free_speed=0.2, search_for=0.05, start=np.array([0.0, -0.065, 0.13]),
+)  # fmt: skip
+
+
+class Nothing(SkillStrategy):
+    """Ends as soon as the object is bounded."""
+
+    def program(self):
+        return Done("bounded")
+        yield
+
+
+def at(distance, x, y, angle=0.0):
+    """A surface, turned about the vertical and moved."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return lambda p: distance(turn @ (p - [x, y, 0.0]))
+
+
+def explore(distance, area=AREA, samples=100_000):
+    """The strategy after its end, how it ended, the surface, and where the tip was."""
+    given = replace(TASK, area=area, start=np.array([0.0, area.lower[1], area.upper[2]]))
+    strategy, surface, places = Nothing(), FakeSurface(distance, given, given.start, stiffness=2000.0), []
+    strategy.start(given)
+    seen = surface.look()
+    for _ in range(samples):
+        motion = strategy.step(seen)
+        if isinstance(motion, Done):
+            return strategy, motion, surface, np.array(places)
+        seen = surface.obey(motion)
+        places.append(seen.pose[:3, 3].copy())
+    raise AssertionError(f"still {strategy.tip.trace.state}")
+
+
+def inside(strategy, half, x, y, angle):
+    """The corners of a turned block lie in the bounds, as far from their border as the sphere needs; m to spare."""
+    c, s = np.cos(angle), np.sin(angle)
+    corners = np.array([[i * half[0], j * half[1]] for i in (-1, 1) for j in (-1, 1)]) @ [[c, s], [-s, c]] + [x, y]
+    area = strategy.bounds.area
+    return min((corners - area.lower[:2]).min(), (area.upper[:2] - corners).min())
+
+
+@pytest.mark.parametrize(
+    ("half", "height", "x", "y", "angle"),
+    [
+        ((0.04, 0.025), 0.05, 0.0, 0.0, 0.4),
+        ((0.03, 0.02), 0.1, 0.0, 0.0, 0.8),
+        ((0.025, 0.025), 0.04, -0.03, -0.02, 0.0),
+    ],
+)
+def test_a_block_is_found_and_bounded_wherever_it_is(half, height, x, y, angle):
+    strategy, done, surface, places = explore(at(box(half, height), x, y, angle))
+    assert done.reason == "bounded"
+    assert done.complete
+    assert 0.0 < strategy.bounds.found_at < strategy.bounds.bounded_at
+    assert strategy.task.tallest == pytest.approx(height, abs=0.001)
+    assert inside(strategy, half, x, y, angle) > 2.0 * TASK.probe.radius
+    assert strategy.bounds.area.upper[2] == AREA.upper[2]
+    assert surface.peak <= TASK.force_limit
+    assert (places >= AREA.lower - 1e-3).all()
+    assert (places <= AREA.upper + 1e-3).all()
+
+
+def test_a_flat_object_is_found_last():
+    strategy, _, _, places = explore(at(box((0.02, 0.02), 0.008), 0.0, 0.0), SMALL)
+    low = places[:, 2] < 0.02
+    assert strategy.bounds is not None
+    assert strategy.task.tallest == pytest.approx(0.008, abs=0.001)
+    assert not low[: len(low) // 2].any()  # all places were searched for what is taller before
+
+
+def test_an_empty_table_is_said_to_be_empty_with_what_may_have_been_missed():
+    strategy, done, _, _ = explore(lambda p: 1.0, SMALL)
+    assert done.complete
+    assert strategy.bounds is None
+    assert done.reason.startswith("nothing found; nothing was missed over which a level circle of ")
+    assert float(done.reason.split()[-3]) <= 1e3 * TASK.search_for
+
+
+def test_the_same_surface_gives_the_same_motions():
+    once, again = (explore(at(box((0.02, 0.02), 0.05), 0.0, 0.0, 0.4), SMALL)[3] for _ in range(2))
+    assert np.array_equal(once, again)
+
+
+def test_the_body_goes_nowhere_beside_what_may_be_taller():
+    """Above the stick the probe is wider than its sphere: below the first helix it stays within what that has swept."""
+    _, _, _, places = explore(lambda p: 1.0, SMALL)
+    sensor_bottom, body_radius = 0.05, 0.0125
+    first = places[: np.flatnonzero((np.diff(places[:, 2]) > 0.0) & (places[:-1, 2] < 0.05))[0]]
+    low = first[first[:, 2] < SMALL.upper[2] - TASK.probe.radius - sensor_bottom]
+    swept = first[first[:, 2] > SMALL.upper[2] - TASK.probe.radius - sensor_bottom]
+    reach = np.hypot(*swept[:, :2].T).max() + TASK.probe.radius
+    assert np.hypot(*low[:, :2].T).max() + body_radius < reach
+
+
+@pytest.mark.parametrize("smallest", [0.03, 0.04, 0.06])
+def test_what_is_said_to_be_missed_bounds_what_a_search_misses(smallest):
+    reach = 0.01
+    search = SearchPlaces(AREA, reach, smallest, 0.012)
+    places = search.places()
+    assert search.missed() == np.inf
+    for place in places:
+        search.searched(place)
+    assert search.missed() <= smallest
+    random = np.random.default_rng(1)
+    low, high = AREA.lower[:2] + 0.5 * smallest, AREA.upper[:2] - 0.5 * smallest
+    centres = random.uniform(low, high, (5000, 2))
+    apart = np.hypot(*(centres[:, None] - np.array(places)[None]).transpose(2, 0, 1)).min(axis=1)
+    assert apart.max() <= reach + 0.5 * smallest + 0.002  # half of the diagonal of a cell beside
+
+
+def test_places_lead_from_coarse_to_fine_and_begin_in_the_middle():
+    fine, coarse = (SearchPlaces(AREA, 0.01, size, 0.012).places() for size in (0.03, 0.06))
+    assert np.allclose(fine[0], 0.0, atol=1e-9)
+    assert len(coarse) < len(fine)
