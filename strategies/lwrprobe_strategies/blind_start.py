@@ -36,8 +36,8 @@ BESIDE = 0.001
 """m between the body above the stick and what the first helix has shown to be free."""
 AROUND = 3.0
 """Radii of the sphere from what was touched to the border of what is explored."""
-SOUGHT = 0.025
-"""m of way along which a lost contact is sought."""
+SOUGHT = 1.0
+"""Radii of the sphere of way, along which a lost contact is sought: around an edge, and not into what lies behind."""
 LEVEL = 0.7
 """Share of the normal along z, from which on a touch is one of a top."""
 DROP = 0.003
@@ -48,8 +48,6 @@ LIFT = 0.002
 """m above the highest place on the way back over a surface."""
 HIGHER = 0.015
 """m between two heights at which an outline is tried."""
-OUTLINES = 3
-"""Heights at which it is."""
 
 Step = Generator[Motion, Observation, Outcome | None]
 
@@ -108,14 +106,15 @@ class BlindStart:
             yield from self._lift()
             return None
         found_at = tip.seen.time
-        yield from self._bound()
+        closed = yield from self._bound()
         points = tip.memory.contacts()[:, 3:6]
         if not len(points):
             points = tip.here[None]
         beside = AROUND * self._task.probe.radius
         lower, upper = self._area.lower.copy(), self._area.upper.copy()
-        lower[:2] = np.maximum(lower[:2], points[:, :2].min(axis=0) - beside)
-        upper[:2] = np.minimum(upper[:2], points[:, :2].max(axis=0) + beside)
+        if closed:  # else nobody knows how far it reaches, and all of the area is explored
+            lower[:2] = np.maximum(lower[:2], points[:, :2].min(axis=0) - beside)
+            upper[:2] = np.minimum(upper[:2], points[:, :2].max(axis=0) + beside)
         area = Area(lower, upper)
         yield from self._leave(area)
         return Found(found_at, area, float(points[:, Z].max()))
@@ -190,8 +189,11 @@ class BlindStart:
 
     # Bounds
 
-    def _bound(self) -> Step:
-        """Over the top along both axes, then around at the lowest height at which the body is clear."""
+    def _bound(self) -> Generator[Motion, Observation, bool]:
+        """Over the top along both axes, then around at the lowest height at which the body is clear.
+
+        Whether the outline has come around the object.
+        """
         tip, flank = self._tip, self._normal
         axis = Y if abs(flank[Y]) > abs(flank[X]) else X
         steep = bool(flank[Z] < LEVEL)
@@ -202,24 +204,24 @@ class BlindStart:
             yield from self._tried(self._across(axis, -sign))
         crown = self._crown(first)
         if crown is None:
-            return None
+            return False
         middle = 0.5 * (crown.min(axis=0) + crown.max(axis=0))
         middle = crown[int(np.argmin(np.hypot(*(crown - middle)[:, :2].T)))]
-        for side in (1.0, -1.0):
-            if (yield from self._back_to(middle, first)):
-                yield from self._tried(self._across(1 - axis, side))
-        for attempt in range(OUTLINES):
-            frame = self._frame(1 - axis, -1.0)
-            low = self._outline_height() + attempt * HIGHER
-            if attempt > 0:
-                if not (yield from self._back_to(middle, first)):
-                    return None
-                yield from self._tried(self._across(1 - axis, -1.0))
-            if (yield from self._tried(self._down_wall(frame, low))) is not Ended.EDGE:
+        if (yield from self._back_to(middle, first)):
+            yield from self._tried(self._across(1 - axis, 1.0))
+        ways = ((1 - axis, -1.0), (axis, sign), (1 - axis, 1.0))
+        for attempt, (along, side) in enumerate(ways):
+            if not (yield from self._back_to(middle, first)):
                 continue
-            if (yield from self._tried(self._around())) is Ended.END_FOUND:
-                return None
-        return None
+            yield from self._tried(self._across(along, side))
+            low = self._outline_height() + attempt * HIGHER
+            if (yield from self._tried(self._down_wall(self._frame(along, side), low))) is not Ended.EDGE:
+                continue
+            begun = len(tip.memory)
+            end = yield from self._tried(self._around())
+            if end is Ended.END_FOUND and self._is_outer(begun):
+                return True
+        return False
 
     def _across(self, axis: int, sign: float) -> Step:
         """Along an axis, in contact, to the edge of what is touched."""
@@ -260,11 +262,17 @@ class BlindStart:
 
         return (yield from self._followed(frame, closed))
 
+    def _is_outer(self, first: int) -> bool:
+        """Whether an outline, from contact `first` on, runs around the object and not around a hole in it."""
+        rows = self._tip.memory.contacts()[first:]
+        away = rows[:, :2] - rows[:, :2].mean(axis=0)
+        return bool((away * rows[:, 6:8]).sum() > 0.0)
+
     def _followed(self, frame: TrackingFrame, until: Callable[[], Outcome | None]) -> Step:
         """A contour; a contact that was lost is sought again."""
         end: Outcome = yield from follow_contour(self._tip, frame, until)
         while isinstance(end, Lost):
-            end = yield from reapproach(self._tip, frame, end.point, SOUGHT)
+            end = yield from reapproach(self._tip, frame, end.point, SOUGHT * self._task.probe.radius)
             if end is Ended.CONTACT:
                 end = yield from follow_contour(self._tip, frame, until)
         return end

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from lwrprobe.contracts import SceneError
-from lwrprobe.scene.scene import AreaTable, GroundTable, ProbeTable, Scene
+from lwrprobe.scene.scene import GroundTable, ProbeTable, Scene
 from lwrprobe.scene.table import Pose
 from lwrprobe.scene.truth import ANYWHERE, TruthTable
 
@@ -102,9 +102,8 @@ def widened_area(scene: Scene) -> Scene:
     floor = max(
         float(low[2]), min(_off_the_table(scene, middle, half), 0.5 * (lower[2] + upper[2]) + scene.probe.radius)
     )
-    return scene.model_copy(
-        update={"area": AreaTable(lower=_corner(least[0], least[1], floor), upper=_corner(most[0], most[1], top))}
-    )
+    corners = {"lower": _corner(least[0], least[1], floor), "upper": _corner(most[0], most[1], top)}
+    return scene.model_copy(update={"area": scene.area.model_copy(update=corners)})
 
 
 def _off_the_table(scene: Scene, middle: np.ndarray, half: np.ndarray) -> float:
