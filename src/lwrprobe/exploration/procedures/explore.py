@@ -138,12 +138,8 @@ class Exploration:
         if self._ahead is not None:  # it begins with the simulator: what does not need that comes first here
             warm_up(scene, choices, NOMINAL_CYCLE, scene.sensor.rate, pose, q)
         self._devices = Devices.assemble(self._stated, scene.run.seed, options.realtime, q)
-        for rule in ("certified", "accurate"):
-            wanted = getattr(scene.run.until, rule)
-            if wanted is not None and self._devices.ground_truth is None:
-                raise InputError(
-                    f"run.until.{rule}", wanted, "nothing with a real arm, whose cycles do not wait for it"
-                )
+        if self._devices.ground_truth is None:
+            _refuse_what_needs_a_simulator(scene)
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
@@ -393,3 +389,16 @@ def reconstruct_surface(record: TouchRecord, pipeline: Pipeline) -> tuple[Recons
         return surface, [{"stage": "contact_surface", "why": why}] if why else []
     except LwrprobeError as error:
         return None, [{"stage": "reconstruction", "why": str(error)}]
+
+
+def _refuse_what_needs_a_simulator(scene: Scene) -> None:
+    """InputError for what no real arm may be asked."""
+    for rule in ("certified", "accurate"):
+        wanted = getattr(scene.run.until, rule)
+        if wanted is not None:
+            raise InputError(f"run.until.{rule}", wanted, "nothing with a real arm, whose cycles do not wait for it")
+    if scene.area.search_for is not None:
+        # Simulated searches have pressed with up to 11 N (docs/explanation/strategies.md).
+        raise InputError(
+            "area.search_for", scene.area.search_for, "nothing with a real arm: the area around the object"
+        )
