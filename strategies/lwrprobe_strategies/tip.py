@@ -102,15 +102,22 @@ class Tip:
         """What is touched now counts as no contact until the tip is off it."""
         self.leaving = self.seen.contact is not None
 
+    @property
+    def stick_may_meet(self) -> bool:
+        """The stick may meet something before the sphere does, in some direction; `stick_limit` says in which."""
+        return not self.touches or self.overhangs.found or self._stick_is_near
+
+    @property
+    def _stick_is_near(self) -> bool:
+        near = self.seen.clearance
+        return near is not None and near.link == STICK and near.distance - near.required < NEAR
+
     def stick_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) at which the stick may meet something before the sphere; inf where it cannot.
 
         It may where something is known near the stick, and where the object may overhang.
         """
         near = self.seen.clearance
-        watched = near is not None and near.link == STICK and near.distance - near.required < NEAR
-        if self.touches and not watched and not self.overhangs.found:
-            return inf
         side = hypot(along[0], along[1])
         if side < SIDEWAYS:
             return inf
@@ -120,7 +127,7 @@ class Tip:
             limit = self.control.stick_speed(self.overhangs.reach(here)) / side
         elif not self.touches and self.overhangs.possible(here, along):
             limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
-        if near is not None and watched:
+        if near is not None and self._stick_is_near:
             back = -self.seen.pose[:3, 2]
             there = near.on_map - here
             reach = float(there @ back)

@@ -82,8 +82,10 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
         sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
     if careful:
         sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
-    sliding_speed = min(sliding_speed, tip.stick_limit(np.array(tip.control.tangent(frame.binormal()))))
+    binormal = frame.binormal()
+    if tip.stick_may_meet:
+        sliding_speed = min(sliding_speed, tip.stick_limit(np.array(tip.control.tangent(binormal))))
     force = max(float(seen.force @ normal), 0.0)
-    velocity = tip.control.velocity(normal, force, frame.binormal(), sliding_speed, held, tip.period)
+    velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)
     return VelocityCommand(frame.bounded(here, velocity), reason=reason, pose=tip.turn())
