@@ -20,7 +20,7 @@ from lwrprobe_ati.wire import Command, encode_command
 _BUFFER = 1 << 20
 _ORDER = ("received", "lost", "repeated", "old", "implausible")
 _AT_ONCE = 4096  # datagrams taken by one read at most, so that it always returns
-_FREEING = 0.2  # s between two attempts to get the console
+_FREEING = 0.3  # s between two attempts to get the console
 _NOTICING = 1.0  # s for which it is tried
 
 
@@ -158,16 +158,20 @@ class AtiSensor:
         return line
 
     def _open_console(self) -> None:
-        """Connect; the device may need a moment to notice that the client before has gone."""
+        """Connect; the device may need a moment to notice that the client before has gone.
+
+        The command that frees a console goes out between two attempts only: it has no answer, and one that arrives
+        after the connection closes the new client instead of the old one.
+        """
         end = time.monotonic() + _NOTICING
         while True:
-            if self.config.take_over:
-                self._send(Command.RESET_TELNET)
             try:
                 return self._console.open()
             except ConnectionLost:
                 if time.monotonic() > end:
                     raise
+            if self.config.take_over:
+                self._send(Command.RESET_TELNET)
             time.sleep(_FREEING)
 
     def _start_stream(self, stream: Stream) -> None:

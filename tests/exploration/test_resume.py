@@ -20,7 +20,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, Past, read_log
 from lwrprobe.exploration.recording.resume import Resumed
-from lwrprobe.exploration.recording.return_path import return_path
+from lwrprobe.exploration.recording.return_path import Speeds, return_path
 
 pytestmark = pytest.mark.slow
 
@@ -146,13 +146,11 @@ def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_
     again.start(a_task())
     top = again.step(seen(0))
     assert isinstance(top, Goal)
-    assert top.pose[:3, 3] == pytest.approx([0.0, 0.0, 0.06]), "above where it began"
+    assert top.pose[:3, 3] == pytest.approx([0.0, 0.039, 0.06]), "above where it was free"
     assert top.speed == 0.1
     down = again.step(replace(seen(0, goal_reached=True), pose=top.pose))
-    assert down.pose[:3, 3] == pytest.approx(seen(0).pose[:3, 3])
-    assert down.speed == 0.02
-    along = again.step(seen(0, goal_reached=True))
-    assert along.pose[:3, 3] == pytest.approx(seen(39).pose[:3, 3]), "as it came"
+    assert down.pose[:3, 3] == pytest.approx(seen(39).pose[:3, 3])
+    assert down.speed == Room.touch_speed
     there = seen(39, goal_reached=True)
     assert again.step(there).velocity[0] == 40.0  # what it had answered last
     assert again.step(there).velocity[0] == 41.0
@@ -162,19 +160,19 @@ def test_the_strategy_is_where_it_was_when_the_probe_was_last_free(cut_off, tmp_
 def test_in_an_even_contact_the_strategy_goes_on_where_it_was_cut_off(cut_off, tmp_path):
     """The probe comes back off the surface; the touch of its last step, or its end, gives the strategy the word."""
     again, _, log = resumed(tmp_path)
-    for pose in [*again._path]:
-        again.step(replace(seen(39), pose=pose, goal_reached=True))
+    for leg in [*again._path]:
+        again.step(replace(seen(39), pose=leg.pose, goal_reached=True))
     for k in range(50, 62):
         again.step(replace(touching(k), blocked=""))
     log.close()
     for touched in (True, False):
         again, strategy, log = resumed(tmp_path)
         assert len(strategy.shown) == 52
-        end = again._path[-1][:3, 3]
+        end = again._path[-1].pose[:3, 3]
         assert end == pytest.approx(seen(61).pose[:3, 3])
-        assert again._path[-2][:3, 3] == pytest.approx(end + 0.001 * touching(61).contact.normal)
-        for pose in again._path[:-1]:
-            assert isinstance(again.step(replace(seen(61), pose=pose.copy(), goal_reached=True)), Goal)
+        assert again._path[-2].pose[:3, 3] == pytest.approx(end + 0.001 * touching(61).contact.normal)
+        for leg in again._path[:-1]:
+            assert isinstance(again.step(replace(seen(61), pose=leg.pose.copy(), goal_reached=True)), Goal)
         here = replace(touching(61), blocked="") if touched else seen(61, goal_reached=True)
         assert again.step(here).velocity[0] == 52.0, "what it had answered last"
         assert again.step(here).velocity[0] == 53.0
@@ -197,8 +195,8 @@ def test_what_was_felt_is_known_again(cut_off, tmp_path):
 
 def test_it_can_be_taken_up_twice(cut_off, tmp_path):
     again, _, log = resumed(tmp_path)
-    for pose in [*again._path]:
-        again.step(replace(seen(39), pose=pose, goal_reached=True))
+    for leg in [*again._path]:
+        again.step(replace(seen(39), pose=leg.pose, goal_reached=True))
     for k in range(60, 75):
         again.step(seen(k))
     log.close()
@@ -222,7 +220,7 @@ def test_a_surface_that_was_touched_before_is_left_and_the_return_goes_on(cut_of
     assert aside.pose[:3, 3] == pytest.approx(touching(3).pose[:3, 3] + 0.002 * touching(3).contact.normal)
     assert again.step(replace(touching(3), blocked="")).pose == pytest.approx(aside.pose)
     back = again.step(replace(seen(3, goal_reached=True), pose=aside.pose))
-    assert back.pose[:3, 3] == pytest.approx([0.0, 0.0, 0.06]), "on to where it was going"
+    assert back.pose[:3, 3] == pytest.approx([0.0, 0.039, 0.06]), "on to where it was going"
     for _ in range(20):
         again.step(seen(3))
         answer = again.step(replace(touching(3), blocked=""))
@@ -236,7 +234,8 @@ def rows_of(observations):
     for row, one in zip(rows, observations, strict=True):
         row[2:14] = one.pose[:3].ravel()
         if one.contact is not None:
-            row[22], row[24], row[28:31] = 1.0, one.contact.confidence_score, one.contact.normal
+            row[22], row[24] = 1.0, one.contact.confidence_score
+            row[25:28], row[28:31] = one.contact.point, one.contact.normal
     return Past(np.eye(3), NOTHING, 0.0, rows, [""], len(rows) - 1)
 
 
@@ -246,20 +245,42 @@ def at(x, y, z, contact=None):
     return Observation(0.0, pose, NOTHING, NOTHING, contact)
 
 
-def test_under_a_bulge_the_probe_returns_the_way_it_came_without_its_loops():
-    area = a_task().area
-    wall = Contact(0.0, NOTHING, np.array([0.0, -1.0, 0.0]), NOTHING, NOTHING, 1.0)
+def beside_a_wall(bulge):
+    """From the area's border along a floor, with a loop, and up a wall; `bulge`: touched above the wall before."""
+    radius = a_task().probe.radius
+
+    def wall(z):
+        return Contact(0.0, np.array([-0.05, -0.02 + radius, z]), np.array([0.0, -1.0, 0.0]), NOTHING, NOTHING, 1.0)
+
+    over = Contact(0.0, np.array([-0.05, -0.022, 0.05]), np.array([0.0, -1.0, 0.0]), NOTHING, NOTHING, 1.0)
     on_border = [at(-0.05, -0.1, z) for z in np.arange(0.06, 0.02, -0.001)]
+    first = [at(-0.05, -0.1, 0.06, over)] if bulge else []
     inward = [at(-0.05, y, 0.02) for y in np.arange(-0.1, -0.02, 0.001)]
     around = [at(0.02 * np.sin(a) - 0.05, -0.02 * np.cos(a), 0.02) for a in np.linspace(0.0, 2.0 * np.pi, 100)]
-    up = [at(-0.05, -0.02, z, wall) for z in np.arange(0.02, 0.04, 0.001)]
-    path = np.array([pose[:3, 3] for pose in return_path(rows_of([*on_border, *inward, *around, *up]), area)])
+    up = [at(-0.05, -0.02, z, wall(z)) for z in np.arange(0.02, 0.04, 0.001)]
+    past = rows_of([*first, *on_border, *inward, *around, *up])
+    legs = return_path(past, a_task().area, radius, Speeds(0.2, 0.03, 0.006))
+    return np.array([leg.pose[:3, 3] for leg in legs]), [leg.speed for leg in legs]
+
+
+def test_under_a_bulge_the_probe_returns_the_way_it_came_without_its_loops():
+    path, speeds = beside_a_wall(bulge=True)
     assert path[0] == pytest.approx([-0.05, -0.1, 0.06])
     assert path[1] == pytest.approx([-0.05, -0.1, 0.021], abs=0.0021), "straight down where nothing stands"
     assert (np.abs(path[:, 0] + 0.05) < 0.0012).all(), "without the loop"
     assert path[-2] == pytest.approx([-0.05, -0.021, 0.039]), "off the wall"
     assert path[-1] == pytest.approx([-0.05, -0.02, 0.039]), "to the wall"
     assert len(path) < 10
+    assert speeds == [0.2] + [0.03] * (len(path) - 1), "open at the border, and nowhere along the stick"
+
+
+def test_the_probe_comes_down_where_it_stood_and_nothing_was_touched_above():
+    """Slower than at the border, as a touch there is one along the stick, and yet sooner back."""
+    path, speeds = beside_a_wall(bulge=False)
+    assert path[0] == pytest.approx([-0.05, -0.021, 0.06])
+    assert path[1] == pytest.approx([-0.05, -0.021, 0.039])
+    assert path[2] == pytest.approx([-0.05, -0.02, 0.039])
+    assert speeds == [0.2, 0.006, 0.03]
 
 
 def test_a_finished_run_and_a_run_that_never_moved_freely_cannot_be_taken_up(cut_off, tmp_path):

@@ -2,16 +2,15 @@
 
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts, what presses have
 shown of the stiffness, and the memory of where the sphere has been are restored the same way: an object that was moved
-in the meantime is noticed at the first touch that contradicts. The probe goes over the top of the area to the last
-place above which nothing is, and from there back the way it came, off the surface; then the strategy continues as after
-a contact that was lost for a moment.
+in the meantime is noticed at the first touch that contradicts. The probe goes over the top of the area, comes down
+where it was before and nothing stands above it, and drives on the way it came, off the surface; then the strategy
+continues as after a contact that was lost for a moment.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.exploration.recording.logbook import ANSWER, RELIABLE, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.return_path import return_path
+from lwrprobe.exploration.recording.return_path import Leg, Speeds, return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
 
 ARRIVED = 2e-4
@@ -39,8 +38,6 @@ KNOWN = 0.003
 """m from the path that was driven, within which a touch on the return is of the surface that was touched there."""
 ASIDE = 0.002
 """m off such a surface, before the return goes on."""
-DIVE = 0.3
-"""Share of a step along the stick, from which on a touch there is one along the stick."""
 TOUCHES = 8
 """Touches of known surfaces, after which the return is given up."""
 
@@ -62,10 +59,9 @@ class Resumed(Logged):
         self._recalling = True
         self._motion: Motion | None = None
         self._old_steps = 0
-        self._path: list[np.ndarray] = []
+        self._path: list[Leg] = []
         self._touched = np.empty((0, 3))
         self._touches, self._leaving = 0, False
-        self._speeds: list[float] = []
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:
@@ -101,11 +97,8 @@ class Resumed(Logged):
             raise PluginError("the strategy does not do again what it did: it has come to an end")
         self._recalling = False
         self._old_steps = len(super().trace)
-        self._path = return_path(past, task.area)
-        self._speeds = [task.free_speed, task.approach_speed]
-        for here, there in pairwise(self._path[1:]):  # the last one may lead to the surface that was followed
-            dives = _dives(here, there)
-            self._speeds.append(pipeline.force.touch_speed if dives else task.approach_speed)
+        speeds = Speeds(task.free_speed, task.approach_speed, pipeline.force.touch_speed)
+        self._path = return_path(past, task.area, task.probe.radius, speeds)
         self._touched = np.array([contact.point for contact in recorder.contacts]).reshape(-1, 3)
 
     def start(self, task: Task) -> None:
@@ -120,21 +113,21 @@ class Resumed(Logged):
         self._leaving = self._leaving and seen.contact is not None
         if seen.contact is not None and not self._goes_on(seen, seen.contact):
             return Done("something stands in the way back to where the run was cut off", complete=False)
-        if self._path and np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < ARRIVED and seen.goal_reached:
-            self._next()
+        if self._path and self._is_near(seen, ARRIVED) and seen.goal_reached:
+            self._path.pop(0)
         if not self._path:
             assert self._motion is not None
             return self._motion
-        return Goal(self._path[0], self._speeds[0], "back to where the run was cut off")
+        return Goal(self._path[0].pose, self._path[0].speed, "back to where the run was cut off")
 
-    def _next(self) -> None:
-        self._path.pop(0)
-        self._speeds.pop(0)
+    def _is_near(self, seen: Observation, distance: float) -> bool:
+        """Whether each coordinate of the tip lies within `distance` [m] of the end of the leg that is driven."""
+        return bool(np.abs(seen.pose[:3, 3] - self._path[0].pose[:3, 3]).max() < distance)
 
     def _goes_on(self, seen: Observation, contact: Contact) -> bool:
         """Whether the return goes on with a contact: the surface was touched there before, and the probe leaves it."""
-        if len(self._path) == 1 and np.abs(seen.pose[:3, 3] - self._path[0][:3, 3]).max() < KNOWN:
-            self._next()  # as near as the surface allows
+        if len(self._path) == 1 and self._is_near(seen, KNOWN):
+            self._path.pop(0)  # as near as the surface allows
             return True
         if self._leaving:
             return True
@@ -144,8 +137,7 @@ class Resumed(Logged):
             return False
         aside = seen.pose.copy()
         aside[:3, 3] += ASIDE * contact.normal
-        self._path.insert(0, aside)
-        self._speeds.insert(0, self._speeds[0])
+        self._path.insert(0, Leg(aside, self._path[0].speed))
         self._leaving = True
         return True
 
@@ -157,12 +149,6 @@ class Resumed(Logged):
     def asked(self, ask: Question, poses: Sequence[np.ndarray]) -> bool:
         """The logged answer while the past is replayed, after that the present one."""
         return bool(next(self._answers, 0.0)) if self._recalling else super().asked(ask, poses)
-
-
-def _dives(here: np.ndarray, there: np.ndarray) -> bool:
-    """Whether a step between two poses (4, 4) leads along the stick towards its tip, in which direction it is stiff."""
-    step = there[:3, 3] - here[:3, 3]
-    return float(step @ here[:3, 2]) > DIVE * float(np.linalg.norm(step))
 
 
 def _remember(pipeline: Pipeline, seen: Observation) -> None:
