@@ -11,7 +11,7 @@ LIBRARY = ROOT / "src" / "lwrprobe"
 LEVELS = [
     {"errors", "lazy"},
     {"contracts"},
-    {"arrival_time", "bags", "compiled", "control", "help_page", "options", "real_time"},
+    {"bags", "compiled", "control", "host"},
     {"kinematics", "trajectory"},
     {"contact", "mapping"},
     {"calibration", "collision", "reconstruction"},
@@ -27,9 +27,9 @@ LEVELS = [
 
 PLUGINS = {
     "drivers/lwrprobe_sim": {"contracts", "compiled", "kinematics", "scene"},
-    "drivers/lwrprobe_fri": {"arrival_time", "contracts", "compiled"},
-    "drivers/lwrprobe_ati": {"arrival_time", "contracts", "compiled", "scene"},
-    "drivers/lwrprobe_rig": {"contracts", "help_page", "options", "real_time", "scene"},
+    "drivers/lwrprobe_fri": {"contracts", "compiled", "host"},
+    "drivers/lwrprobe_ati": {"contracts", "compiled", "host", "scene"},
+    "drivers/lwrprobe_rig": {"cli", "contracts", "host", "scene"},
     "drivers/lwrprobe_mujoco": {"contracts", "kinematics", "scene"},
     "strategies/lwrprobe_strategies": {"contracts", "control", "mapping"},
 }

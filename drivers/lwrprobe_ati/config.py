@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from lwrprobe.contracts import InputError
 from lwrprobe.contracts.address import as_address
+from lwrprobe.scene import Scene
 
 
 @dataclass(slots=True, frozen=True)
@@ -73,7 +74,7 @@ class AtiConfig:
             self._require("silence", self.silence >= 2.0 / self.rate, f"at least two records, {2.0 / self.rate:g} s")
         self._require("stuck_after", 0.0 <= self.stuck_after <= 60.0, "0 .. 60 s")
 
-    def at_rate_of(self, scene: Any) -> AtiConfig:
+    def at_rate_of(self, scene: Scene | None) -> AtiConfig:
         """The same with a rate, checked against the rest: its own, or the scene's."""
         if self.rate:
             return self

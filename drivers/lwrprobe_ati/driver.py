@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError, HealthCheck
+from lwrprobe.scene import Scene
 from lwrprobe_ati.config import AtiConfig
 from lwrprobe_ati.emulated_truth import EmulatedTruth
 from lwrprobe_ati.health_checks import sensor_health
@@ -18,7 +19,7 @@ class AtiDriver:
     contract: ClassVar[int] = DRIVER_CONTRACT
     roles: ClassVar[frozenset[str]] = frozenset({"sensor"})
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: DriverContext[Scene | None]) -> None:
         self._sensor = AtiSensor((context.config or AtiConfig()).at_rate_of(context.scene))
 
     def arm(self) -> None:

@@ -7,9 +7,9 @@ import socket
 import time
 from dataclasses import asdict
 
-from lwrprobe.arrival_time import note_arrivals, receive
 from lwrprobe.contracts import ConnectionLost, DriverError, WrenchSample
 from lwrprobe.contracts.address import as_address
+from lwrprobe.host.arrival_time import note_arrivals, receive
 from lwrprobe_ati import shutdown_hook
 from lwrprobe_ati.config import AtiConfig
 from lwrprobe_ati.console import Console

@@ -20,8 +20,8 @@ from dataclasses import asdict
 from math import radians
 from typing import Any, get_args
 
-from lwrprobe.arrival_time import SPACE, arrival_time
 from lwrprobe.contracts.address import as_address
+from lwrprobe.host.arrival_time import SPACE, arrival_time
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.config import FriConfig
 from lwrprobe_fri.krl import PROGRAMS, Request

@@ -13,9 +13,9 @@ from math import radians
 
 import numpy as np
 
-from lwrprobe.arrival_time import note_arrivals
 from lwrprobe.contracts import ConnectionLost, DeviceRefused, DriverError
 from lwrprobe.contracts.address import as_address
+from lwrprobe.host.arrival_time import note_arrivals
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.answering import command_line, drives_of, set_time_out, silence_of
 from lwrprobe_fri.config import FriConfig

@@ -345,7 +345,7 @@ class FriDriver:
     contract: ClassVar[int] = DRIVER_CONTRACT
     roles: ClassVar[frozenset[str]] = frozenset({"arm"})
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: DriverContext[object]) -> None:
         self._arm = FriArm(context.config or FriConfig())
 
     def arm(self) -> FriArm:

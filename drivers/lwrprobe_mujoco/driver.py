@@ -15,6 +15,7 @@ from lwrprobe.contracts import (
     TrueContact,
     WrenchSample,
 )
+from lwrprobe.scene import Scene
 from lwrprobe_mujoco.config import MujocoConfig
 from lwrprobe_sim.actual_world import ActualWorld, actual_world
 from lwrprobe_sim.driver import SimulatedDriver, SimulatedStream, refuse_set_point
@@ -32,7 +33,7 @@ class MujocoDriver(SimulatedDriver):
 
     Config: ClassVar[type] = MujocoConfig
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: DriverContext[Scene]) -> None:
         try:
             from lwrprobe_mujoco.world import World
         except ModuleNotFoundError as error:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.cli.help_page import Command
 from lwrprobe.contracts import ConnectionLost, InputError, LwrprobeError, UnknownNameError
 from lwrprobe.contracts.address import as_address
-from lwrprobe.help_page import Command
-from lwrprobe.real_time import ANSWERS, real_time_priority
+from lwrprobe.host.real_time import ANSWERS, real_time_priority
 from lwrprobe_rig.reactor import Device, Reactor
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError
+from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
-from lwrprobe.options import configure
 
 SENSOR_RATE = 1000.0
 """Hz, of the simulated wrench; the emulated device samples that at its own rate."""

@@ -25,6 +25,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.driver import Role
 from lwrprobe.kinematics import Robot
+from lwrprobe.scene import Scene
 from lwrprobe_sim import link_kernels as links
 from lwrprobe_sim import world_kernels as kernels
 from lwrprobe_sim.actual_world import ActualWorld, actual_world
@@ -45,7 +46,7 @@ class SimulatedDriver:
     roles: ClassVar[frozenset[Role]] = frozenset({"arm", "sensor"})
     _arm: Arm
     _sensor: Sensor
-    _ground_truth: GroundTruth
+    _ground_truth: GroundTruth[Scene]
     _left_out: Sequence[LeftOut]
 
     def arm(self) -> Arm:
@@ -56,7 +57,7 @@ class SimulatedDriver:
         """The sensor's face; its clock is the arm's."""
         return self._sensor
 
-    def ground_truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth[Scene]:
         """The truth, for the evaluation alone."""
         return self._ground_truth
 
@@ -97,7 +98,7 @@ class SimDriver(SimulatedDriver):
     World: ClassVar[type] = World
     """The physics without the driver roles, for measurements."""
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: DriverContext[Scene]) -> None:
         config = context.config
         if config.start_q is None and context.start_q is not None:
             config = replace(config, start_q=tuple(float(v) for v in context.start_q))

@@ -10,7 +10,7 @@ import time
 
 from naive_ati import naive_crc
 
-from lwrprobe.real_time import ANSWERS, real_time_priority
+from lwrprobe.host.real_time import ANSWERS, real_time_priority
 
 
 class NaiveDevice:

@@ -10,7 +10,7 @@ import pytest
 
 from lwrprobe.exploration.procedures import host_stalls
 from lwrprobe.exploration.procedures.host_stalls import host_checks, smallest_cycle, stalls
-from lwrprobe.real_time import LOOP, real_time_priority
+from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import load_scene
 
 

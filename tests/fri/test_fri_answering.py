@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lwrprobe import arrival_time
+from lwrprobe.host import arrival_time
 from lwrprobe_fri import FriConfig
 from lwrprobe_fri import messages as m
 from lwrprobe_fri.answering import Answering

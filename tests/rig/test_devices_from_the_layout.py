@@ -14,7 +14,7 @@ import pytest
 
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.pipeline import robot_of
-from lwrprobe.real_time import ANSWERS, real_time_priority
+from lwrprobe.host.real_time import ANSWERS, real_time_priority
 from lwrprobe.scene import load_scene
 
 sys.path.append(str(Path(__file__).parents[1] / "ati"))

@@ -9,7 +9,7 @@ import struct
 import numpy as np
 import pytest
 
-from lwrprobe import arrival_time
+from lwrprobe.host import arrival_time
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import load_scene
 from lwrprobe_ati import AtiConfig

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
-from lwrprobe.options import configure
 from lwrprobe.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]

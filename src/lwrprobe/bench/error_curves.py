@@ -11,6 +11,7 @@ from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.scene import Scene
 
 INSTANTS = 16
 """At which a mesh is made, evenly over the run: each takes about a second."""
@@ -24,7 +25,7 @@ P95 = 1.0
 Row = tuple[float, float, float]
 
 
-def error_curve(exploration: Exploration, truth: GroundTruth, instants: int = INSTANTS) -> list[Row]:
+def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: int = INSTANTS) -> list[Row]:
     """(time s, mean mm, 95th percentile mm) of the mesh from what was touched until then, for a finished run.
 
     Instants at which the contacts do not carry a mesh are left out.
@@ -100,7 +101,7 @@ def _until(record: TouchRecord, time: float, free_path: np.ndarray) -> TouchReco
     )
 
 
-def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth) -> tuple[float, float] | None:
+def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene]) -> tuple[float, float] | None:
     if not len(record.points):
         return None
     actual = truth.scene

@@ -20,8 +20,8 @@ from lwrprobe.bench.report import BenchReport, Table, Verdict
 from lwrprobe.contracts import DriverContext, DriverError
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.machine import machine
+from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.kinematics import IKSolver, robot_by_name
-from lwrprobe.real_time import LOOP, real_time_priority
 
 CYCLES_MS = (10.0, 5.0, 4.0, 2.0, 1.0)
 _SHARES = (0.999, 0.99, 0.95)

@@ -34,8 +34,8 @@ from lwrprobe.cli import (
     view,
     weigh,
 )
+from lwrprobe.cli.help_page import Command, Group
 from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
-from lwrprobe.help_page import Command, Group
 
 app = typer.Typer(
     name="lwrprobe",

@@ -71,9 +71,9 @@ def _installation() -> Iterator[tuple[str, bool]]:
 
 def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool | None]]:
     from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError, MassiveArm
+    from lwrprobe.contracts.options import configure
     from lwrprobe.contracts.plugins import load
     from lwrprobe.exploration.loop.devices import delay_of
-    from lwrprobe.options import configure
     from lwrprobe.scene import load_scene
 
     loaded = load_scene(scene, settings)

@@ -7,8 +7,8 @@ from typing import Any
 import typer
 
 from lwrprobe.cli.checks import check_name
+from lwrprobe.cli.help_page import Command, Group
 from lwrprobe.contracts.plugins import discover, load, names
-from lwrprobe.help_page import Command, Group
 
 
 class Emulator(Command):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from lwrprobe.cli.checks import check_input, check_output
-from lwrprobe.help_page import Command, Group
+from lwrprobe.cli.help_page import Command, Group
 
 app = typer.Typer(
     cls=Group, help="Inspect an OctoMap file (.bt, .ot), or convert it to a point cloud.", no_args_is_help=True

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol, TypedDict, runtime_checkable
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypedDict, TypeVar, runtime_checkable
 
 from lwrprobe.contracts.samples import ArmState, Vector, WrenchSample
 
@@ -26,10 +26,12 @@ DRIVER_CHANGES: dict[int, str] = {
 """What to change in a driver that was written for an earlier version, by version."""
 
 Role = Literal["arm", "sensor"]
+SceneT_co = TypeVar("SceneT_co", covariant=True)
+"""Of the scene that a driver is made from: `lwrprobe.scene.Scene`, which this package does not know."""
 
 
 @dataclass(slots=True, frozen=True)
-class DriverContext:
+class DriverContext(Generic[SceneT_co]):
     """What a driver is made from.
 
     Attributes
@@ -44,7 +46,7 @@ class DriverContext:
     """
 
     config: Any
-    scene: Any
+    scene: SceneT_co
     seed: int = 0
     realtime: bool = False
     start_q: Vector | None = None
@@ -190,13 +192,15 @@ class TrueContact:
 
 
 @runtime_checkable
-class GroundTruth(Protocol):
+class GroundTruth(Protocol[SceneT_co]):
     """What only a simulator can offer: the truth, for the evaluation alone."""
 
-    scene: Any
-    """The `lwrprobe.scene.Scene` as it really is: objects, table and probe."""
     differences: dict[str, Any]
     """The numbers by which the world differs from what the run's scene says, and their profile."""
+
+    @property
+    def scene(self) -> SceneT_co:
+        """The scene as it really is: objects, table and probe. A plain attribute will do."""
 
     @property
     def link_collisions(self) -> int:
@@ -242,7 +246,7 @@ class LeftOut(TypedDict):
 
 
 @runtime_checkable
-class Driver(Protocol):
+class Driver(Protocol[SceneT_co]):
     """An entry of the group `lwrprobe.drivers`: a class made from a `DriverContext`.
 
     `Config` is a dataclass with the driver's own options, table `[drivers.<name>]` of a scene file; `contract` the
@@ -253,7 +257,7 @@ class Driver(Protocol):
     contract: ClassVar[int]
     roles: ClassVar[frozenset[Role]]
 
-    def __init__(self, context: DriverContext) -> None: ...
+    def __init__(self, context: DriverContext[SceneT_co]) -> None: ...
 
     def arm(self) -> Arm:
         """The arm; raises DriverError where `roles` lacks it."""
@@ -261,7 +265,7 @@ class Driver(Protocol):
     def sensor(self) -> Sensor:
         """The sensor; raises DriverError where `roles` lacks it."""
 
-    def ground_truth(self) -> GroundTruth | None:
+    def ground_truth(self) -> GroundTruth[SceneT_co] | None:
         """Ground truth, None for a real device."""
 
     @property

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import STRATEGY_CONTRACT, FormatError, LwrprobeError, TouchRecord
+from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import TablePlane
-from lwrprobe.options import configure
 from lwrprobe.scene import Scene, load_scene
 
 _CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "confidence")

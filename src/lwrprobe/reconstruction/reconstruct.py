@@ -21,7 +21,7 @@ def reconstruct(
     keyboard interrupt, ends the work. Raises UnknownNameError for an unknown method or option, InputError for a
     record that carries no surface.
     """
-    from lwrprobe.options import configure
+    from lwrprobe.contracts.options import configure
 
     plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
     worker = plugin(configure(plugin.Config, options, f"reconstruction {method}"))

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, get_args
 
 from lwrprobe.contracts import STRATEGY_CONTRACT, InputError, Motion, Observation, PluginError, Progress, Task
+from lwrprobe.contracts.options import configure
 from lwrprobe.exploration.stages.pipeline import Choices, choose
-from lwrprobe.options import configure
 from lwrprobe.scene import Scene
 
 _MOTIONS = get_args(Motion)

@@ -8,14 +8,13 @@ from math import nan
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Goal, VelocityCommand
+from lwrprobe.contracts import Goal, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Overload
 from lwrprobe_strategies.planning.lines import AT_END
 from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.skills.stick_doubt import StickDoubt
 from lwrprobe_strategies.tip import Tip
 
-DOUBTED = 2
-"""Samples after which a contact that may be one of the stick is one: the first alone may be too weak to decide."""
 ALIKE = 0.1
 """Share of a speed, below which a change is not worth a new plan."""
 FACING = -0.3
@@ -53,10 +52,10 @@ def guarded_move(
         ahead = way / max(float(np.sqrt(way @ way)), 1e-9)
     goal: Goal | None = None
     speed = 0.0
-    doubts = int(rest)
+    doubt = StickDoubt(int(rest))
     stop = VelocityCommand(np.zeros(3), reason=guarded_move.name)
     while True:
-        if not doubts and (goal is None or tip.seen.goal_reached):
+        if not doubt.count and (goal is None or tip.seen.goal_reached):
             target, careful = (end, False) if stretch is None else stretch(tip.here)
             speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
             if careful:
@@ -65,17 +64,14 @@ def guarded_move(
         if goal is not None:
             goal = slowed(goal, min(speed, tip.stick_limit(ahead)))
         try:
-            yield stop if doubts or goal is None else goal
+            yield stop if doubt.count or goal is None else goal
         finally:
             tip.memory.passed(tip.here, grid_x)
-        contact = tip.seen.contact
-        if contact is not None and not tip.leaving and contact.confidence <= Confidence.DOUBTFUL:
-            doubts += 1
-            if doubts >= DOUBTED:
+        if doubt.doubtful(tip):
+            if doubt.decided:
                 return Ended.SHAFT_CONTACT
             continue
-        doubts = 0
-        if tip.touches or (contact is not None and float(tip.normal() @ ahead) < FACING):
+        if tip.touches or (tip.seen.contact is not None and float(tip.normal() @ ahead) < FACING):
             tip.control.begin(tip.normal())
             return Ended.CONTACT
         if float((tip.here - end) @ ahead) >= -AT_END:

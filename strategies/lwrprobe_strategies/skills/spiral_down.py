@@ -6,11 +6,11 @@ from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, VelocityCommand
+from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
 from lwrprobe_strategies.planning.lines import X, Y, Z
-from lwrprobe_strategies.skills.guarded_move import DOUBTED
 from lwrprobe_strategies.skills.skill import Procedure, skill
+from lwrprobe_strategies.skills.stick_doubt import StickDoubt
 from lwrprobe_strategies.tip import Tip
 
 GAIN = 5.0
@@ -40,7 +40,7 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
     """
     radius = hypot(tip.here[X] - axis[X], tip.here[Y] - axis[Y])
     pitch = best_pitch(tip, radius, float(tip.here[Z]) - bottom)
-    doubts, turned = 0, 0.0
+    doubt, turned = StickDoubt(), 0.0
     stop = VelocityCommand(np.zeros(3), reason=spiral_down.name)
     while True:
         here = tip.here
@@ -51,15 +51,12 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
         back = GAIN * (radius - hypot(here[X] - axis[X], here[Y] - axis[Y]))
         back = min(max(back, -MAX_RETURN * speed), MAX_RETURN * speed)
         outward = np.array([cos(angle), sin(angle), 0.0])
-        yield stop if doubts else VelocityCommand(speed * along + back * outward, reason=spiral_down.name)
+        yield stop if doubt.count else VelocityCommand(speed * along + back * outward, reason=spiral_down.name)
         tip.memory.passed(tip.here, np.nan)
-        contact = tip.seen.contact
-        if contact is not None and not tip.leaving and contact.confidence <= Confidence.DOUBTFUL:
-            doubts += 1
-            if doubts >= DOUBTED:
+        if doubt.doubtful(tip):
+            if doubt.decided:
                 return Ended.SHAFT_CONTACT
             continue
-        doubts = 0
         if tip.touches:
             tip.control.begin(tip.normal())
             return Ended.CONTACT

@@ -20,9 +20,9 @@ from lwrprobe.contracts import (
     MassiveArm,
     Sensor,
 )
+from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
-from lwrprobe.options import configure
 from lwrprobe.scene import Scene
 from lwrprobe.scene.calibrated_scene import calibration_of
 
@@ -39,7 +39,7 @@ class Devices:
 
     arm: Arm
     sensor: Sensor
-    drivers: dict[str, Driver]
+    drivers: dict[str, Driver[Scene]]
 
     @classmethod
     def assemble(cls, scene: Scene, seed: int, realtime: bool, start_q: np.ndarray | None = None) -> Devices:
@@ -48,7 +48,7 @@ class Devices:
         `start_q` (n,) rad is where a simulated arm stands at first. Raises UnknownNameError, PluginError, and
         InputError for a driver that lacks the role or for a bad option.
         """
-        drivers: dict[str, Driver] = {}
+        drivers: dict[str, Driver[Scene]] = {}
         for role, name in (("arm", scene.arm.driver), ("sensor", scene.sensor.driver)):
             plugin = load("driver", name, DRIVER_CONTRACT)
             if role not in plugin.roles:
@@ -85,7 +85,7 @@ class Devices:
         return float(self.arm.mass) if isinstance(self.arm, MassiveArm) else 0.0
 
     @property
-    def ground_truth(self) -> GroundTruth | None:
+    def ground_truth(self) -> GroundTruth[Scene] | None:
         """That of the driver which knows it, asked for after the run; None on real devices."""
         return next((truth for driver in self.drivers.values() if (truth := driver.ground_truth()) is not None), None)
 

@@ -22,12 +22,14 @@ from lwrprobe.contracts import (
     StorageError,
     Task,
 )
+from lwrprobe.exploration.loop.answer_step import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.recovery import Recovery
 from lwrprobe.exploration.loop.run_record import RunRecord
-from lwrprobe.exploration.loop.sample_step import SampleStep, failed
+from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.start_up import StartUp
 from lwrprobe.exploration.loop.stop_rules import StopRules
@@ -163,7 +165,10 @@ class Explorer:
         self._sample = SampleStep(
             scene, pipeline, self.arm, self._request, recorder, self._record, self._clock, self._silence, confirm
         )
-        self.recovery = Recovery(scene, pipeline, devices, self.arm, self._sample, self._silence, confirm, message)
+        paused = PausedStrategy(pipeline, recorder, self._record, self._sample, threshold)
+        self.recovery = Recovery(
+            scene, pipeline, devices, self.arm, self._sample, paused, self._silence, confirm, message
+        )
         self.outcome: Outcome | None = None
         self._until = StopRules(scene.run.until, recorder, pipeline)
 

@@ -17,6 +17,7 @@ from lwrprobe.contact import Wrench
 from lwrprobe.contracts import DriverError, MotionInterrupted, RestartableArm, SafetyStop, WrenchSample
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
@@ -66,6 +67,7 @@ class Recovery:
     devices : arm and sensor
     arm : its motion
     sample : what the strategy was shown last, and where the tip was free
+    paused : takes the samples that the strategy is not shown
     silence : the guard of the sensor
     confirm : asks the operator, None = nobody can be asked
     message : called with a sentence for the operator
@@ -82,6 +84,7 @@ class Recovery:
         devices: Devices,
         arm: ArmMotion,
         sample: SampleStep,
+        paused: PausedStrategy,
         silence: SilenceGuard,
         confirm: Confirm | None,
         message: Callable[[str], None],
@@ -89,7 +92,7 @@ class Recovery:
         self._safety, self._threshold = scene.safety, float(scene.contact.threshold)
         self._limit, self._speed = float(scene.contact.limit), float(scene.motion.approach_speed)
         self._pipeline, self._devices, self._arm = pipeline, devices, arm
-        self._sample, self._silence = sample, silence
+        self._sample, self._paused, self._silence = sample, paused, silence
         self._confirm, self._message = confirm, message
         self._way: list[np.ndarray] = []
         self._received = 0.0
@@ -130,7 +133,7 @@ class Recovery:
             raise SafetyStop(f"{cause}; not re-entered: safety.reentries allows {allowed}") from cause
         self._attempts += 1
         self._message(f"interrupted: {cause}")
-        self._sample.interrupt(str(cause))
+        self._paused.interrupt(str(cause))
         asked = self._asked(cause)
         try:
             device.reenter(self._safety.reentry_time, asked)
@@ -144,7 +147,7 @@ class Recovery:
         begin = self._arm.time
         self._received = begin - self._silence.silent
         self._message(f"interrupted: {cause}")
-        self._sample.interrupt(str(cause))
+        self._paused.interrupt(str(cause))
         self._pipeline.trajectory.stop()
         self._arm.finish_plan(1.0)
         self._retreat(self._safety.retreat)
@@ -173,16 +176,16 @@ class Recovery:
 
     def _go_on(self, cause: Exception, device: str, begin: float) -> None:
         """From where the arm rests to where it was, over a place that is free."""
-        seen, sample = self._sample.observation, self._sample
+        seen = self._sample.observation
         assert seen is not None
         self._release()
         self._check_zero()
         self._return(seen.pose)
         pause = self._arm.time - begin
-        sample.resume(pause)
+        self._paused.resume(pause)
         self._silence.forget()
         self._arm.blocked = ""
-        time = begin - sample.zero_time + pause
+        time = begin - self._sample.zero_time + pause
         self.interruptions.append(Interruption(round(time, 3), device, str(cause), round(pause, 3)))
         self._message(f"went on after {pause:.1f} s")
 
@@ -208,7 +211,7 @@ class Recovery:
                 self._retreat(self._safety.retreat)
             rotation = self._pipeline.trajectory.pose[:3, :3].copy()
             begin, rows = self._rest(ZERO)
-            found = self._sample.check_zero([sample for sample, _ in rows], begin, rotation)
+            found = self._paused.check_zero([sample for sample, _ in rows], begin, rotation)
             if found.taken:
                 return
             reason = found.reason
@@ -266,7 +269,7 @@ class Recovery:
         return begin, rows
 
     def _watch(self, sample: WrenchSample) -> Wrench:
-        wrench = self._sample.watch(sample)
+        wrench = self._paused.watch(sample)
         if wrench.usable:
             self._received = self._arm.time
         return wrench

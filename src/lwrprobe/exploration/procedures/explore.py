@@ -43,7 +43,7 @@ from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
-from lwrprobe.real_time import LOOP, real_time_priority
+from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
 
@@ -168,7 +168,7 @@ class Exploration:
         self._seconds["compile"] = perf_counter() - begin
 
     @property
-    def truth(self) -> GroundTruth | None:
+    def truth(self) -> GroundTruth[Scene] | None:
         """What a simulator knows; None on real devices."""
         return self._devices.ground_truth
 

@@ -11,7 +11,7 @@ from lwrprobe.control import ForceLaw
 from lwrprobe.exploration.procedures.start_posture import tip_mass_at_start
 from lwrprobe.exploration.stages.pipeline import reaction_delay
 from lwrprobe.exploration.stages.touch_law import touch_law
-from lwrprobe.real_time import LOOP, real_time_priority
+from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene
 
 CYCLES_MS = (1, 2, 4, 5, 10, 20, 50, 100)

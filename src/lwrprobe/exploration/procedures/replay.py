@@ -29,11 +29,13 @@ from lwrprobe.contracts import (
     WrenchSample,
 )
 from lwrprobe.evaluation.summary import Summary
+from lwrprobe.exploration.loop.answer_step import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.explorer import STAGES, Outcome, make_task
 from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.run_record import RunRecord
-from lwrprobe.exploration.loop.sample_step import SampleStep, failed
+from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
@@ -206,6 +208,7 @@ class Replay:
             SilenceGuard(np.inf, recording.cycle, 1.0 / recording.rate), None,
         )  # fmt: skip
         self._sample.zero_time = recording.zero
+        self._paused = PausedStrategy(pipeline, self.recorder, self._record, self._sample, scene.contact.threshold)
         self.outcome: Outcome | None = None
 
     def run(self) -> Outcome:
@@ -223,7 +226,7 @@ class Replay:
                 self._arm.show(int(k), tip)
                 self._clock.start()
                 if not self._recording.shown(int(k)):
-                    self._sample.watch(self._recording.sample(int(k)))
+                    self._paused.watch(self._recording.sample(int(k)))
                     continue
                 last = self._sample.process(self._recording.sample(int(k))).time
                 if isinstance(self._request.current, Done):
@@ -251,9 +254,9 @@ class Replay:
         """What the run did in an interruption, done again."""
         if pause.rest:
             rest = range(pause.row - pause.rest, pause.row)
-            self._sample.check_zero([self._recording.sample(k) for k in rest], pause.since, pause.rotation)
+            self._paused.check_zero([self._recording.sample(k) for k in rest], pause.since, pause.rotation)
         else:
-            self._sample.resume(pause.pause)
+            self._paused.resume(pause.pause)
 
     def finish(self) -> Summary:
         """Mesh, summary and report as of an exploration without a known truth."""

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Bounds,
@@ -40,8 +41,6 @@ _NO_CONTACT, _NOTHING_NEAR = (0.0,) * 16, (0.0,) * 10
 
 EVEN = 10
 """Samples in a row without a force, or in a contact whose normal is known, after which a run can be resumed there."""
-RELIABLE = 0.5
-"""Trust of a contact from which on its normal tells where the surface is."""
 
 Question = Callable[[Sequence[np.ndarray]], bool]
 
@@ -248,7 +247,7 @@ def _last_even(rows: np.ndarray, free_force: float) -> int | None:
         return None
     moving, touching = rows[seen, 21] == 0.0, rows[seen, 22] > 0.0
     free = moving & ~touching & (np.linalg.norm(rows[seen, 17:20], axis=1) < free_force)
-    known = moving & touching & (rows[seen, 24] > RELIABLE)
+    known = moving & touching & (rows[seen, 24] >= RELIABLE_FROM)
     ends = [np.flatnonzero(np.convolve(which, np.ones(EVEN))[: len(seen)] >= EVEN) for which in (free, known)]
     return int(seen[max(int(end[-1]) for end in ends if len(end))]) if len(ends[0]) else None
 

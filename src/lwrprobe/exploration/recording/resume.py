@@ -16,6 +16,7 @@ import numpy as np
 
 from lwrprobe.contact import Wrench
 from lwrprobe.contracts import (
+    Confidence,
     Contact,
     Done,
     Goal,
@@ -27,7 +28,7 @@ from lwrprobe.contracts import (
     Strategy,
     Task,
 )
-from lwrprobe.exploration.recording.logbook import ANSWER, RELIABLE, SEEN, Logbook, Logged, Past, Question
+from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.return_path import Leg, Speeds, return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -153,7 +154,8 @@ class Resumed(Logged):
 
 def _remember(pipeline: Pipeline, seen: Observation) -> None:
     place = seen.pose[:3, 3]
-    known = seen.contact if seen.contact is not None and seen.contact.confidence_score > RELIABLE else None
+    contact = seen.contact
+    known = contact if contact is not None and contact.confidence is Confidence.RELIABLE else None
     wrench = Wrench(seen.time, seen.pose[:3, :3].T @ seen.force, np.zeros(3), seen.force)
     pipeline.force.update(wrench, seen.pose, known)
     if pipeline.sweep is not None:

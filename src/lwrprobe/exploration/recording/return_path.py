@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import Area
-from lwrprobe.exploration.recording.logbook import RELIABLE, SEEN, Past
+from lwrprobe.exploration.recording.logbook import SEEN, Past
 from lwrprobe.mapping import path_corners
 
 OPEN = 0.001
@@ -52,7 +53,7 @@ def return_path(past: Past, area: Area, radius: float, speeds: Speeds) -> list[L
     seen = np.flatnonzero(past.rows[:, 0] == SEEN)
     rows = past.rows[seen[seen <= past.last]]
     poses = rows[:, 2:14].reshape(-1, 3, 4)
-    normals = np.where((rows[:, [22]] > 0.0) & (rows[:, [24]] > RELIABLE), rows[:, 28:31], 0.0)
+    normals = np.where((rows[:, [22]] > 0.0) & (rows[:, [24]] >= RELIABLE_FROM), rows[:, 28:31], 0.0)
     rotations, places = poses[:, :, :3].reshape(-1, 9), poses[:, :, 3] + LIFT * normals
     driven = _without_loops(np.hstack([places, rotations]))
     height = np.maximum(area.upper[2] - driven[:, 2], 0.0)

@@ -53,7 +53,7 @@ _PACKAGES = ("lwrprobe", "numpy", "scipy", "numba", "ruckig")
 def summarise(
     scene: Scene,
     pipeline: Pipeline,
-    truth: GroundTruth | None,
+    truth: GroundTruth[Scene] | None,
     recorder: Recorder,
     outcome: Outcome,
     surface: Reconstruction | None,
@@ -127,7 +127,7 @@ def _search(bounds: Bounds | None) -> dict[str, Any]:
 
 def _against_truth(
     scene: Scene,
-    truth: GroundTruth | None,
+    truth: GroundTruth[Scene] | None,
     recorder: Recorder,
     pipeline: Pipeline,
     points: np.ndarray,
@@ -203,7 +203,7 @@ def _against_truth(
 
 
 def _certified(
-    scene: Scene, truth: GroundTruth | None, recorder: Recorder, certified: CertifiedRun | None
+    scene: Scene, truth: GroundTruth[Scene] | None, recorder: Recorder, certified: CertifiedRun | None
 ) -> dict[str, Any]:
     if certified is None:
         return {}

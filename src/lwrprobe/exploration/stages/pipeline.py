@@ -27,6 +27,7 @@ from lwrprobe.contracts import (
     SearchingStrategy,
     Strategy,
 )
+from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.loop.loop_delay import LoopDelay
@@ -37,7 +38,6 @@ from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
 from lwrprobe.exploration.stages.sensor_errors import estimator_settings, torque_agreement
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
-from lwrprobe.options import configure
 from lwrprobe.scene import Scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
 

@@ -1,0 +1,78 @@
+"""From an observation to a motion: the strategy's, or the force guard's."""
+
+from __future__ import annotations
+
+from lwrprobe.contact import Wrench
+from lwrprobe.contracts import Motion, Observation, PluginError, StorageError
+from lwrprobe.exploration.loop.arm_motion import ArmMotion
+from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.loop.stage_clock import StageClock
+from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.safety.force_guard import ForceGuard
+from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.scene import Scene
+
+
+class AnswerStep:
+    """Asks the strategy and hands its motion on, limited by the force stage and overridden by the force guard.
+
+    Parameters
+    ----------
+    scene : force limits, the strategy's name
+    pipeline : strategy and force stage
+    arm : its time
+    request : takes the motion
+    clock : takes the time of each stage
+    confirm : asks the operator for the first motions, None = does not ask
+
+    Attributes
+    ----------
+    force_guard : how often it took over
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        pipeline: Pipeline,
+        arm: ArmMotion,
+        request: MotionRequest,
+        clock: StageClock,
+        confirm: Confirm | None,
+    ) -> None:
+        self._pipeline, self._arm, self._request = pipeline, arm, request
+        self._clock, self._confirm, self._strategy_name = clock, confirm, scene.strategy.name
+        contact, torque = scene.contact, scene.safety.torque_share * pipeline.probe.torque_range
+        self.force_guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
+
+    def answer(self, seen: Observation, wrench: Wrench, confirmed: bool) -> None:
+        """Hand on the motion that answers an observation; a wrench that is not `confirmed` may be a spike.
+
+        Raises SafetyStop and PluginError.
+        """
+        arm, force = self._arm, self._pipeline.force
+        force.excess = arm.excess.seconds
+        override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed)
+        motion: Motion
+        if confirmed or override is None:
+            self._request.asked = self._ask(seen)
+            motion = force.limit(self._request.asked, wrench, arm.history.acceleration)
+        else:
+            motion = override  # the strategy is not shown the spike, the tip holds still until the next sample
+        self._clock.lap("strategy")
+        if self._confirm is not None and override is None:
+            motion = self._confirm.filter(motion)
+        self._request.adopt(override or motion, urgent=override is not None)
+        self._clock.lap("trajectory")
+
+    def _ask(self, seen: Observation) -> Motion:
+        try:
+            return self._pipeline.strategy.step(seen)
+        except StorageError:
+            raise
+        except Exception as error:
+            raise failed(self._strategy_name, error) from error
+
+
+def failed(name: str, error: Exception) -> PluginError:
+    """A strategy's error in words that name the strategy."""
+    return PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}")
