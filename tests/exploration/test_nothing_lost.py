@@ -165,7 +165,8 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
 
 def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, monkeypatch):
     run, whole = tmp_path / "run", tmp_path / "whole"
-    process = explore(run)
+    without_noise = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0}
+    process = explore(run, *(word for key in without_noise for word in ("--set", f"{key}=0.0")))
     wait_for(lambda: lines(run / "contacts.csv") > 600, process)
     process.kill()
     process.communicate()
@@ -178,12 +179,11 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, mon
     again = resume(run)
     assert again["status"] == "done", again["reason"]
     assert returning[-1] - returning[0] < 10.0
-    unbroken = lp.explore("sphere", seed=5, out=whole, progress=False).summary
+    # With noise, another one after the cut, unbroken runs of this sphere differ by 13 s and by 0.06 in coverage.
+    unbroken = lp.explore("sphere", seed=5, settings=without_noise, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
-    # The noise is another one after the cut. Unbroken runs with other noise cover 0.86 to 0.94 of this sphere, and
-    # take up to 20 s longer than the shortest of them.
-    assert again["coverage"] > unbroken.coverage - 0.1
-    assert again["sim_time_s"] < unbroken.sim_time_s + 10.0 + 20.0
+    assert again["coverage"] > unbroken.coverage - 0.05
+    assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
 
 
 def time_of_return(monkeypatch) -> list[float]:

@@ -126,6 +126,35 @@ def test_a_guarded_move_ends_at_a_contact_below_the_force_limit_or_at_its_end():
     assert strategy.end is Ended.NO_CONTACT
 
 
+def doubted(surface, score):
+    """The surface, where a contact of a force [N] has the confidence score that `score` gives."""
+    look = surface.look
+
+    def scored():
+        seen = look()
+        if seen.contact is not None:
+            seen.contact.confidence_score = score(float(np.linalg.norm(seen.force)))
+        return seen
+
+    surface.look = scored
+    return surface
+
+
+def test_a_touch_too_weak_to_tell_sphere_from_stick_is_pressed_until_it_tells():
+    surface = doubted(over(plane(), [0.0, 0.0, 0.05]), lambda force: 0.05 if force < 0.4 else 0.9)
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
+    assert strategy.end is Ended.CONTACT
+    assert surface.peak < 1.5 * TASK.force_target
+
+
+@pytest.mark.parametrize("score", [lambda force: 0.0, lambda force: 0.05], ids=["unexplained", "never certain"])
+def test_what_no_press_shows_to_be_the_sphere_is_the_stick(score):
+    surface = doubted(over(plane(), [0.0, 0.0, 0.05]), score)
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
+    assert strategy.end is Ended.SHAFT_CONTACT
+    assert surface.peak < 1.5 * TASK.force_target
+
+
 def test_a_contour_follows_a_plane_to_the_line_s_end_at_the_wanted_force():
     surface = over(plane(), [0.0, -0.05, 0.03])
     strategy, _ = run(down_then(lambda tip: follow_contour(tip, FRAME, nothing)), surface)

@@ -52,10 +52,9 @@ def guarded_move(
         ahead = way / max(float(np.sqrt(way @ way)), 1e-9)
     goal: Goal | None = None
     speed = 0.0
-    doubt = StickDoubt(int(rest))
-    stop = VelocityCommand(np.zeros(3), reason=guarded_move.name)
+    doubt = StickDoubt(rest)
     while True:
-        if not doubt.count and (goal is None or tip.seen.goal_reached):
+        if not doubt.found and (goal is None or tip.seen.goal_reached):
             target, careful = (end, False) if stretch is None else stretch(tip.here)
             speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
             if careful:
@@ -64,11 +63,14 @@ def guarded_move(
         if goal is not None:
             goal = slowed(goal, min(speed, tip.stick_limit(ahead)))
         try:
-            yield stop if doubt.count or goal is None else goal
+            if doubt.found or goal is None:
+                yield VelocityCommand(doubt.velocity(tip, ahead), reason=guarded_move.name)
+            else:
+                yield goal
         finally:
             tip.memory.passed(tip.here, grid_x)
         if doubt.doubtful(tip):
-            if doubt.decided:
+            if doubt.decided(tip):
                 return Ended.SHAFT_CONTACT
             continue
         if tip.touches or (tip.seen.contact is not None and float(tip.normal() @ ahead) < FACING):

@@ -41,7 +41,6 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
     radius = hypot(tip.here[X] - axis[X], tip.here[Y] - axis[Y])
     pitch = best_pitch(tip, radius, float(tip.here[Z]) - bottom)
     doubt, turned = StickDoubt(), 0.0
-    stop = VelocityCommand(np.zeros(3), reason=spiral_down.name)
     while True:
         here = tip.here
         angle = atan2(here[Y] - axis[Y], here[X] - axis[X])
@@ -51,10 +50,11 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
         back = GAIN * (radius - hypot(here[X] - axis[X], here[Y] - axis[Y]))
         back = min(max(back, -MAX_RETURN * speed), MAX_RETURN * speed)
         outward = np.array([cos(angle), sin(angle), 0.0])
-        yield stop if doubt.count else VelocityCommand(speed * along + back * outward, reason=spiral_down.name)
+        velocity = doubt.velocity(tip, along) if doubt.found else speed * along + back * outward
+        yield VelocityCommand(velocity, reason=spiral_down.name)
         tip.memory.passed(tip.here, np.nan)
         if doubt.doubtful(tip):
-            if doubt.decided:
+            if doubt.decided(tip):
                 return Ended.SHAFT_CONTACT
             continue
         if tip.touches:

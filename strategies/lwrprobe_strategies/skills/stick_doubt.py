@@ -1,33 +1,57 @@
-"""Whether the stick touches and not the sphere: the first sample alone may be too weak to decide."""
+"""Whether the stick touches and not the sphere, while a surface is sought."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from lwrprobe.contracts import Confidence
+from lwrprobe.control import normal_velocity
 from lwrprobe_strategies.tip import Tip
 
 DECIDED = 2
-"""Doubtful samples in a row, from which on the stick is what touches."""
+"""Samples in a row that no contact of the sphere explains, from which on the stick is what touches."""
+CLEAR = 0.7
+"""Share of the target force, from which on a force tells which of the two touches."""
+PATIENCE = 0.3
+"""s, for which the force may take to grow that far."""
 
 
 class StickDoubt:
-    """Counts samples in a row whose contact may be one of the stick; the tip stands still meanwhile.
+    """What samples in a row say whose contact may be one of the stick.
 
-    Attributes
-    ----------
-    count : so far
+    A force that is too small to decide is raised with the force law; with any other the tip stands still.
     """
 
-    def __init__(self, count: int = 0) -> None:
-        self.count = count
+    def __init__(self, waiting: bool = False) -> None:
+        self.found = waiting
+        """The latest contact may be one of the stick; or the tip is to stand still for the first sample."""
+        self._unexplained, self._since = 0, np.inf
 
     def doubtful(self, tip: Tip) -> bool:
         """Whether the latest contact may be one of the stick."""
         contact = tip.seen.contact
-        doubtful = contact is not None and not tip.leaving and contact.confidence <= Confidence.DOUBTFUL
-        self.count = self.count + 1 if doubtful else 0
-        return doubtful
+        if contact is None or tip.leaving or contact.confidence > Confidence.DOUBTFUL:
+            self.found, self._unexplained, self._since = False, 0, np.inf
+            return False
+        self.found = True
+        self._unexplained = self._unexplained + 1 if contact.confidence is Confidence.NONE else 0
+        self._since = min(self._since, tip.seen.time)
+        return True
 
-    @property
-    def decided(self) -> bool:
+    def decided(self, tip: Tip) -> bool:
         """The stick touches."""
-        return self.count >= DECIDED
+        late = tip.seen.time - self._since > PATIENCE
+        return self._unexplained >= DECIDED or (self.found and (late or _force(tip) > CLEAR * tip.task.force_target))
+
+    def velocity(self, tip: Tip, ahead: np.ndarray) -> np.ndarray:
+        """(3,) m/s, on the way `ahead` (3,) unit, until it is decided."""
+        contact = tip.seen.contact
+        if contact is None or contact.confidence is not Confidence.DOUBTFUL:
+            return np.zeros(3)
+        rotation = tip.seen.pose[:3, :3]
+        damping, inward = tip.control.damping(ahead, rotation), tip.control.approach_speed(ahead, rotation)
+        return -normal_velocity(_force(tip) - tip.task.force_target, damping, 0.0, inward, 0.0) * ahead
+
+
+def _force(tip: Tip) -> float:
+    return float(np.sqrt(tip.seen.force @ tip.seen.force))
