@@ -8,7 +8,7 @@ figure = Figure(figsize=(6, 4), layout="constrained")
 axes = figure.add_subplot()
 for strategy in ("grid_version", "orientation_change"):
     times, errors = [], []
-    for step in (0.02, 0.015):  # m between two lines
+    for step in (0.04, 0.025):  # m between two lines
         run = lp.explore("sphere", strategy=strategy, seed=7, settings={"strategy.step": step})
         times.append(run.summary.sim_time_s)
         errors.append(run.summary.mesh_error_mm["mean"])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Contact
+from lwrprobe.contracts import Contact, Doubt
 from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor, ObjectMoved
 from lwrprobe.exploration.stages.object_motion_kernels import deepest
 
@@ -63,6 +63,15 @@ def test_an_object_too_light_for_a_contact_is_noticed_by_the_force_that_does_not
 
     with pytest.raises(ObjectMoved, match="gave way"):
         push()
+
+
+def test_while_the_stick_touches_the_path_of_the_sphere_says_nothing():
+    """It turns about what the stick leans on, against the force, which falls below a contact's now and then."""
+    monitor, force = watch(), np.array([0.0, -0.15, 0.0])
+    for k, place in enumerate(along((0, 0, 0), (0, 0.01, 0))):
+        by_stick = Contact(0.008 * k, NOTHING, NOTHING, 2 * force, place, 0.0, Doubt.AXIS_MISSES)
+        monitor.see(0.008 * k, place, force * (1 + k % 2), by_stick if k % 2 else None)
+    assert monitor.report()["pushed_mm"] == 0.0
 
 
 def test_pressing_into_something_soft_is_no_movement():

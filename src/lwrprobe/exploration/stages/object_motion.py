@@ -21,7 +21,7 @@ from math import dist, hypot, inf
 import numpy as np
 
 from lwrprobe.contact import RELIABLE_FROM
-from lwrprobe.contracts import Contact, SafetyStop
+from lwrprobe.contracts import Contact, Doubt, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.stages.object_motion_kernels import deepest
 
@@ -77,6 +77,7 @@ class ObjectMotionMonitor:
         self._pushed = self._against_force = self._way = self._inward = 0.0
         self._disagreement = 0.0
         self._let_go = 0
+        self._stick = False
         self._push_began = self._doubt_began = 0.0
         self.moved_since: float | None = None
         """s, from which on the object was no longer where it had been; None while it stands."""
@@ -102,7 +103,11 @@ class ObjectMotionMonitor:
         self._doubtful = disagreement
         trusted = contact is not None and contact.confidence_score >= RELIABLE_FROM
         centre = contact.centre if contact is not None else place
-        self._push(time, centre, force, contact if trusted else None, compliance)
+        self._note_stick(force, contact)
+        if self._stick:
+            self._before = None
+        else:
+            self._push(time, centre, force, contact if trusted else None, compliance)
         indentation = self._threshold * compliance
         if contact is None:
             if self._is_further(place):
@@ -131,10 +136,17 @@ class ObjectMotionMonitor:
             "torque_disagreement": round(self._disagreement, 4),
         }
 
+    def _note_stick(self, force: Vector, contact: Contact | None) -> None:
+        """Whether the stick is what presses: the path of the sphere then says nothing of the surface."""
+        self._let_go = self._let_go + 1 if hypot(*force.tolist()) < 0.25 * self._threshold else 0
+        if contact is not None:
+            self._stick = contact.reason is Doubt.AXIS_MISSES
+        elif self._let_go >= LET_GO:
+            self._stick = False
+
     def _push(self, time: float, place: Vector, force: Vector, contact: Contact | None, compliance: float) -> None:
         """Sum up the motion into the surface."""
         size = hypot(*force.tolist())
-        self._let_go = self._let_go + 1 if size < 0.25 * self._threshold else 0
         if self._let_go >= LET_GO:
             self._pushed = self._against_force = 0.0
         if size < 0.5 * self._threshold:
