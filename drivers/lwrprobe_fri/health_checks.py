@@ -26,7 +26,7 @@ def connection_health(line: Connection, seconds: float) -> list[HealthCheck]:
     m = arrival.measurement
     timing = line.timing()
     return [
-        *_timing(timing[timing[:, 0] >= begin], m),
+        *_timing(timing[timing[:, 0] >= begin], m, counts["lost"]),
         _losses(counts),
         *_controller(m),
         *_drives(m),
@@ -34,21 +34,31 @@ def connection_health(line: Connection, seconds: float) -> list[HealthCheck]:
     ]
 
 
-def _timing(timing: np.ndarray, m: Measurement) -> list[HealthCheck]:
+def _timing(timing: np.ndarray, m: Measurement, lost: int) -> list[HealthCheck]:
     arrivals, turnarounds = 1000.0 * timing.T
     cycle = 1000.0 * m.cycle
     gaps = np.diff(arrivals) if len(arrivals) > 1 else np.array([cycle])
     jitter = np.abs(gaps - cycle)
     rate = 1000.0 / gaps.mean()
+    share = rate * cycle / 1000.0
     p99, turn = float(np.quantile(jitter, 0.99)), float(np.quantile(turnarounds, 0.99))
     return [
         HealthCheck("cycle", f"{cycle:.1f} ms", 1.0 <= cycle <= 100.0, {"cycle_ms": cycle}),
-        HealthCheck("rate", f"{rate:.1f} Hz of {1000.0 / cycle:.1f}", abs(rate * cycle / 1000.0 - 1.0) < 0.02),
+        HealthCheck("rate", f"{rate:.1f} Hz of {1000.0 / cycle:.1f}{_of_whom(share, lost)}", abs(share - 1.0) < 0.02),
         HealthCheck(
             "jitter", f"median {np.median(jitter):.3f} ms, p99 {p99:.3f} ms", p99 < 0.5 * cycle, {"p99_ms": p99}
         ),
         HealthCheck("answer", f"sent after {np.median(turnarounds):.3f} ms, p99 {turn:.3f} ms", turn < 0.5 * cycle),
     ]
+
+
+def _of_whom(share: float, lost: int) -> str:
+    """Whether the controller sent too little or the way here lost it: sequence numbers count what was sent."""
+    if abs(share - 1.0) < 0.02:
+        return ""
+    if lost:
+        return f", {lost} lost on the way"
+    return ", as many as the controller sent" + (": it paused" if share < 1.0 else "")
 
 
 def _losses(counts: dict[str, int]) -> HealthCheck:

@@ -1,10 +1,12 @@
 """The driver against the emulated controller over real sockets on the loopback interface."""
 
+import re
 import socket
 import subprocess
 import threading
 import time
 from contextlib import contextmanager, suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from lwrprobe.contracts import (
 from lwrprobe_fri import FriConfig, FriDriver
 from lwrprobe_fri.driver import FriArm
 from lwrprobe_fri.emulator import Controller, ControllerSettings, FriEmulator, LaggingArm
+from lwrprobe_fri.health_checks import _timing
 from lwrprobe_fri.krl import PROGRAMS
 from lwrprobe_fri.wire import State
 from lwrprobe_rig.reactor import Reactor
@@ -155,6 +158,23 @@ def test_connecting_alone_moves_nothing_and_reports():
         assert "command mode" not in emulator.controller.events
         with pytest.raises(DriverError, match="not open"):
             arm.read()
+
+
+def test_a_low_rate_for_lost_datagrams_is_not_blamed_on_the_controller():
+    with bench() as (arm, emulator):
+        emulator.set_faults("loss=0.3")
+        (rate,) = [check.value for check in arm.health_checks(1.0) if check.name == "rate"]
+    assert re.search(r"Hz of 100\.0, \d+ lost on the way$", rate)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "lost", "said"),
+    [(93.8, 0, ", as many as the controller sent: it paused"), (93.8, 6, ", 6 lost on the way"), (100.5, 0, "")],
+)
+def test_who_is_to_blame_for_a_rate(hertz, lost, said):
+    timing = np.stack([np.arange(100.0) / hertz, np.full(100, 1e-4)], axis=1)
+    checks = {check.name: check for check in _timing(timing, SimpleNamespace(cycle=0.01), lost)}
+    assert checks["rate"].value == f"{hertz:.1f} Hz of 100.0{said}"
 
 
 def test_late_runner_is_told_rests_and_may_go_on():
