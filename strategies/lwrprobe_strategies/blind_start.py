@@ -234,7 +234,7 @@ class BlindStart:
             highest = max(highest, here)
             if circling.circles(frame, tip.here, tip.period * hypot(*tip.seen.velocity.tolist())):
                 return Ended.CIRCLING
-            leads_down = tip.control.tangent(frame.binormal())[Z] < -STEEP
+            leads_down = tip.control.tangent(frame.binormal)[Z] < -STEEP
             return Ended.EDGE if leads_down and highest - here > DROP else None
 
         return (yield from self._followed(frame, edge))

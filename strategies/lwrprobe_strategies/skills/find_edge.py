@@ -40,7 +40,7 @@ def find_edge(tip: Tip, axis: int, sign: float, bend: float = BEND, distance: fl
     frame = TrackingFrame(line, area)
     while True:
         normal, contact = tip.normal(), tip.seen.contact
-        if contact is not None and contact.confidence > Confidence.NONE:
+        if contact is not None and contact.confidence is not Confidence.NONE:
             tip.memory.add(tip.here, contact.point, contact.normal, frame.grid_x)
         point = tip.here - tip.task.probe.radius * normal
         try:
