@@ -60,6 +60,12 @@ class TrackingFrame:
         line = Line(Y, 0.0, float(area.lower[Y]), float(area.upper[Y]), float(area.lower[Z]))
         return cls(line, area, True, sense, height)
 
+    @classmethod
+    def through(cls, place: np.ndarray, axis: int, sign: float, area: Area) -> TrackingFrame:
+        """The upright plane along a horizontal axis through a place (3,) m, towards the area's border."""
+        end = float((area.upper if sign > 0.0 else area.lower)[axis])
+        return cls(Line(axis, float(place[1 - axis]), float(place[axis]), end, float(place[Z])), area)
+
     def upright(self) -> TrackingFrame:
         """The vertical plane through the same line."""
         return replace(self, level=False)
