@@ -338,19 +338,19 @@ class Coverage(SkillStrategy):
 
     def _turned_back(self) -> bool:
         """Around the object's end, and now away from the next line again."""
-        tangent = self.tip.control.tangent(self.frame.binormal())
+        tangent = self.tip.control.tangent(self.frame.binormal)
         return tangent[X] * self.lines.towards_next() < TURNED_BACK
 
     def _at_table(self) -> bool:
         tip, frame = self.tip, self.frame
-        return frame.at_table(tip.here) and tip.control.tangent(frame.binormal())[Z] < 0.0
+        return frame.at_table(tip.here) and tip.control.tangent(frame.binormal)[Z] < 0.0
 
     def _under(self) -> bool:
         """Whether an upright probe has come down around a lower edge: its stick is about to touch what is above."""
         tip, normal = self.tip, self.tip.control.normal
         if normal[Z] > UNDERSIDE or tip.rotation is not self.upright:
             return False
-        return tip.control.tangent(self.frame.binormal())[Z] < 0.0
+        return tip.control.tangent(self.frame.binormal)[Z] < 0.0
 
     def _climbs_instead(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""

@@ -78,14 +78,14 @@ class Supervisor:
         return True
 
     def _jammed(self, seen: Observation) -> bool:
-        here = seen.pose[:3, 3]
         gap = seen.time - self._seen > MAX_PERIOD  # the probe has been elsewhere, as after a resumed run's return
         self._seen = seen.time
         if self._mark is None or gap:
-            self._mark = (seen.time, here)
+            self._mark = (seen.time, seen.pose[:3, 3])
         since, place = self._mark
         if seen.time - since < JAM_TIME:
             return False
+        here = seen.pose[:3, 3]
         self._mark = (seen.time, here)
         return bool(np.abs(here - place).max() < JAM_DISTANCE)
 

@@ -45,12 +45,12 @@ class Tip:
     ----------
     task : what is to be explored
     seen : the latest observation
+    here : (3,) m, the sphere's centre
     period : s between the last two
     control : hybrid force and velocity control; holds the tracked normal
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
     overhangs : where the stick may be met before the sphere
-    rotation : (3, 3), the orientation in which the tip is to be held; set by the program, never by a skill
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
     """
@@ -59,6 +59,7 @@ class Tip:
         self.task = task
         self.rotation = np.array(task.orientation, dtype=np.float64)
         self.seen = Observation(0.0, self.pose_at(np.asarray(task.start)), np.zeros(3), np.zeros(3))
+        self.here = self.seen.pose[:3, 3]
         self.period = FIRST_PERIOD
         self.control = ContourControl(task)
         self.memory = ContactMemory()
@@ -68,6 +69,15 @@ class Tip:
         self.trace = Trace()
         self._samples = 0
 
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3), the orientation in which the tip is to be held; set by the program, never by a skill."""
+        return self._rotation
+
+    @rotation.setter
+    def rotation(self, rotation: np.ndarray) -> None:
+        self._rotation, self._wanted = rotation, rotation.ravel()
+
     def confine(self, task: Task) -> None:
         """Go on with a task in a part of the area; what was touched stays known."""
         self.task = task
@@ -75,22 +85,20 @@ class Tip:
         self.free = FreeSpace(task.area, min(wide, default=inf))
         self.overhangs = Overhangs(task.area, task.probe, BESIDE)
 
-    @property
-    def here(self) -> np.ndarray:
-        """(3,) m, the sphere's centre."""
-        return self.seen.pose[:3, 3]
-
     def observe(self, seen: Observation) -> None:
         """Take over a sample."""
         if self._samples:
-            self.period = min(max(seen.time - self.seen.time, MIN_PERIOD), MAX_PERIOD)
+            period = seen.time - self.seen.time
+            inside = MIN_PERIOD <= period <= MAX_PERIOD
+            self.period = period if inside else min(max(period, MIN_PERIOD), MAX_PERIOD)
         self._samples += 1
-        self.seen = seen
+        self.seen, self.here = seen, seen.pose[:3, 3]
         self.trace.time = seen.time
-        reliable = seen.contact is not None and seen.contact.confidence is Confidence.RELIABLE
-        self.free.note(seen.pose, seen.contact.normal if seen.contact is not None and reliable else None)
-        self.overhangs.note(seen.pose, seen.contact)
-        if seen.contact is None:
+        contact = seen.contact
+        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        self.free.note(seen.pose, contact.normal if contact is not None and reliable else None)
+        self.overhangs.note(seen.pose, contact)
+        if contact is None:
             self.leaving = False
 
     @property
@@ -105,7 +113,9 @@ class Tip:
     @property
     def stick_may_meet(self) -> bool:
         """The stick may meet something before the sphere does, in some direction; `stick_limit` says in which."""
-        return not self.touches or self.overhangs.found or self._stick_is_near
+        if self.seen.contact is None or self.leaving or self.overhangs.found:
+            return True
+        return self._stick_is_near
 
     @property
     def _stick_is_near(self) -> bool:
@@ -145,7 +155,7 @@ class Tip:
     def normal(self) -> np.ndarray:
         """(3,) unit: the contact's normal, or the direction of the force where no normal could be estimated."""
         contact, force = self.seen.contact, self.seen.force
-        if contact is not None and contact.confidence > Confidence.NONE:
+        if contact is not None and contact.confidence is not Confidence.NONE:
             return contact.normal
         size = float(np.sqrt(force @ force))
         return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
@@ -158,5 +168,5 @@ class Tip:
 
     def turn(self) -> np.ndarray | None:
         """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
-        pose = self.seen.pose
-        return None if np.vdot(self.rotation, pose[:3, :3]) > HELD else self.pose_at(pose[:3, 3])
+        alike = self._wanted.dot(self.seen.pose[:3, :3].ravel())
+        return None if alike > HELD else self.pose_at(self.here)

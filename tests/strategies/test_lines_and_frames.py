@@ -49,9 +49,9 @@ def test_the_tangent_leads_onward_over_the_top_and_up_a_wall_ahead(axis, sign):
     frame = TrackingFrame(line, AREA)
     ahead = line.ahead
     assert frame.plane is (Plane.Z_Y if axis == 1 else Plane.Z_X)
-    np.testing.assert_allclose(np.cross([0.0, 0.0, 1.0], frame.binormal()), ahead, atol=1e-12)
-    np.testing.assert_allclose(np.cross(-ahead, frame.binormal()), [0.0, 0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(np.cross(ahead, frame.binormal()), [0.0, 0.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(np.cross([0.0, 0.0, 1.0], frame.binormal), ahead, atol=1e-12)
+    np.testing.assert_allclose(np.cross(-ahead, frame.binormal), [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(np.cross(ahead, frame.binormal), [0.0, 0.0, -1.0], atol=1e-12)
     assert not frame.past_end(line.start)
     assert frame.past_end(line.at(line.end))
 

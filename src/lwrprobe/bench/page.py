@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from lwrprobe.bench.report import BenchReport, Table, cell_text
 
@@ -23,265 +23,190 @@ class _Missing(LookupError):
 
 
 @dataclass(slots=True, frozen=True)
-class Figures:
-    """Cells of a report by the begin of a table's title, the begin of a row, and a column."""
-
-    report: BenchReport
-
-    def cell(self, title: str, row: str | tuple[str, ...], column: str) -> str:
-        """The cell as text; raises LookupError where there is none."""
-        table = self.table(title)
-        start = (row,) if isinstance(row, str) else row
-        for cells in table.rows:
-            if tuple(map(cell_text, cells[: len(start)])) == start and column in table.columns:
-                text = cell_text(cells[table.columns.index(column)])
-                if text != "-":
-                    return text
-        raise _Missing(f"{title}, {start}, {column}")
-
-    def table(self, title: str) -> Table:
-        """The first table whose title begins so; raises LookupError where there is none."""
-        for table in self.report.tables:
-            if table.title.startswith(title):
-                return table
-        raise _Missing(title)
-
-    def count(self, title: str, column: str, value: str) -> str:
-        """How many rows of how many have that value, as `3 of 4`."""
-        table = self.table(title)
-        cells = [cell_text(row[table.columns.index(column)]) for row in table.rows]
-        return f"{cells.count(value)} of {len(cells)}"
-
-    def measured(self, requirement: str) -> str:
-        """What was measured for the first requirement that begins so."""
-        for verdict in self.report.verdicts:
-            if verdict.requirement.startswith(requirement):
-                return verdict.measured
-        raise _Missing(requirement)
-
-
-@dataclass(slots=True, frozen=True)
 class Summary:
     """What the page of one bench says first.
 
     Attributes
     ----------
     table : begin of the title of the table that is shown as the summary
-    columns : those of its columns that are shown; empty for all
     subject : a sentence on what was compared
-    result : makes the sentence on what was found
+    result : the sentence on what was found, with figures in braces: `{title|row|column}` a cell, by the begin of a
+        table's title and the begin of a row, whose cells stand between semicolons; `{count: title|column|value}` how
+        many rows have a value; `{measured: requirement}` what was measured for the first one that begins so
+    columns : those of the table that are shown, separated by commas; empty for all
     """
 
     table: str
-    columns: tuple[str, ...]
     subject: str
-    result: Callable[[Figures], str]
+    result: str
+    columns: str = ""
+
+    def sentence(self, report: BenchReport) -> str:
+        """`result` with its figures; raises LookupError where one was not measured."""
+        return re.sub(r"\{(.*?)\}", lambda found: _figure(report, found[1]), self.result)
+
+
+def _figure(report: BenchReport, wanted: str) -> str:
+    """What one pair of braces of `Summary.result` stands for."""
+    kind, _, name = wanted.partition(": ")
+    if kind == "measured":
+        return _first([v.measured for v in report.verdicts if v.requirement.startswith(name)], wanted)
+    title, *place = (name if kind == "count" else wanted).split("|")
+    table = _first([table for table in report.tables if table.title.startswith(title)], wanted)
+    if kind == "count":
+        column, value = place
+        cells = [cell_text(row[table.columns.index(column)]) for row in table.rows]
+        return f"{cells.count(value)} of {len(cells)}"
+    start, column = place[0].split(";"), place[1]
+    if column not in table.columns:
+        raise _Missing(wanted)
+    rows = [row for row in table.rows if [cell_text(cell) for cell in row[: len(start)]] == start]
+    return _first([text for row in rows if (text := cell_text(row[table.columns.index(column)])) != "-"], wanted)
+
+
+Found = TypeVar("Found")
+
+
+def _first(found: list[Found], wanted: str) -> Found:
+    if not found:
+        raise _Missing(wanted)
+    return found[0]
 
 
 SUMMARIES = {
     "start": Summary(
         "Time of exploring",
-        ("start", "wall s", "processor s", "of it second process", "kernels"),
         "An exploration was started with an empty kernel cache, and once more with the cache that this left behind.",
-        lambda f: (
-            f"The cold start took {f.cell('Time of exploring', 'cold', 'wall s')} s and "
-            f"{f.cell('Time of exploring', 'cold', 'processor s')} s of processor time, the warm one "
-            f"{f.cell('Time of exploring', 'warm', 'wall s')} s and "
-            f"{f.cell('Time of exploring', 'warm', 'processor s')} s."
-        ),
+        "The cold start took {Time of exploring|cold|wall s} s and {Time of exploring|cold|processor s} s of processor "
+        "time, the warm one {Time of exploring|warm|wall s} s and {Time of exploring|warm|processor s} s.",
+        "start, wall s, processor s, of it second process, kernels",
     ),
     "kinematics": Summary(
         "Tracking",
-        (),
         "Forward and inverse kinematics of the LWR 4+ were timed beside other libraries, and each answer was checked.",
-        lambda f: (
-            f"While tracking, an inverse solution of lwrprobe takes {f.cell('Tracking', 'lwrprobe', 'median [us]')} us "
-            f"in the median and {f.cell('Tracking', 'lwrprobe', 'success [%]')} % succeed; a forward solution takes "
-            f"{f.cell('Forward', 'lwrprobe', 'tip [us]')} us."
-        ),
+        "While tracking, an inverse solution of lwrprobe takes {Tracking|lwrprobe|median [us]} us in the median and "
+        "{Tracking|lwrprobe|success [%]} % succeed; a forward solution takes {Forward|lwrprobe|tip [us]} us.",
     ),
     "trajectory": Summary(
         "Time of one call",
-        (),
         "The jerk-limited generators were timed beside bare Ruckig and their goals were changed at random moments.",
-        lambda f: (
-            f"A step of the joint generator takes "
-            f"{f.cell('Time of one', ('step', 'JointTrajectory, 7 joints'), 'median [us]')} us and a step of the "
-            f"Cartesian one {f.cell('Time of one', ('step', 'CartesianTrajectory'), 'median [us]')} us in the median."
-        ),
+        "A step of the joint generator takes {Time of one|step;JointTrajectory, 7 joints|median [us]} us and a step of "
+        "the Cartesian one {Time of one|step;CartesianTrajectory|median [us]} us in the median.",
     ),
     "contact": Summary(
         "Sliding at 1 N, against friction",
-        (),
         "The contact estimators were given simulated wrenches with friction, sensor noise and further errors.",
-        lambda f: (
-            f"At friction 0.3 and 1 N the median error of the contact point is "
-            f"{f.cell('Sliding at 1 N, against', ('0.3', 'fused'), 'point mm')} mm for `fused`, "
-            f"{f.cell('Sliding at 1 N, against', ('0.3', 'wrench_axis'), 'point mm')} mm for `wrench_axis` and "
-            f"{f.cell('Sliding at 1 N, against', ('0.3', 'force_direction'), 'point mm')} mm for `force_direction`."
-        ),
+        "At friction 0.3 and 1 N the median error of the contact point is "
+        "{Sliding at 1 N, against|0.3;fused|point mm} mm for `fused`, "
+        "{Sliding at 1 N, against|0.3;wrench_axis|point mm} mm for `wrench_axis` and "
+        "{Sliding at 1 N, against|0.3;force_direction|point mm} mm for `force_direction`.",
     ),
     "simulation": Summary(
         "Cost of a cycle",
-        (),
         "The contact model of the simulator was compared with a finely integrated reference and with MuJoCo.",
-        lambda f: (
-            f"The largest error of the normal force is {f.measured('normal force error')}; forces differ from those of "
-            f"MuJoCo by at most {f.measured('forces within')}."
-        ),
+        "The largest error of the normal force is {measured: normal force error}; forces differ from those of MuJoCo "
+        "by at most {measured: forces within}.",
     ),
     "mapping": Summary(
         "100000 voxels",
-        (),
         "Insertion, look-up and files of the voxel map were timed beside two Python bindings of OctoMap.",
-        lambda f: (
-            f"One insertion takes {f.cell('100000', 'insert one', 'lwrprobe')} us, in a batch "
-            f"{f.cell('100000', 'insert batch', 'lwrprobe')} us a point; the faster binding takes "
-            f"{f.cell('100000', 'insert one', 'best peer / lwrprobe')} and "
-            f"{f.cell('100000', 'insert batch', 'best peer / lwrprobe')} times as long."
-        ),
+        "One insertion takes {100000|insert one|lwrprobe} us, in a batch {100000|insert batch|lwrprobe} us a point; "
+        "the faster binding takes {100000|insert one|best peer / lwrprobe} and "
+        "{100000|insert batch|best peer / lwrprobe} times as long.",
     ),
     "clearance": Summary(
         "us a query",
-        ("voxels", "lwrprobe median", "lwrprobe p99", "python-fcl median", "python-fcl p99", "coal median", "coal p99"),
         "The distance between the links of the arm and the nearest voxel was asked for at 200 poses.",
-        lambda f: (
-            f"With 100000 voxels a query takes {f.cell('us a query', '100000', 'lwrprobe median')} us in the median; "
-            f"coal takes {f.cell('Times as long', '100000', 'coal median')} times and python-fcl "
-            f"{f.cell('Times as long', '100000', 'python-fcl median')} times as long."
-        ),
+        "With 100000 voxels a query takes {us a query|100000|lwrprobe median} us in the median; coal takes "
+        "{Times as long|100000|coal median} times and python-fcl {Times as long|100000|python-fcl median} times as "
+        "long.",
+        "voxels, lwrprobe median, lwrprobe p99, python-fcl median, python-fcl p99, coal median, coal p99",
     ),
     "reconstruction": Summary(
         "Lines 10 mm apart, explored",
-        (),
         "Objects were reconstructed from their contacts by the methods of lwrprobe and of other libraries.",
-        lambda f: (
-            f"From explored lines 10 mm apart, `contact_surface` has a mean error of "
-            f"{f.cell('Lines 10 mm apart, explored', 'contact_surface', 'mean mm')} mm and a largest error of "
-            f"{f.cell('Lines 10 mm apart, explored', 'contact_surface', 'max mm')} mm in the median over the objects, "
-            f"the convex hull {f.cell('Lines 10 mm apart, explored', 'convex_hull', 'mean mm')} mm and "
-            f"{f.cell('Lines 10 mm apart, explored', 'convex_hull', 'max mm')} mm."
-        ),
+        "From explored lines 10 mm apart, `contact_surface` has a mean error of "
+        "{Lines 10 mm apart, explored|contact_surface|mean mm} mm and a largest error of "
+        "{Lines 10 mm apart, explored|contact_surface|max mm} mm in the median over the objects, the convex hull "
+        "{Lines 10 mm apart, explored|convex_hull|mean mm} mm and "
+        "{Lines 10 mm apart, explored|convex_hull|max mm} mm.",
     ),
     "exploration": Summary(
         "Medians over scenes and seeds",
-        ("strategy", "profile", "done", "contact mm", "p95 mm", "coverage", "mesh mm", "times bound"),
         "The strategies explored objects with several seeds, with lwrprobe's settings and with those of the thesis.",
-        lambda f: (
-            f"With `grid_version` the median contact error is "
-            f"{f.cell('Medians', ('grid_version', 'default'), 'contact mm')} mm with lwrprobe's settings and "
-            f"{f.cell('Medians', ('grid_version', 'thesis'), 'contact mm')} mm with those of the thesis; the runs take "
-            f"{f.cell('Medians', ('grid_version', 'default'), 'times bound')} and "
-            f"{f.cell('Medians', ('grid_version', 'thesis'), 'times bound')} times the lower bound of the time."
-        ),
+        "With `grid_version` the median contact error is {Medians|grid_version;default|contact mm} mm with lwrprobe's "
+        "settings and {Medians|grid_version;thesis|contact mm} mm with those of the thesis; the runs take "
+        "{Medians|grid_version;default|times bound} and {Medians|grid_version;thesis|times bound} times the lower "
+        "bound of the time.",
+        "strategy, profile, done, contact mm, p95 mm, coverage, mesh mm, times bound",
     ),
     "stability": Summary(
         "Cases",
-        (),
         "Stiff and extreme cases were run, each with several settings.",
-        lambda f: f"{f.count('Cases', 'outcome', 'pass')} cases pass.",
+        "{count: Cases|outcome|pass} cases pass.",
     ),
     "reality": Summary(
         "One departure at a time",
-        (
-            "the world differs by",
-            "status",
-            "peak N",
-            "contact median mm",
-            "contact p95 mm",
-            "mesh mean mm",
-            "coverage",
-            "warnings",
-        ),
         "The simulated world was made to differ from what the scene says of it, one departure at a time.",
-        lambda f: (
-            f"Runs that came to their end: {f.measured('status done')}; runs in which the probe pressed with at most "
-            f"3 N: {f.measured('true peak')}."
-        ),
+        "Runs that came to their end: {measured: status done}; runs in which the probe pressed with at most 3 N: "
+        "{measured: true peak}.",
+        "the world differs by, status, peak N, contact median mm, contact p95 mm, mesh mean mm, coverage, warnings",
     ),
     "physics": Summary(
         "grid_version",
-        ("scene", "world", "status", "peak N", "contact median mm", "contact p95 mm", "mesh mean mm", "coverage"),
         "The same explorations were run in two simulated worlds, `sim` and MuJoCo's.",
-        lambda f: (
-            f"With a light arm in MuJoCo's world: {f.measured('status done: mujoco, arm of 1 kg')} done, "
-            f"{f.measured('true peak force <= 3 N: mujoco, arm of 1 kg')} with at most 3 N. With an arm of 16 kg: "
-            f"{f.measured('status done: mujoco, arm of 16 kg')} done, "
-            f"{f.measured('true peak force <= 3 N: mujoco, arm of 16 kg')} with at most 3 N."
-        ),
+        "With a light arm in MuJoCo's world: {measured: status done: mujoco, arm of 1 kg} done, "
+        "{measured: true peak force <= 3 N: mujoco, arm of 1 kg} with at most 3 N. With an arm of 16 kg: "
+        "{measured: status done: mujoco, arm of 16 kg} done, "
+        "{measured: true peak force <= 3 N: mujoco, arm of 16 kg} with at most 3 N.",
+        "scene, world, status, peak N, contact median mm, contact p95 mm, mesh mean mm, coverage",
     ),
     "budget": Summary(
         "Share inside",
-        (),
         "The contacts of one run were moved by the departures of many drawn worlds, and held against the error budget.",
-        lambda f: (
-            f"Inside the stated 95 % region: {f.measured('absolute')} of the errors, and {f.measured('after')} after "
-            "alignment."
-        ),
+        "Inside the stated 95 % region: {measured: absolute} of the errors, and {measured: after} after alignment.",
     ),
     "calibration": Summary(
         "All draws",
-        (),
         "Probe, sensor and arm were calibrated on a reference sphere in worlds drawn from the profile `datasheet`.",
-        lambda f: "Each quantity stands with its largest error and with how often it was within its limit.",
+        "Each quantity stands with its largest error and with how often it was within its limit.",
     ),
     "shapes": Summary(
         "The ",
-        ("no.", "object", "strategy", "mesh mm", "times the best", "coverage", "times bound", "what went wrong"),
         "Random objects were explored that no setting was tuned for, and judged with distances made by trimesh.",
-        lambda f: (
-            f"Done: {f.measured('done')} runs; mesh no worse than the best other method by more than a tenth: "
-            f"{f.measured('mesh no worse')}."
-        ),
+        "Done: {measured: done} runs; mesh no worse than the best other method by more than a tenth: "
+        "{measured: mesh no worse}.",
+        "no., object, strategy, mesh mm, times the best, coverage, times bound, what went wrong",
     ),
     "faults": Summary(
         "What the run does",
-        ("fault", "ended", "exit code", "moved on mm", "peak N", "touches", "sentence"),
         "Each fault of the arm and the sensor was caused while the probe followed a contour, over real sockets.",
-        lambda f: (
-            f"The run ended by itself in {f.count('What the run does', 'ended', 'by itself')} cases and went on in "
-            f"{f.count('What the run does', 'ended', 'goes on')}."
-        ),
+        "The run ended by itself in {count: What the run does|ended|by itself} cases and went on in "
+        "{count: What the run does|ended|goes on}.",
+        "fault, ended, exit code, moved on mm, peak N, touches, sentence",
     ),
     "stalls": Summary(
         "What became of each run",
-        (
-            "disturbance",
-            "scene",
-            "status",
-            "true peak N",
-            "contact error RMS mm",
-            "late set points %",
-            "halts",
-            "re-entries",
-            "gaps",
-        ),
         "Whole explorations ran over real sockets while the host was kept busy, or processes were halted.",
-        lambda f: f"Runs that came to their end: {f.count('What became of each run', 'status', 'done')}.",
+        "Runs that came to their end: {count: What became of each run|status|done}.",
+        "disturbance, scene, status, true peak N, contact error RMS mm, late set points %, halts, re-entries, gaps",
     ),
     "kills": Summary(
         "Resumed",
-        (),
         "Recorded runs were killed at random times, their folders recovered and read, and some of them resumed.",
-        lambda f: (
-            f"Folders that could not be read: {f.measured('no folder')}; runs that were done after they were resumed: "
-            f"{f.measured('resumed runs')}."
-        ),
+        "Folders that could not be read: {measured: no folder}; runs that were done after they were resumed: "
+        "{measured: resumed runs}.",
     ),
     "endurance": Summary(
         "The process",
-        (),
         "Explorations ran back to back in one process.",
-        lambda f: f"Explorations that were done: {f.measured('all explorations')}.",
+        "Explorations that were done: {measured: all explorations}.",
     ),
     "loop": Summary(
         "Compute, jitter",
-        (),
         "The control loop answered an emulated controller at several cycle times.",
-        lambda f: (
-            f"At a cycle of 10 ms the result was: {f.measured('answers in time')}. At least 99 % of the answers "
-            f"were in time down to a cycle of {f.cell('Shortest', '99 %', 'cycle ms')} ms."
-        ),
+        "At a cycle of 10 ms the result was: {measured: answers in time}. At least 99 % of the answers were in time "
+        "down to a cycle of {Shortest|99 %|cycle ms} ms.",
     ),
 }
 
@@ -293,7 +218,7 @@ def sentences(report: BenchReport) -> str:
     if summary is not None:
         said.append(summary.subject)
         try:
-            said.append(summary.result(Figures(report)))
+            said.append(summary.sentence(report))
         except _Missing:
             said.append("Some libraries or settings of the comparison were left out of this run.")
     missed = [verdict.requirement for verdict in report.verdicts if not verdict.held]
@@ -335,7 +260,7 @@ def _summary(report: BenchReport) -> tuple[list[str], list[list[Any]], Table | N
     table = next((table for table in report.tables if table.title.startswith(starts)), None)
     if table is None:
         return [], [], None
-    wanted = chosen.columns if chosen is not None and chosen.columns else tuple(table.columns)
+    wanted = chosen.columns.split(", ") if chosen is not None and chosen.columns else table.columns
     kept = [n for n, column in enumerate(table.columns) if column in wanted][:COLUMNS]
     rows = [[row[n] for n in kept] for row in table.rows]
     return [table.columns[n] for n in kept], rows, table if len(kept) == len(table.columns) else None

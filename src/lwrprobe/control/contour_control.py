@@ -160,7 +160,8 @@ class ContourControl:
         axial = nx * ax + ny * ay + nz * az
         task, delay = self.task, self.task.delay
         damping = damping_without_overshoot(self._stiffness(axial), delay)
-        error = force - task.force_target
+        target = task.force_target
+        error = force - target
         inward = min(self._approach(axial), MAX_INWARD)
         steady = self._steady + error * period / (damping * RESET_TIME * delay)
         self._steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * speed)
@@ -169,7 +170,7 @@ class ContourControl:
         slide, dive = speed, tx * ax + ty * ay + tz * az
         if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
             slide = min(slide, self._approach(dive))
-        slide = min(slide, task.force_target / (damping / e * TURN))
+        slide = min(slide, target / (damping / e * TURN))
         slide *= min(max(1.0 - abs(error) / self._slack, MIN_SLIDING), 1.0)
         return np.array((slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz))
 

@@ -55,7 +55,7 @@ class DescentWatch:
         """
         here = seen.pose[:3, 3]
         # Called with every sample: mostly the normal alone shows that nothing is that steep.
-        if abs(self._control.normal[Z]) > FLAT or self._control.tangent(frame.binormal())[Z] > -STEEP:
+        if abs(self._control.normal[Z]) > FLAT or self._control.tangent(frame.binormal)[Z] > -STEEP:
             self._edge, self._decided = None, False
             return None
         if self._edge is None:

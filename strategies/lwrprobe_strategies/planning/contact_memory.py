@@ -64,7 +64,7 @@ def _elsewhere(rows: list[Row], place: list[float], grid_x: float) -> bool:
     """Whether a place differs from the last row's; called with every sample, so without numpy."""
     if not rows:
         return True
-    last = rows[-1]
-    same_line = last[9] == grid_x or (isnan(last[9]) and isnan(grid_x))
-    away = max(abs(last[0] - place[0]), abs(last[1] - place[1]), abs(last[2] - place[2]))
-    return away >= SPACING or not same_line
+    last, (x, y, z) = rows[-1], place
+    if abs(last[0] - x) >= SPACING or abs(last[1] - y) >= SPACING or abs(last[2] - z) >= SPACING:
+        return True
+    return not (last[9] == grid_x or (isnan(last[9]) and isnan(grid_x)))

@@ -65,8 +65,8 @@ class FreeSpace:
         ax, ay, az = pose[:3, 2].tolist()
         if self._rows:
             last = self._rows[-1]
-            moved = max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2]))
-            if moved < SPACING and ax * last[6] + ay * last[7] + az * last[8] > TURNED:
+            near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING
+            if near and ax * last[6] + ay * last[7] + az * last[8] > TURNED:
                 return
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
         upright = -az > UPRIGHT

@@ -56,12 +56,13 @@ class Overhangs:
         self._cells = round(beside / CELL)
         self._leaning, self._above, self.found = 0, 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
+        self._asked: tuple[tuple[slice, slice] | None, float] = None, -np.inf  # squares, and the tallest in them
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
-        x, y, z = pose[:3, 3].tolist()
-        i, j = self._cell(x, y)
         if contact is None:
+            x, y, z = pose[:3, 3].tolist()
+            i, j = self._cell(x, y)
             column, height = self._last_stood
             if -pose.item(2, 2) > UPRIGHT and not (column == (i, j) and z >= height):
                 self._last_stood = (i, j), z
@@ -73,16 +74,17 @@ class Overhangs:
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
             if pz > self._touched.item(k, m):
-                self._touched[k, m] = pz
+                self._touched[k, m], self._asked = pz, (None, -np.inf)
             if pz < self._lowest.item(k, m) and up > LEANS:
                 self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
             self._leaning = self._leaning + 1 if up < LEANS else 0
             if self._leaning >= WITNESSES:
                 self._add(k, m, pz)
-        above = contact.reason is Doubt.AXIS_MISSES and contact.point.item(2) > z + self._probe.radius
+        height = contact.point.item(2)
+        above = contact.reason is Doubt.AXIS_MISSES and height > pose.item(2, 3) + self._probe.radius
         self._above = self._above + 1 if above else 0
         if self._above >= TWICE:
-            self._add(i, j, contact.point.item(2))
+            self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), height)
 
     def stick_met(self, place: np.ndarray) -> None:
         """Something touches the stick, at a height that is not known, while the sphere is at a place (3,)."""
@@ -91,7 +93,7 @@ class Overhangs:
     def _add(self, i: int, j: int, height: float) -> None:
         self.found = True
         self._overhang[i, j] = max(self._overhang.item(i, j), height)
-        self._touched[i, j] = max(self._touched.item(i, j), height)
+        self._touched[i, j], self._asked = max(self._touched.item(i, j), height), (None, -np.inf)
 
     def reach(self, place: np.ndarray) -> float:
         """m above the sphere's centre, at a place (3,), up to which something may meet the stick."""
@@ -104,7 +106,7 @@ class Overhangs:
         z, (i, j) = place.item(2), self._ahead(place, along)
         if self._overhang[_window(i, j, round(FAR * self._cells))].max() <= z:
             return False
-        return self._below_taller(z, i, j, _window(i, j, self._cells))
+        return not self._free(z, i, j) and self._below_taller(z, _window(i, j, self._cells))
 
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion through free space although no touch has shown any.
@@ -113,18 +115,24 @@ class Overhangs:
         height.
         """
         z, (i, j) = place.item(2), self._ahead(place, along)
+        if self._free(z, i, j):
+            return False
         side = max(hypot(along.item(0), along.item(1)), 1e-9)
         near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
-        return self._below_taller(z, i, j, near) and not self._faced(z, along, i, j)
+        return self._below_taller(z, near) and not self._faced(z, along, i, j)
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
 
-    def _below_taller(self, z: float, i: int, j: int, near: tuple[slice, slice]) -> bool:
-        """Whether something taller than a height [m] was touched in the squares near one where no stick has stood."""
-        if self._stood.item(i, j) < z + CELL:
-            return False
-        return bool(self._touched[near].max() > z + self._probe.radius)
+    def _free(self, z: float, i: int, j: int) -> bool:
+        """Whether the stick has stood in a square, as low as a height [m]."""
+        return self._stood.item(i, j) < z + CELL
+
+    def _below_taller(self, z: float, near: tuple[slice, slice]) -> bool:
+        """Whether something taller than a height [m] was touched in some squares; asked with every sample."""
+        if near != self._asked[0]:
+            self._asked = near, float(self._touched[near].max())
+        return self._asked[1] > z + self._probe.radius
 
     def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
         """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
@@ -135,6 +143,8 @@ class Overhangs:
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
         i, j = int((x - self._low_x) / CELL), int((y - self._low_y) / CELL)
+        if 0 <= i <= self._last_i and 0 <= j <= self._last_j:
+            return i, j
         return min(max(i, 0), self._last_i), min(max(j, 0), self._last_j)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import nan
 
@@ -40,6 +40,7 @@ class TrackingFrame:
     level : the plane is horizontal plane
     sense : +1 or -1, the sense in which a horizontal contour runs around the object
     height : m, of a horizontal contour, None where it may drift
+    binormal : unit normal of the plane, signed so that the tangent (contact normal x binormal) leads onward
     """
 
     line: Line
@@ -47,12 +48,23 @@ class TrackingFrame:
     level: bool = False
     sense: float = 1.0
     height: float | None = None
+    binormal: Vector = field(init=False)
+
+    def __post_init__(self) -> None:
+        upright = (self.line.sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -self.line.sign, 0.0)
+        object.__setattr__(self, "binormal", (0.0, 0.0, self.sense) if self.level else upright)
 
     @classmethod
     def around(cls, area: Area, sense: float, height: float | None = None) -> TrackingFrame:
         """A horizontal plane around an object; ends where the area ends in y."""
         line = Line(Y, 0.0, float(area.lower[Y]), float(area.upper[Y]), float(area.lower[Z]))
         return cls(line, area, True, sense, height)
+
+    @classmethod
+    def through(cls, place: np.ndarray, axis: int, sign: float, area: Area) -> TrackingFrame:
+        """The upright plane along a horizontal axis through a place (3,) m, towards the area's border."""
+        end = float((area.upper if sign > 0.0 else area.lower)[axis])
+        return cls(Line(axis, float(place[1 - axis]), float(place[axis]), end, float(place[Z])), area)
 
     def upright(self) -> TrackingFrame:
         """The vertical plane through the same line."""
@@ -71,12 +83,6 @@ class TrackingFrame:
     def grid_x(self) -> float:
         """m, x of the grid line on which a contact lies; NaN off the grid."""
         return nan if self.level else self.line.grid_x
-
-    def binormal(self) -> Vector:
-        """Unit normal of the plane, signed so that the tangent (contact normal x binormal) leads onward."""
-        if self.level:
-            return 0.0, 0.0, self.sense
-        return (self.line.sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -self.line.sign, 0.0)
 
     def past_end(self, place: np.ndarray) -> bool:
         """Whether the line's end is reached at a place (3,); a horizontal contour ends at the area's border."""
@@ -110,11 +116,12 @@ class TrackingFrame:
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` (3,) without what leads out of the area; changed in place. Past the end of a line a skill ends."""
-        for axis in (X, Y, Z):
-            here, onward = place.item(axis), velocity.item(axis)
-            outward = onward > 0.0 and here >= self.area.upper.item(axis)
-            inward = onward < 0.0 and here <= self.area.lower.item(axis)
-            if outward or inward:
+        (x, y, z), low, high = place.tolist(), self.area.lower.tolist(), self.area.upper.tolist()
+        if low[X] < x < high[X] and low[Y] < y < high[Y] and low[Z] < z < high[Z]:
+            return velocity  # as with nearly every sample
+        for axis, here in enumerate((x, y, z)):
+            onward = velocity.item(axis)
+            if (onward > 0.0 and here >= high[axis]) or (onward < 0.0 and here <= low[axis]):
                 velocity[axis] = 0.0
         return velocity
 

@@ -1,6 +1,7 @@
 """Compliant motions, one a file; see `skill` for what they have in common."""
 
 from lwrprobe_strategies.skills.find_edge import find_edge
+from lwrprobe_strategies.skills.follow_and_regain import follow_and_regain
 from lwrprobe_strategies.skills.follow_contour import follow_contour
 from lwrprobe_strategies.skills.guarded_move import guarded_move
 from lwrprobe_strategies.skills.load import approach, load, rest, unload
@@ -9,7 +10,7 @@ from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.reorient import reorient
 from lwrprobe_strategies.skills.retract import retract
 from lwrprobe_strategies.skills.search import search
-from lwrprobe_strategies.skills.skill import Procedure, Skill, skill
+from lwrprobe_strategies.skills.skill import Procedure, Skill, skill, tried
 from lwrprobe_strategies.skills.spiral_down import spiral_down
 from lwrprobe_strategies.skills.transit import transit
 
@@ -18,6 +19,7 @@ __all__ = [
     "Skill",
     "approach",
     "find_edge",
+    "follow_and_regain",
     "follow_contour",
     "guarded_move",
     "load",
@@ -30,5 +32,6 @@ __all__ = [
     "skill",
     "spiral_down",
     "transit",
+    "tried",
     "unload",
 ]

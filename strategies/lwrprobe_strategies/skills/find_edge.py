@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from math import radians, sin
 
-from lwrprobe.contracts import Confidence
-from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Overload
-from lwrprobe_strategies.planning.lines import Line, X, Y
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Outcome, Overload
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills.follow_contour import leaves_upwards, slide
-from lwrprobe_strategies.skills.reapproach import reapproach
-from lwrprobe_strategies.skills.release import release
+from lwrprobe_strategies.skills.follow_and_regain import follow_and_regain
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
@@ -34,30 +30,10 @@ def find_edge(tip: Tip, axis: int, sign: float, bend: float = BEND, distance: fl
     Ended.EDGE with the edge touched, Ended.LINE_END at the area's border, Ended.TABLE, Ended.CEILING or
     Ended.NOTHING_FOUND
     """
-    area = tip.task.area
-    end = float((area.upper if sign > 0.0 else area.lower)[axis])
-    line = Line(axis, float(tip.here[Y if axis == X else X]), float(tip.here[axis]), end, float(tip.here[2]))
-    frame = TrackingFrame(line, area)
-    while True:
-        normal, contact = tip.normal(), tip.seen.contact
-        if contact is not None and contact.confidence > Confidence.NONE:
-            tip.memory.add(tip.here, contact.point, contact.normal, frame.grid_x)
-        point = tip.here - tip.task.probe.radius * normal
-        try:
-            motion = slide(tip, frame, normal, find_edge.name)
-            yield motion
-        except Overload:
-            released = yield from release(tip, frame)
-            if released is not Ended.RELEASED:
-                return released
-            continue
-        if frame.past_end(tip.here):
-            return Ended.LINE_END
-        if leaves_upwards(tip, frame, motion):
-            return Ended.CEILING
-        if tip.seen.contact is None:
-            sought = yield from reapproach(tip, frame, point, distance)
-            if sought is not Ended.CONTACT:
-                return sought
-        if float(tip.control.normal[axis]) * sign > bend:
-            return Ended.EDGE
+    frame = TrackingFrame.through(tip.here, axis, sign, tip.task.area)
+
+    def bends() -> Outcome | None:
+        touches = tip.seen.contact is not None
+        return Ended.EDGE if touches and float(tip.control.normal[axis]) * sign > bend else None
+
+    return (yield from follow_and_regain(tip, frame, bends, distance))

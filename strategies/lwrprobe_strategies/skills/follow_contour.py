@@ -33,13 +33,13 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
     What `until` says, Ended.LINE_END, Ended.CEILING, or Lost with the point touched last
     """
     edge, corner = InnerEdge(tip.task.force_target), CornerWatch()
-    binormal = frame.binormal()
+    binormal = frame.binormal
     while True:
         seen, here = tip.seen, tip.here
         met = edge.normal(seen)
         normal = tip.normal() if met is None else met
         contact = seen.contact
-        if contact is not None and contact.confidence > Confidence.NONE:
+        if contact is not None and contact.confidence is not Confidence.NONE:
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
@@ -68,24 +68,26 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
 
 def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> bool:
     """Whether the surface leads up and out of the area, and what is left of the motion does not lead onward."""
-    tangent = tip.control.tangent(frame.binormal())
-    return frame.at_ceiling(tip.here) and tangent[Z] > 0.0 and float(motion.velocity @ tangent) <= 0.0
+    if not frame.at_ceiling(tip.here):
+        return False
+    tangent = tip.control.tangent(frame.binormal)
+    return tangent[Z] > 0.0 and float(motion.velocity @ tangent) <= 0.0
 
 
 def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, careful: bool = False) -> VelocityCommand:
     """Along the tangent, and along the normal (3,) by the force law; with care where the stick may be met."""
     seen, task = tip.seen, tip.task
-    here, held = seen.pose[:3, 3], seen.pose[:3, :3]
+    here, held = tip.here, seen.pose[:3, :3]
     sliding_speed = task.contour_speed
     if seen.contact is None or seen.contact.confidence is not Confidence.RELIABLE:
         # The stick may be what touches, and above the sphere nothing is known then.
         sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
     if careful:
         sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
-    binormal = frame.binormal()
+    binormal = frame.binormal
     if tip.stick_may_meet:
         sliding_speed = min(sliding_speed, tip.stick_limit(np.array(tip.control.tangent(binormal))))
-    force = max(float(seen.force @ normal), 0.0)
+    force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity += frame.back(here, tip.control.normal)
     return VelocityCommand(frame.bounded(here, velocity), reason=reason, pose=tip.turn())

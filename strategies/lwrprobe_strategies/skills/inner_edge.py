@@ -33,12 +33,13 @@ class InnerEdge:
         """A force against the motion that friction does not explain: another surface has been met, and is tracked."""
         if self._met is not None:
             return
-        pressed = float(seen.force @ control.normal)
+        force = seen.force
+        pressed = float(force.dot(control.normal))
         against = MAX_FRICTION * max(pressed, 0.0) + self._meets
-        if seen.force @ seen.force <= pressed * pressed + against * against:
+        if force.dot(force) <= pressed * pressed + against * against:
             return  # in no direction along the surface is there so much
         onward = np.array(control.tangent(binormal))
-        if -float(seen.force @ onward) > against:
+        if -float(force @ onward) > against:
             self._met = (-onward, seen.pose[:3, 3].copy())
             control.begin(-onward)
 

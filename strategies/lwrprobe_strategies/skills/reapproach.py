@@ -37,7 +37,7 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
         here, control = tip.here, tip.control
         around = rolling(here, point, control.normal)
         control.normal = around
-        way = ONWARD * np.array(control.tangent(frame.binormal())) - INWARD * around
+        way = ONWARD * np.array(control.tangent(frame.binormal)) - INWARD * around
         way /= np.sqrt(way @ way)
         speed = min(control.return_speed(way, tip.seen.pose[:3, :3]), tip.task.contour_speed, tip.stick_limit(way))
         try:
@@ -49,7 +49,7 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
             return Ended.CONTACT
         if frame.past_end(tip.here):
             return Ended.LINE_END
-        if frame.at_table(tip.here) and control.tangent(frame.binormal())[2] < 0.0:
+        if frame.at_table(tip.here) and control.tangent(frame.binormal)[2] < 0.0:
             return Ended.TABLE
         sought += float(np.sqrt(tip.seen.velocity @ tip.seen.velocity)) * tip.period
         if sought > distance:

@@ -52,6 +52,14 @@ class Skill(Generic[P]):
         return outcome
 
 
+def tried(step: Generator[Motion, Observation, Outcome | None]) -> Generator[Motion, Observation, Outcome | None]:
+    """What a procedure ends with; None where it was interrupted."""
+    try:
+        return (yield from step)
+    except Interruption:
+        return None
+
+
 def skill(
     *interruptions: type[Interruption], seeks_contact: bool = False
 ) -> Callable[[Callable[Concatenate[Tip, P], Procedure]], Skill[P]]:

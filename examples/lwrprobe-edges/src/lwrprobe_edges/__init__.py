@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lwrprobe.contracts import Done, InputError
-from lwrprobe_strategies.outcomes import Ended, Lost
+from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills import find_edge, follow_contour, reapproach, search
+from lwrprobe_strategies.skills import find_edge, follow_and_regain, search
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
 
@@ -39,11 +39,7 @@ class Edges(SkillStrategy):
             return Done("no edge in +x", complete=False)
         self.first, self.left = tip.here.copy(), False
         frame = TrackingFrame.around(area, sense=1.0, height=float(tip.here[2]))
-        end = yield from follow_contour(tip, frame, self.around)
-        while isinstance(end, Lost):  # past a corner
-            end = yield from reapproach(tip, frame, end.point, distance=0.03)
-            if end is Ended.CONTACT:
-                end = yield from follow_contour(tip, frame, self.around)
+        end = yield from follow_and_regain(tip, frame, self.around, distance=0.03)
         return Done("once around the edge" if end is Ended.EDGE else str(end), complete=end is Ended.EDGE)
 
     def around(self) -> Ended | None:
