@@ -9,7 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, InputError, Motion, Observation, Progress
 from lwrprobe.mapping.estimate import SurfaceEstimate
-from lwrprobe_strategies.coverage import CoverageConfig
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.lines import Line
@@ -104,7 +104,7 @@ class Active(GridVersion):
         """Only where a stroke goes on to the other side of the area."""
         return line.free_end
 
-    def _end_found(self) -> bool:
+    def end_found(self) -> bool:
         """An outline ends where it has come around, or leads on under something."""
         contact = self.tip.seen.contact
         reliable = contact is not None and contact.confidence is Confidence.RELIABLE

@@ -16,71 +16,27 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
 from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import Done, InputError, Progress
+from lwrprobe.contracts import Done, Progress
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
+from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
+from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, reapproach, release, reorient, transit
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
-
-RAISE = 0.0025
-"""m by which a line is raised at least where the stick has been touched: half of the sphere's radius."""
-UNDERSIDE = -0.6
-"""Share of the normal along z, below which a descending contour ends: the stick touches at -0.9."""
-PAST_END = 0.03
-"""Share of the normal across the line, from which on the end of the object counts as passed."""
-TURNED_BACK = -0.5
-"""Share of the tangent towards the next line, below which a level contour leads away from it again."""
-
-
-@dataclass(slots=True, frozen=True)
-class CoverageConfig:
-    """Options that the strategies share.
-
-    Attributes
-    ----------
-    step : m, between two lines
-    first_line : `border` starts at the area's end in -x; `middle` as in the source's figure 4.6, with a return to
-        the first contact for the other side
-    reapproach : m, way along which a lost contact is sought before the grid takes over
-    retreat : m, way off a collision threat
-    climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
-    low_lines : pass again, lower, where a line over a tall object met nothing or was given up; takes more time
-    near_sides : touch walls that a line met above the lowest height down to their foot
-    across : cross the faces that lie along the lines by lines along x
-    find_ends : follow the object around its ends in x to where it reaches furthest
-    """
-
-    step: float = 0.010
-    first_line: str = "middle"
-    reapproach: float = 0.025
-    retreat: float = 0.010
-    climb: bool = True
-    low_lines: bool = False
-    near_sides: bool = True
-    across: bool = True
-    find_ends: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ("step", "reapproach", "retreat"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and 0.0 < value <= 1.0):
-                raise InputError(f"strategy.{name}", value, "a length in metres, above 0 and at most 1")
-        if self.first_line not in ("border", "middle"):
-            raise InputError("strategy.first_line", self.first_line, "border, middle")
 
 
 class Coverage(SkillStrategy):
@@ -179,6 +135,10 @@ class Coverage(SkillStrategy):
         """(3, 3) to turn to in the middle of a contour, None = go on as it is."""
         return None
 
+    def end_found(self) -> bool:
+        """Whether an outline has come to the end that it seeks."""
+        return past_end(self.tip.control, self.frame, self.tip.here, BESIDE * self.options.step)
+
     # Skills with what they need here
 
     def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
@@ -230,14 +190,16 @@ class Coverage(SkillStrategy):
             if self.circling.circles(self.frame, self.tip.here, way):
                 return Ended.CIRCLING
             if self.frame.line.outline:
-                return Ended.END_FOUND if self._end_found() else None
+                return Ended.END_FOUND if self.end_found() else None
             if self.frame.level:
                 if self._at_next_line():
                     return Ended.NEXT_LINE
-                return Ended.LINE_END if self._turned_back() else None
-            if self._at_table():
+                onward = self.lines.towards_next()
+                return Ended.LINE_END if turned_back(self.tip.control, self.frame, onward) else None
+            if at_table(self.tip.control, self.frame, self.tip.here):
                 return Ended.TABLE
-            if self._under():
+            upright = self.tip.rotation is self.upright
+            if upright and under(self.tip.control, self.frame):
                 return Ended.UNDERSIDE
             return Ended.DESCENT if self._climbs_instead(descent) else None
 
@@ -279,22 +241,11 @@ class Coverage(SkillStrategy):
         if line.fallback is not None or line.low:
             return self.give_up()
         self.back = self.options.retreat
-        height = float(here[Z]) + max(RAISE, self._height_met() - self.task.probe.radius)
-        if height > self.task.area.upper[Z]:
+        higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat)
+        if higher is None:
             return self.give_up()
-        begin = float(here[line.axis]) - line.sign * self.options.retreat
-        self.lines.raise_line(replace(line, begin=begin, height=height, on_surface=False))
+        self.lines.raise_line(higher)
         return None
-
-    def _height_met(self) -> float:
-        """m above the sphere's centre, of what touches the stick or has come near it."""
-        seen, here = self.tip.seen, self.tip.here
-        if seen.contact is not None:
-            return float(seen.contact.point[Z] - here[Z])
-        near = seen.clearance
-        if near is None or not near.threatens or near.link != "stick":
-            return 0.0
-        return float(near.on_map[Z] - here[Z])
 
     def next_in_passing(self) -> Procedure:
         """A level contour has come to the next grid line: along that, from the side it is on."""
@@ -323,34 +274,12 @@ class Coverage(SkillStrategy):
             return bool(normal @ self.frame.line.ahead < 0.0 and normal[Z] < UNDER)
         return interrupted is guarded_move
 
-    def _end_found(self) -> bool:
-        """Past the place where the normal points along the line, or too far around for an end."""
-        line, normal = self.frame.line, self.tip.control.normal
-        gone = (self.tip.here[line.aside] - line.place) * line.outline
-        return bool(normal[line.aside] * line.outline > PAST_END or gone > BESIDE * self.options.step)
-
     def _at_next_line(self) -> bool:
         neighbours = self.lines.neighbours()
         if neighbours is None:
             return False
         here, there = neighbours
         return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
-
-    def _turned_back(self) -> bool:
-        """Around the object's end, and now away from the next line again."""
-        tangent = self.tip.control.tangent(self.frame.binormal)
-        return tangent[X] * self.lines.towards_next() < TURNED_BACK
-
-    def _at_table(self) -> bool:
-        tip, frame = self.tip, self.frame
-        return frame.at_table(tip.here) and tip.control.tangent(frame.binormal)[Z] < 0.0
-
-    def _under(self) -> bool:
-        """Whether an upright probe has come down around a lower edge: its stick is about to touch what is above."""
-        tip, normal = self.tip, self.tip.control.normal
-        if normal[Z] > UNDERSIDE or tip.rotation is not self.upright:
-            return False
-        return tip.control.tangent(self.frame.binormal)[Z] < 0.0
 
     def _climbs_instead(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""

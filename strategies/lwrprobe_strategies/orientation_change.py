@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from lwrprobe.contracts import InputError
-from lwrprobe_strategies.coverage import Coverage, CoverageConfig
+from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
 from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, Y, Z
 from lwrprobe_strategies.planning.paths import BORDER

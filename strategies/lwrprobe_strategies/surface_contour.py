@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lwrprobe_strategies.coverage import Coverage, CoverageConfig
+from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, Y, Z
 from lwrprobe_strategies.skills import Procedure
 

@@ -83,14 +83,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     return report
 
 
-_UNITS = {
-    "robot_time": " s",
-    "wall_time": " s",
-    "processor_time": " s",
-    "memory": " MB",
-    "cycle": " us",
-    "piece": " us",
-}
+_UNITS = dict.fromkeys(("robot_time", "wall_time", "processor_time"), " s")
+_UNITS |= {"memory": " MB", "cycle": " us", "piece": " us"}
 
 
 def _explore_for(seconds: float, scene: str, settings: list[str]) -> list[State]:
@@ -136,22 +130,18 @@ def _requirements(report: BenchReport, states: list[State]) -> None:
     times, memory = np.array([s.wall_time for s in settled]), np.array([s.memory for s in settled])
     growth = float(np.polyfit(times, memory, 1)[0]) * states[-1].wall_time
     share = growth / float(memory.mean())
-    report.require(
-        f"memory grows by at most {_GROWTH:.0%} over all explorations",
-        f"{growth:+.1f} MB, {share:+.2%}",
-        share <= _GROWTH,
-    )
-    more = settled[-1].handles - settled[0].handles
-    report.require("no handle is left open", f"{more:+d} of {settled[-1].handles}", more <= 0)
-    threads = settled[-1].threads - settled[0].threads
-    report.require("no thread is left running", f"{threads:+d} of {settled[-1].threads}", threads <= 0)
+    requirement = f"memory grows by at most {_GROWTH:.0%} over all explorations"
+    report.require(requirement, f"{growth:+.1f} MB, {share:+.2%}", share <= _GROWTH)
+    first, last = settled[0], settled[-1]
+    for requirement, begun, ended in (
+        ("no handle is left open", first.handles, last.handles),
+        ("no thread is left running", first.threads, last.threads),
+    ):
+        report.require(requirement, f"{ended - begun:+d} of {ended}", ended <= begun)
     by_clock = _last_to_first([s.cycle for s in settled])
     slower = _last_to_first([s.cycle / s.piece for s in settled])
-    report.require(
-        f"a cycle takes at most {_SLOWER:.0%} longer at the end, beside a fixed piece of work",
-        f"{slower:+.1%} ({by_clock:+.1%} by the clock alone)",
-        slower <= _SLOWER,
-    )
+    requirement = f"a cycle takes at most {_SLOWER:.0%} longer at the end, beside a fixed piece of work"
+    report.require(requirement, f"{slower:+.1%} ({by_clock:+.1%} by the clock alone)", slower <= _SLOWER)
 
 
 def _last_to_first(values: list[float]) -> float:

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.bench.criterion import Criterion
 from lwrprobe.bench.error_curves import Row, columns, draw_curves, error_curve
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.stroke_pictures import SCENE as STROKED
 from lwrprobe.bench.stroke_pictures import STRATEGY as STROKES
 from lwrprobe.bench.stroke_pictures import draw_strokes, strokes_of
@@ -44,6 +45,19 @@ BLIND, GIVEN = "blind", "given"
 FOUND_WITHIN, BLIND_FACTOR = 25.0, 1.3
 """s until an object is found, and times the run with an area that is given: medians that a blind start should keep."""
 
+CRITERIA = (
+    Criterion("status done", "status", lambda v: v == "done"),
+    Criterion("no link collision", "collisions", lambda v: v == 0),
+    Criterion("peak force <= 3 N", "peak_force_n", lambda v: v <= 3.0),
+    Criterion("force and torque within the sensor's range", "range_used", lambda v: v < 1.0),
+    Criterion("contact error median <= 0.15 mm", "contact_median", lambda v: v <= 0.15),
+    Criterion("contact error p95 <= 0.5 mm", "contact_p95", lambda v: v <= 0.5),
+    Criterion("coverage >= 0.97 of what the strategy can reach", "reachable", lambda v: v >= 0.97),
+    Criterion("ends in x found within 0.3 mm", "ends", lambda v: v <= 0.3),
+    Criterion("time <= 2 x the lower bound", "ratio", lambda v: v <= 2.0),
+    Criterion("time <= 2 x the lower bound with walls descended", "ratio_descending", lambda v: v <= 2.0),
+)
+GOAL = "s to 0.3 and p95 1 mm"
 COLUMNS = {
     "scene": "scene",
     "strategy": "strategy",
@@ -58,7 +72,7 @@ COLUMNS = {
     "s to 1 mm": "seconds_1",
     "s to 0.3 mm": "seconds_0.3",
     "s to 0.1 mm": "seconds_0.1",
-    "s to 0.3 and p95 1 mm": "seconds_goal",
+    GOAL: "seconds_goal",
     "coverage": "coverage",
     "of upright": "coverage_upright",
     "ends mm": "ends",
@@ -83,11 +97,12 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     found = run_in_order(jobs, _explored, processes)
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
-    rows = [[item.get(key) for key in COLUMNS.values()] for item in found]
-    report.table("Every run", list(COLUMNS), rows)
-    report.tables += _summaries(found)
-    report.tables += _beside_thesis(found)
-    report.verdicts = _verdicts([item for item in found if item["profile"] == DEFAULT and item["strategy"] != POKES])
+    report.records("Every run", COLUMNS, found)
+    _summarise(report, found)
+    _beside_thesis(report, found)
+    judged = [item for item in found if item["profile"] == DEFAULT and item["strategy"] != POKES]
+    name = "{scene}/{strategy}".format_map
+    report.verdicts = [criterion.verdict(judged, name) for criterion in CRITERIA if judged]
     blind = _beside_given(found)
     if blind:
         report.table("Blind starts beside given areas", list(BESIDE_GIVEN), [list(row.values()) for row in blind])
@@ -180,7 +195,7 @@ def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], list[Row]]:
     return summary, error_curve(exploration, truth) if truth is not None else []
 
 
-def _summaries(found: list[dict[str, Any]]) -> list[Table]:
+def _summarise(report: BenchReport, found: list[dict[str, Any]]) -> None:
     """Medians over the seeds and scenes, a row each strategy and profile."""
     keys = (
         "contact_median", "contact_p95", "coverage", "ends", "mesh", "ratio", "time", "seconds_1", "seconds_0.3",
@@ -191,26 +206,11 @@ def _summaries(found: list[dict[str, Any]]) -> list[Table]:
         own = [item for item in found if (item["strategy"], item["profile"]) == (strategy, profile)]
         done = sum(item["status"] == "done" for item in own)
         rows.append([strategy, profile, f"{done} of {len(own)}", *(_median(own, key) for key in keys)])
-    columns = [
-        "strategy",
-        "profile",
-        "done",
-        "contact mm",
-        "p95 mm",
-        "coverage",
-        "ends mm",
-        "mesh mm",
-        "times bound",
-        "s",
-        "s to 1 mm",
-        "s to 0.3 mm",
-        "s to 0.1 mm",
-        "s to 0.3 and p95 1 mm",
-    ]
-    return [Table("Medians over scenes and seeds", columns, rows)]
+    columns = "strategy | profile | done | contact mm | p95 mm | coverage | ends mm | mesh mm | times bound | s"
+    report.table("Medians over scenes and seeds", f"{columns} | s to 1 mm | s to 0.3 mm | s to 0.1 mm | {GOAL}", rows)
 
 
-def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
+def _beside_thesis(report: BenchReport, found: list[dict[str, Any]]) -> None:
     """The thesis profile beside the default, medians over the seeds; a factor is the first over the second."""
     compared = {"contact mm": "contact_median", "p95 mm": "contact_p95", "mesh mm": "mesh", "robot s": "time"}
     alone = {"coverage": "coverage", "ends mm": "ends", "peak N": "peak_force_n"}
@@ -230,12 +230,11 @@ def _beside_thesis(found: list[dict[str, Any]]) -> list[Table]:
                 row.append(thesis / default if default and thesis is not None else None)
         row += [f"{sum(item['status'] == 'done' for item in runs)} of {len(runs)}" for runs in pair]
         rows.append(row)
-    if not rows:
-        return []
     columns = ["scene", "strategy"]
     columns += [f"{name}{what}" for name in compared for what in ("", ", thesis", ", factor")]
     columns += [f"{name}{what}" for name in (*alone, "done") for what in ("", ", thesis")]
-    return [Table("The thesis profile beside the default, medians over the seeds", columns, rows)]
+    if rows:
+        report.table("The thesis profile beside the default, medians over the seeds", columns, rows)
 
 
 BESIDE_GIVEN = (
@@ -286,30 +285,6 @@ def _blind_verdicts(rows: list[dict[str, Any]]) -> list[Verdict]:
 def _median(runs: list[dict[str, Any]], key: str) -> float | None:
     values = [item[key] for item in runs if item.get(key) is not None]
     return float(np.median(values)) if values else None
-
-
-def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
-    if not found:
-        return []
-
-    def held(requirement: str, key: str, good: Any) -> Verdict:
-        bad = [item for item in found if item.get(key) is None or not good(item[key])]
-        names = sorted({f"{item['scene']}/{item['strategy']}" for item in bad})
-        measured = f"{len(found) - len(bad)} of {len(found)}" + (f"; not {', '.join(names)}" if bad else "")
-        return Verdict(requirement, measured, not bad)
-
-    return [
-        held("status done", "status", lambda v: v == "done"),
-        held("no link collision", "collisions", lambda v: v == 0),
-        held("peak force <= 3 N", "peak_force_n", lambda v: v <= 3.0),
-        held("force and torque within the sensor's range", "range_used", lambda v: v < 1.0),
-        held("contact error median <= 0.15 mm", "contact_median", lambda v: v <= 0.15),
-        held("contact error p95 <= 0.5 mm", "contact_p95", lambda v: v <= 0.5),
-        held("coverage >= 0.97 of what the strategy can reach", "reachable", lambda v: v >= 0.97),
-        held("ends in x found within 0.3 mm", "ends", lambda v: v <= 0.3),
-        held("time <= 2 x the lower bound", "ratio", lambda v: v <= 2.0),
-        held("time <= 2 x the lower bound with walls descended", "ratio_descending", lambda v: v <= 2.0),
-    ]
 
 
 def _draw_growth(figure: Any, found: list[dict[str, Any]]) -> None:

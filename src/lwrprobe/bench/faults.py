@@ -8,26 +8,22 @@ where the arm is and how hard it presses.
 from __future__ import annotations
 
 import csv
-import json
-import socket
 import tempfile
 import threading
 import time
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.emulated import emulated, free_addresses
+from lwrprobe.bench.emulated import Rig
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.contracts import DriverError, UnknownNameError
+from lwrprobe.bench.report import BenchReport, Verdict
+from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.exploration.loop.explorer import ProgressSnapshot
 from lwrprobe.exploration.procedures.explore import explore
-from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene, load_scene
 
@@ -166,19 +162,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     outcomes = [suffer(fault) for fault in wanted]
     report = BenchReport("faults", "Each fault of arm and sensor, during a contour over real sockets")
     report.machine = machine()
-    columns = [
-        "fault",
-        "ended",
-        "exit code",
-        "moved on mm",
-        "for s",
-        "peak N",
-        "touches",
-        "kept",
-        "re-entries",
-        "sentence",
-    ]
-    report.tables = [Table("What the run does about it", columns, [_row(o) for o in outcomes])]
+    columns = "fault | ended | exit code | moved on mm | for s | peak N | touches | kept | re-entries | sentence"
+    report.table("What the run does about it", columns, [_row(o) for o in outcomes])
     report.verdicts = [
         Verdict(o.fault.name, f"peak {o.peak:.2f} N, moved {1e3 * o.travel:.2f} mm, {o.summary['reason']}", o.held())
         for o in outcomes
@@ -201,33 +186,16 @@ def suffer(fault: Fault) -> Outcome:
 
 
 def _suffer_once(fault: Fault) -> Outcome:
-    ports = free_addresses(5)
-    bind, remote, udp, local, control = ports
-    (telnet,) = free_addresses(1, socket.SOCK_STREAM)
-    scene = load_scene(
-        _SCENE,
-        [
-            *_SMALL,
-            _REENTRY,
-            'arm.driver="fri"',
-            'sensor.driver="ati"',
-            f'drivers.fri.bind="{bind}"',
-            f'drivers.fri.remote="{remote}"',
-            f'drivers.ati.telnet="{telnet}"',
-            f'drivers.ati.udp="{udp}"',
-            f'drivers.ati.local="{local}"',
-            f'drivers.ati.ground_truth="{control}"',
-        ],
-    )
-    devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]
-    with tempfile.TemporaryDirectory() as folder, _rig(scene, devices):
+    rig = Rig.anywhere()
+    scene = load_scene(_SCENE, [*_SMALL, _REENTRY, 'arm.driver="fri"', 'sensor.driver="ati"', *rig.settings])
+    with tempfile.TemporaryDirectory() as folder, rig.running(_SCENE, scene, _SMALL):
         outcome = Outcome(fault, scene.contact.limit)
-        operator = _Operator(control, scene)
+        operator = _Operator(rig, scene)
         watch = _Trigger(operator, outcome)
         outcome.summary = explore(scene, Path(folder), watch=watch)
         operator.rest(0.5)
         outcome.path = operator.path()
-        truth = operator.truth()
+        truth = rig.truth()
         outcome.peak, outcome.collisions = truth["peak_since_mark_n"], truth["link_collisions"]
         outcome.touching = truth["force_n"] > 0.0
         with (Path(folder) / "contacts.csv").open() as rows:
@@ -263,10 +231,8 @@ class _Trigger:
 class _Operator:
     """Types lines on the rig's control port, and asks the world where the arm is from a thread of its own."""
 
-    def __init__(self, control: str, scene: Scene) -> None:
-        host, _, port = control.partition(":")
-        self._address = (host, int(port))
-        self._robot = robot_of(scene)
+    def __init__(self, rig: Rig, scene: Scene) -> None:
+        self._rig, self._robot = rig, robot_of(scene)
         self._looks: list[tuple[float, list[float]]] = []
         self._begun: float | None = None
         self._stop = threading.Event()
@@ -279,9 +245,9 @@ class _Operator:
 
     def begin(self, line: str) -> None:
         """Let the fault happen."""
-        self.ask("world mark")
-        self._begun = self.truth()["time_s"]
-        self.ask(line)
+        self._rig.ask("world mark")
+        self._begun = self._rig.truth()["time_s"]
+        self._rig.ask(line)
 
     def rest(self, seconds: float) -> None:
         """Watch for a while longer, then no more."""
@@ -289,9 +255,6 @@ class _Operator:
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
-
-    def truth(self) -> dict[str, Any]:
-        return json.loads(self.ask("world status"))
 
     def path(self) -> np.ndarray:
         """(m, 4) world's s since the fault began, negative before it, and the tip; empty when it never began."""
@@ -302,47 +265,14 @@ class _Operator:
         moved = np.concatenate([[True], np.diff(times) > 0.0])
         return np.column_stack([times - self._begun, tips])[moved]
 
-    def ask(self, line: str) -> str:
-        """The answer to a line; raises DriverError when none comes."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-            port.settimeout(10.0)
-            port.sendto(line.encode(), self._address)
-            try:
-                return port.recv(8192).decode()
-            except TimeoutError:
-                raise DriverError(f"the emulated rig did not answer {line!r}") from None
-
     def _watch(self) -> None:
         while not self._stop.wait(0.02):
-            self._look()
-
-    def _look(self) -> None:
-        truth = self.truth()
-        self._looks.append((truth["time_s"], truth["joints"]))
-
-
-def _rig(scene: Scene, devices: list[str]) -> AbstractContextManager[None]:
-    _, q = start_posture(scene, robot_of(scene))
-    joints = ",".join(f"{angle:.6f}" for angle in np.degrees(q))
-    settings = [word for setting in _SMALL for word in ("--set", setting)]
-    return emulated("rig", _SCENE, *devices, "--joints", joints, *settings)
+            truth = self._rig.truth()
+            self._looks.append((truth["time_s"], truth["joints"]))
 
 
 def _row(o: Outcome) -> list[Any]:
-    ended = "by itself" if o.stopped else "goes on"
-    code = 1 if o.stopped else None
-    moved = 1e3 * o.travel if o.fault.words else None
-    rest = o.rest_after if o.fault.words else None
-    sentence = o.summary["reason"] if o.stopped else "-"
-    return [
-        o.fault.name,
-        ended,
-        code,
-        moved,
-        rest,
-        o.peak,
-        o.touching,
-        o.kept >= o.before,
-        o.summary["reentries"],
-        sentence,
-    ]
+    ended, code, sentence = ("by itself", 1, o.summary["reason"]) if o.stopped else ("goes on", None, "-")
+    moved, rest = (1e3 * o.travel, o.rest_after) if o.fault.words else (None, None)
+    seen = [o.peak, o.touching, o.kept >= o.before, o.summary["reentries"]]
+    return [o.fault.name, ended, code, moved, rest, *seen, sentence]

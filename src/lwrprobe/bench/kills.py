@@ -136,14 +136,8 @@ def _tables(
         report.table(title, columns, cells)
     errors = [f"{name} mm" for name in _ERRORS]
     columns = ["run", "killed at s", "status", "robot time s", "coverage", *errors, "reason"]
-    report.table(
-        "Resumed",
-        columns,
-        [
-            ["unbroken", None, *_figures(whole)],
-            *([f"resumed {n}", k.after, *_figures(k.resumed)] for n, k in enumerate(taken_up, 1)),
-        ],
-    )
+    resumed = [[f"resumed {n}", k.after, *_figures(k.resumed)] for n, k in enumerate(taken_up, 1)]
+    report.table("Resumed", columns, [["unbroken", None, *_figures(whole)], *resumed])
 
 
 _ERRORS = {
@@ -171,11 +165,8 @@ def _requirements(
     unreadable = sum(bool(k.problem) for k in every)
     report.require("no folder is unreadable", f"{unreadable} of {len(every)}", unreadable == 0)
     after = sum(k.contacts > 0 for k in kills)
-    report.require(
-        f"at least {_MOST:.0%} of the kills in real time come after the first contact",
-        f"{after} of {len(kills)}",
-        after >= _MOST * len(kills),
-    )
+    requirement = f"at least {_MOST:.0%} of the kills in real time come after the first contact"
+    report.require(requirement, f"{after} of {len(kills)}", after >= _MOST * len(kills))
     for name, lost in (("contacts.csv", [k.lost for k in kills]), ("the bag", [k.lost_in_bag for k in kills])):
         most = max(lost)
         report.require(f"at most {_LOST:g} s of contacts are not in {name}", f"{most:.3f} s", most <= _LOST)
@@ -202,15 +193,13 @@ def _draw(figure: Any, kills: list[Kill], taken_up: list[Kill], whole: dict[str,
     for name, lost in (("contacts.csv", [k.lost for k in kills]), ("bag", [k.lost_in_bag for k in kills])):
         left.plot([k.after for k in kills], lost, ".", label=name)
     left.axhline(_LOST, color="gray", linestyle="--", label="allowed")
-    left.set_xlabel("robot time of the kill [s]")
-    left.set_ylabel("contacts lost [s]")
+    left.set(xlabel="robot time of the kill [s]", ylabel="contacts lost [s]")
     left.legend()
     done = [k for k in taken_up if k.resumed.get("status") == "done"]
     more = [float(k.resumed["sim_time_s"]) - float(whole["sim_time_s"]) for k in done]
     right.plot([k.after for k in done], more, ".")
     right.axhline(_MORE_TIME, color="gray", linestyle="--")
-    right.set_xlabel("robot time of the kill [s]")
-    right.set_ylabel("robot time of the resumed run, more than unbroken [s]")
+    right.set(xlabel="robot time of the kill [s]", ylabel="robot time of the resumed run, more than unbroken [s]")
     for axes in (left, right):
         axes.grid(True, alpha=0.3)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from lwrprobe.bench.emulated import emulated, free_addresses
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.contracts import DriverContext, DriverError
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.machine import machine
@@ -31,21 +31,10 @@ _QUICK_SECONDS = 4.0
 _SWING = 0.02  # m, of the tip to and fro
 _TURN = 4.0  # s, for one swing
 _POSTURE = np.radians([0.0, 45.0, 0.0, -80.0, 0.0, 55.0, 0.0])
-_COLUMNS = [
-    "cycle ms",
-    "cycles",
-    "compute median us",
-    "compute p99 us",
-    "arrival jitter median ms",
-    "arrival jitter p99 ms",
-    "answer sent p99 ms",
-    "answers in time %",
-    "set points late",
-    "round trip ms",
-    "quality",
-    "samples",
-    "ended",
-]
+_COLUMNS = (
+    "cycle ms | cycles | compute median us | compute p99 us | arrival jitter median ms | arrival jitter p99 ms | "
+    "answer sent p99 ms | answers in time % | set points late | round trip ms | quality | samples | ended"
+)
 
 
 @dataclass(slots=True)
@@ -87,10 +76,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report = BenchReport("loop", "The control loop over real sockets, driver against emulator")
     report.machine = machine()
     limits = [[f"{100 * share:g} %", _shortest(runs, share)] for share in _SHARES]
-    report.tables = [
-        Table("Compute, jitter and misses", _COLUMNS, [_row(r) for r in runs]),
-        Table("Shortest cycle at which so many answers are in time", ["answers in time", "cycle ms"], limits),
-    ]
+    report.table("Compute, jitter and misses", _COLUMNS, [_row(r) for r in runs])
+    report.table("Shortest cycle at which so many answers are in time", "answers in time | cycle ms", limits)
     report.verdicts = [_verdict(r) for r in runs if r.cycle == 0.01]
     report.figures["jitter"] = lambda figure: _draw(figure, runs)
     report.notes = [
@@ -168,23 +155,11 @@ def _account(arm: Any, outcome: _Run) -> None:
 
 def _row(r: _Run) -> list[Any]:
     if not r.compute:
-        return [1000.0 * r.cycle, 0, *[None] * (len(_COLUMNS) - 3), r.ended]
-    compute, jitter = 1e6 * np.array(r.compute), 1e3 * r.jitter
-    return [
-        1000.0 * r.cycle,
-        len(r.compute),
-        float(np.median(compute)),
-        float(np.quantile(compute, 0.99)),
-        float(np.median(jitter)),
-        float(np.quantile(jitter, 0.99)),
-        1e3 * float(np.quantile(r.turnarounds, 0.99)),
-        100.0 * r.in_time,
-        r.late_set_points,
-        1e3 * r.latency,
-        r.quality,
-        r.samples,
-        r.ended,
-    ]
+        return [1000.0 * r.cycle, 0, *[None] * (_COLUMNS.count("|") - 2), r.ended]
+    compute, jitter, sent = 1e6 * np.array(r.compute), 1e3 * r.jitter, 1e3 * float(np.quantile(r.turnarounds, 0.99))
+    spreads = [float(np.quantile(values, share)) for values in (compute, jitter) for share in (0.5, 0.99)]
+    counted = [100.0 * r.in_time, r.late_set_points, 1e3 * r.latency, r.quality, r.samples, r.ended]
+    return [1000.0 * r.cycle, len(r.compute), *spreads, sent, *counted]
 
 
 def _verdict(r: _Run) -> Verdict:
@@ -199,8 +174,7 @@ def _draw(figure: Any, runs: list[_Run]) -> None:
     for r in runs:
         jitter = np.sort(1e3 * r.jitter)
         axes.semilogy(jitter, 1.0 - np.arange(len(jitter)) / len(jitter), label=f"{1000 * r.cycle:g} ms cycle")
-    axes.set_xlabel("difference of arrival from the cycle [ms]")
-    axes.set_ylabel("share of cycles beyond")
+    axes.set(xlabel="difference of arrival from the cycle [ms]", ylabel="share of cycles beyond")
     axes.set_title("Jitter of measurements on this machine")
     axes.grid(True, alpha=0.3)
     axes.legend()

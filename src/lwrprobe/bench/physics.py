@@ -7,11 +7,10 @@ mass, which `sim` does not model and the force law allows for. Options (`--set`)
 
 from __future__ import annotations
 
-from typing import Any
-
+from lwrprobe.bench.criterion import Criterion
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import FIGURES, explored
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import MissingExtraError
 from lwrprobe.evaluation.machine import machine, versions
 
@@ -53,22 +52,13 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
             common = (f'strategy.name="{strategy}"', f"run.seed={SEED}", "truth.profile=ideal")
             found.append({"scene": scene, "world": world} | explored(scene, [*common, *settings]))
     names = {"scene": "scene", "world": "world", **FIGURES, "robot time s": "time", "reason": "reason"}
-    rows = [[item.get(key) for key in names.values()] for item in found]
-    report.tables.append(Table(f"{strategy}, seed {SEED}", list(names), rows))
-    report.tables.append(Table("Why the worlds differ", ["what", "reason"], [list(reason) for reason in REASONS]))
-    report.verdicts = _verdicts(found)
-    report.data["runs"] = found
-    return report
-
-
-def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
-    verdicts = []
+    report.records(f"{strategy}, seed {SEED}", names, found)
+    report.table("Why the worlds differ", "what | reason", [list(reason) for reason in REASONS])
     for world in list(WORLDS)[1:]:
         runs = [item for item in found if item["world"] == world]
-        done = sum(item["status"] == "done" for item in runs)
-        gentle = sum((item.get("peak") or 99.0) <= 3.0 for item in runs)
-        verdicts += [
-            Verdict(f"status done: {world}", f"{done} of {len(runs)}", done == len(runs)),
-            Verdict(f"true peak force <= 3 N: {world}", f"{gentle} of {len(runs)}", gentle == len(runs)),
+        report.verdicts += [
+            Criterion(f"status done: {world}", "status", lambda v: v == "done").verdict(runs),
+            Criterion(f"true peak force <= 3 N: {world}", "peak", lambda v: v <= 3.0).verdict(runs),
         ]
-    return verdicts
+    report.data["runs"] = found
+    return report

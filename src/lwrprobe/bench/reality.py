@@ -8,14 +8,14 @@ names of departures separated by commas, `all` or `none`; `scenes`, `strategies`
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
+from lwrprobe.bench.criterion import Criterion
 from lwrprobe.bench.exploration import SOURCE_SCENES, STRATEGIES
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.contracts import LwrprobeError, UnknownNameError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.sweeps.execute import run_in_order
@@ -69,6 +69,15 @@ ROWS = (
 )
 """The departures, each by itself."""
 
+CRITERIA = (
+    Criterion("status done", "status", lambda v: v == "done"),
+    Criterion("no link collision", "collisions", lambda v: v == 0),
+    Criterion("true peak force <= 3 N", "peak", lambda v: v <= 3.0),
+    Criterion("coverage >= 0.95", "coverage", lambda v: v >= 0.95),
+    Criterion("contact error after alignment, median <= 0.12 mm", "aligned", lambda v: v <= 0.12),
+    Criterion("contact error after alignment, p95 <= 0.40 mm", "aligned_p95", lambda v: v <= 0.40),
+    Criterion("mesh error after alignment, mean <= 0.20 mm", "mesh_aligned", lambda v: v <= 0.20),
+)
 FIGURES = {
     "status": "status",
     "peak N": "peak",
@@ -107,11 +116,11 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     if single:
         title = f"One departure at a time, {SOURCE_SCENES[0]}, {STRATEGIES[0]}, seed {SEED}"
         names = {"the world differs by": "row", "draw": "draw", **FIGURES, "reason": "reason"}
-        report.tables.append(_table(title, names, single))
+        report.records(title, names, single)
     if whole:
         names = {"profile": "profile", "scene": "scene", "strategy": "strategy", "seed": "seed", **FIGURES}
-        report.tables.append(_table("Whole profiles", {**names, "reason": "reason"}, whole))
-    report.verdicts = _verdicts(single + whole) + _claims(whole)
+        report.records("Whole profiles", {**names, "reason": "reason"}, whole)
+    report.verdicts = [c.verdict(found) for c in CRITERIA if found] + _claims(whole)
     report.data["runs"] = single + whole
     return report
 
@@ -135,10 +144,6 @@ def _profiles(asked: Options, quick: bool) -> list[str]:
         if name not in ("none", *TRUTH_PROFILES):
             raise UnknownNameError("profile", name, ("none", *TRUTH_PROFILES))
     return [name for name in names if name != "none"]
-
-
-def _table(title: str, names: dict[str, str], found: list[dict[str, Any]]) -> Table:
-    return Table(title, list(names), [[item.get(key) for key in names.values()] for item in found])
 
 
 Job = tuple[dict[str, Any], str, list[str]]
@@ -208,21 +213,3 @@ def _claims(whole: list[dict[str, Any]]) -> list[Verdict]:
             text = f"{profile}: {low:.0%} to {high:.0%} of the errors in the 95 % region, {name}"
             verdicts.append(Verdict(text, f"{share:.1%} of {len(shares)} draws", low <= share <= high))
     return verdicts
-
-
-def _verdicts(found: list[dict[str, Any]]) -> list[Verdict]:
-    def held(requirement: str, key: str, good: Callable[[Any], bool]) -> Verdict:
-        kept = sum(item.get(key) is not None and good(item[key]) for item in found)
-        return Verdict(requirement, f"{kept} of {len(found)}", kept == len(found))
-
-    if not found:
-        return []
-    return [
-        held("status done", "status", lambda v: v == "done"),
-        held("no link collision", "collisions", lambda v: v == 0),
-        held("true peak force <= 3 N", "peak", lambda v: v <= 3.0),
-        held("coverage >= 0.95", "coverage", lambda v: v >= 0.95),
-        held("contact error after alignment, median <= 0.12 mm", "aligned", lambda v: v <= 0.12),
-        held("contact error after alignment, p95 <= 0.40 mm", "aligned_p95", lambda v: v <= 0.40),
-        held("mesh error after alignment, mean <= 0.20 mm", "mesh_aligned", lambda v: v <= 0.20),
-    ]

@@ -170,20 +170,8 @@ def _measure(
             failures.setdefault(name, f"{scene}, {pitch:g} mm, {data}: {error}")
             continue
         volume = np.nan if found.volume_error is None else 100.0 * abs(found.volume_error)
-        outcomes.append(
-            Outcome(
-                method=name,
-                scene=scene,
-                pitch=pitch,
-                data=data,
-                contacts=len(record.points),
-                mean=1e3 * found.mean,
-                worst=1e3 * found.hausdorff,
-                volume=volume,
-                watertight=found.watertight,
-                seconds=seconds,
-            )
-        )
+        errors = 1e3 * found.mean, 1e3 * found.hausdorff, volume
+        outcomes.append(Outcome(name, scene, pitch, data, len(record.points), *errors, found.watertight, seconds))
     return outcomes
 
 

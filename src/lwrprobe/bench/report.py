@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -46,9 +46,13 @@ class BenchReport:
     machine: dict[str, Any] = field(default_factory=dict)
     date: str = field(default_factory=lambda: datetime.now(UTC).strftime("%Y-%m-%d"))
 
-    def table(self, title: str, columns: list[str], rows: list[list[Any]]) -> None:
-        """Add a table."""
-        self.tables.append(Table(title, columns, rows))
+    def table(self, title: str, columns: list[str] | str, rows: list[list[Any]]) -> None:
+        """Add a table; its columns as a list, or in one text with bars between them."""
+        self.tables.append(Table(title, columns.split(" | ") if isinstance(columns, str) else columns, rows))
+
+    def records(self, title: str, columns: Mapping[str, str], found: Iterable[Mapping[str, Any]]) -> None:
+        """Add a table of records, a row each; `columns` names the key of each column."""
+        self.table(title, list(columns), [[record.get(key) for key in columns.values()] for record in found])
 
     def require(self, requirement: str, measured: str, held: bool) -> None:
         """Add a verdict."""

@@ -7,8 +7,7 @@ follow; `kinds` and `strategies` as comma-separated lists; `profile` of the tabl
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from os import cpu_count
@@ -18,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lwrprobe.bench.criterion import Criterion
 from lwrprobe.bench.exploration import STRATEGIES
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
-from lwrprobe.bench.report import BenchReport, Table
+from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
 from lwrprobe.sweeps.execute import run_in_order
 
@@ -64,24 +64,6 @@ class Job:
     def name(self) -> str:
         """Of the object."""
         return f"random:{self.kind}:{self.seed}"
-
-
-@dataclass(slots=True, frozen=True)
-class Criterion:
-    """What one run has to fulfil, and the share of the runs that has to.
-
-    Attributes
-    ----------
-    requirement : in words
-    key : of the run's record; None there fails
-    good : of the value
-    share : of the runs
-    """
-
-    requirement: str
-    key: str
-    good: Callable[[Any], bool]
-    share: float
 
 
 CRITERIA = (
@@ -169,7 +151,7 @@ def _judged(job: Job) -> dict[str, Any]:
 def _record(job: Job, judged: dict[str, Any]) -> dict[str, Any]:
     """One row: the run, what became of it, and the criteria that it fails."""
     found = {"object": job.name, "strategy": job.strategy, "seed": job.seed, "profile": job.profile} | judged
-    fails = [c.requirement for c in CRITERIA if not _holds(c, found)]
+    fails = [c.requirement for c in CRITERIA if not c.holds(found)]
     return found | {"fails": ", ".join(fails), "wrong": _wrong(found)}
 
 
@@ -185,11 +167,6 @@ def _wrong(found: dict[str, Any]) -> str:
     if found.get("where"):
         said.append(found["where"])
     return "; ".join(said)
-
-
-def _holds(criterion: Criterion, found: dict[str, Any]) -> bool:
-    value = found.get(criterion.key)
-    return value is not None and criterion.good(value)
 
 
 def _explored(job: Job, folder: Path) -> dict[str, Any]:
@@ -339,23 +316,17 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
     report.machine = machine() | versions("numpy", "numba", "trimesh", "manifold3d")
     worst = sorted(found, key=_badness, reverse=True)[:WORST]
     strategies = list(dict.fromkeys(item["strategy"] for item in found))
-    shares = [
-        [strategy, *(_share([i for i in found if i["strategy"] == strategy], c) for c in CRITERIA)]
-        for strategy in strategies
-    ]
+    shares = [[s, *(c.kept([i for i in found if i["strategy"] == s]) for c in CRITERIA)] for s in strategies]
     report.table("Runs that fulfil it", ["strategy", *(c.requirement for c in CRITERIA)], shares)
     pictures = [item.pop("picture", None) for item in worst]
     for item in found:
         item.pop("picture", None)
-    numbered = [[n, *(item.get(key) for key in COLUMNS.values())] for n, item in enumerate(worst, 1)]
-    report.table(f"The {len(worst)} worst runs", ["no.", *COLUMNS], numbered)
-    report.tables.append(
-        Table("Every run", list(COLUMNS), [[item.get(key) for key in COLUMNS.values()] for item in found])
-    )
+    numbered = [item | {"no.": number} for number, item in enumerate(worst, 1)]
+    report.records(f"The {len(worst)} worst runs", {"no.": "no."} | COLUMNS, numbered)
+    report.records("Every run", COLUMNS, found)
     for criterion in CRITERIA:
-        held = sum(_holds(criterion, item) for item in found)
         requirement = f"{criterion.requirement} in {100.0 * criterion.share:.0f} %"
-        report.require(requirement, f"{held} of {len(found)}", held >= criterion.share * len(found))
+        report.verdicts.append(replace(criterion, requirement=requirement).verdict(found))
     for criterion in MEDIANS:
         values = [item[criterion.key] for item in found if item.get(criterion.key) is not None]
         middle = float(np.median(values)) if values else np.nan
@@ -379,11 +350,7 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
 
 def _badness(item: dict[str, Any]) -> tuple[int, float]:
     """Runs that fail most come first, then by the mesh."""
-    return sum(not _holds(c, item) for c in CRITERIA), item.get("mesh") or np.inf
-
-
-def _share(runs: list[dict[str, Any]], criterion: Criterion) -> str:
-    return f"{sum(_holds(criterion, item) for item in runs)} of {len(runs)}"
+    return sum(not c.holds(item) for c in CRITERIA), item.get("mesh") or np.inf
 
 
 def _draw_worst(figure: Any, worst: list[dict[str, Any]], pictures: list[np.ndarray | None]) -> None:

@@ -11,7 +11,6 @@ import json
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -25,14 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.bench.emulated import emulated, free_addresses
+from lwrprobe.bench.emulated import Rig
 from lwrprobe.bench.options import Options
-from lwrprobe.bench.report import BenchReport, Table, Verdict
-from lwrprobe.contracts import DriverError, UnknownNameError
+from lwrprobe.bench.report import BenchReport, Verdict
+from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine
-from lwrprobe.exploration.procedures.start_posture import start_posture
-from lwrprobe.exploration.stages.pipeline import robot_of
-from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene import load_scene
 
 _SCENES = ("cylinder_vertical", "block", "bridge")
 _HALTS = 20
@@ -121,11 +118,9 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     ]
     report = BenchReport("stalls", "Explorations over real sockets on a host that stalls")
     report.machine = machine()
-    columns = [
-        "disturbance", "scene", "status", "robot time s", "true peak N", "bound N", "reported N", "collisions",
-        "contact error RMS mm", "late set points %", "halts", "re-entries", "sensor interruptions", "gaps", "reason",
-    ]  # fmt: skip
-    report.tables = [Table("What became of each run", columns, [_row(o) for o in outcomes])]
+    columns = "disturbance | scene | status | robot time s | true peak N | bound N | reported N | collisions | "
+    columns += "contact error RMS mm | late set points % | halts | re-entries | sensor interruptions | gaps | reason"
+    report.table("What became of each run", columns, [_row(o) for o in outcomes])
     report.verdicts = [
         Verdict(
             f"{o.disturbance.name}, {o.scene}: done, peak at most {o.limit:g} N",
@@ -145,19 +140,11 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], seed: int = 1) -> Outcome:
     """One exploration as from the command line, disturbed."""
-    bind, remote, udp, local, control = free_addresses(5)
-    (telnet,) = free_addresses(1, socket.SOCK_STREAM)
-    scene = load_scene(name, settings)
+    rig, scene = Rig.anywhere(), load_scene(name, settings)
     outcome = Outcome(name, disturbance, scene.contact.limit)
-    words = [word for setting in settings for word in ("--set", setting)]
-    devices = ["--bind", remote, "--remote", bind, "--telnet", telnet, "--udp", udp, "--control", control]
-    addresses = {
-        "drivers.fri.bind": bind, "drivers.fri.remote": remote, "drivers.ati.telnet": telnet, "drivers.ati.udp": udp,
-        "drivers.ati.local": local, "drivers.ati.ground_truth": control,
-    }  # fmt: skip
-    explore = ["explore", name, "--arm", "fri", "--sensor", "ati", "--seed", str(seed), *words]
-    explore += [word for key, value in addresses.items() for word in ("--set", f'{key}="{value}"')]
-    with tempfile.TemporaryDirectory() as folder, _rig(name, scene, [*devices, "--seed", str(seed), *words]):
+    explore = ["explore", name, "--arm", "fri", "--sensor", "ati", "--seed", str(seed)]
+    explore += [word for setting in (*settings, *rig.settings) for word in ("--set", setting)]
+    with tempfile.TemporaryDirectory() as folder, rig.running(name, scene, settings, "--seed", str(seed)):
         out = Path(folder) / "run"
         words, said = [*explore, "--out", str(out), "--quiet"], Path(folder) / "said"
         with _busy(disturbance.busy), _exploring(words, said) as process:
@@ -166,13 +153,8 @@ def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], 
             outcome.summary = json.loads((out / "summary.json").read_text())
         else:
             outcome.said = (said.read_text(errors="replace").splitlines() or ["-"])[-1]
-        outcome.truth = _truth(control)
+        outcome.truth = rig.truth()
     return outcome
-
-
-def _rig(name: str, scene: Scene, devices: list[str]) -> contextlib.AbstractContextManager[None]:
-    _, q = start_posture(scene, robot_of(scene))
-    return emulated("rig", name, *devices, "--joints", ",".join(f"{angle:.6f}" for angle in np.degrees(q)))
 
 
 @contextmanager
@@ -238,36 +220,13 @@ def _answering(parent: int) -> int | None:
     return None
 
 
-def _truth(control: str) -> dict[str, Any]:
-    host, _, port = control.partition(":")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-        line.settimeout(10.0)
-        line.sendto(b"world status", (host, int(port)))
-        try:
-            return json.loads(line.recv(8192))
-        except TimeoutError:
-            raise DriverError("the emulated rig did not answer") from None
-
-
 def _row(o: Outcome) -> list[Any]:
     s = o.summary
     fri = s.get("devices", {}).get("fri", {})
     error = s.get("contact_error_mm") or {}
     sensor = sum(one["device"] == "sensor" for one in s.get("interruptions", ()))
-    return [
-        o.disturbance.name,
-        o.scene,
-        s.get("status", "-"),
-        s.get("sim_time_s"),
-        o.peak,
-        s.get("peak_force_bound_n"),
-        s.get("peak_force_n"),
-        o.truth.get("link_collisions"),
-        error.get("rms"),
-        100.0 * fri["late_set_points"] / fri["received"] if fri.get("received") else None,
-        o.halts,
-        s.get("reentries"),
-        sensor,
-        s.get("sensor_gaps"),
-        s.get("reason", o.said),
-    ]
+    late = 100.0 * fri["late_set_points"] / fri["received"] if fri.get("received") else None
+    forces = [o.peak, s.get("peak_force_bound_n"), s.get("peak_force_n"), o.truth.get("link_collisions")]
+    connection = [late, o.halts, s.get("reentries"), sensor, s.get("sensor_gaps")]
+    row = [o.disturbance.name, o.scene, s.get("status", "-"), s.get("sim_time_s"), *forces, error.get("rms")]
+    return [*row, *connection, s.get("reason", o.said)]

@@ -11,7 +11,8 @@ import time
 from collections import defaultdict
 from typing import Any
 
-from lwrprobe.bench.report import BenchReport, Table
+from lwrprobe.bench.options import Options
+from lwrprobe.bench.report import BenchReport
 from lwrprobe.errors import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
 
@@ -27,24 +28,17 @@ print(json.dumps(measure(sys.argv[1], sys.argv[2])))
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench start`; option `scene` (block). A cold start has no shorter form: `quick` changes nothing."""
-    scene = options.get("scene", "block")
+    scene = Options("start", options, "scene").text("scene", "block")
     with tempfile.TemporaryDirectory() as folder:
         starts = {name: _start(scene, folder) for name in ("cold", "warm")}
     report = BenchReport("start", "The first start: compilation of kernels")
     report.machine = {**machine(), **versions("numba", "llvmlite")}
     columns = ["start", "wall s", "processor s", "of it second process", "kernels", *PARTS.values(), "other passes"]
-    rows: list[list[Any]] = [
-        [
-            name,
-            s["wall"],
-            s["total"],
-            s["beside"],
-            s["kernels"],
-            *(s["parts"].get(part, 0.0) for part in (*PARTS.values(), "other passes")),
-        ]
-        for name, s in starts.items()
-    ]
-    report.tables = [Table(f"Time of exploring {scene}", columns, rows)]
+    rows: list[list[Any]] = []
+    for name, s in starts.items():
+        parts = [s["parts"].get(part, 0.0) for part in (*PARTS.values(), "other passes")]
+        rows.append([name, s["wall"], s["total"], s["beside"], s["kernels"], *parts])
+    report.table(f"Time of exploring {scene}", columns, rows)
     left = starts["warm"]["kernels"]
     report.require("A second start compiles no kernel", f"{left} kernels", left == 0)
     report.data = {"starts": starts}

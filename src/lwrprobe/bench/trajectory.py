@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -148,11 +149,17 @@ def _step_times(
             if n % 5 == 0:
                 renew(n // 5)
                 generator.step()  # bare Ruckig plans here, and is not timed
-            begin = time.perf_counter()
-            for _ in range(STEPS):
-                generator.step()
-            seconds[name][n] = (time.perf_counter() - begin) / STEPS
+            seconds[name][n] = _taken(generator, STEPS) / STEPS
     return seconds
+
+
+def _taken(generator: Generator, steps: int, renew: Callable[[], object] = lambda: None) -> float:
+    """s of so many steps, after a renewal."""
+    begin = time.perf_counter()
+    renew()
+    for _ in range(steps):
+        generator.step()
+    return time.perf_counter() - begin
 
 
 def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, rounds: int) -> dict[str, np.ndarray]:
@@ -180,12 +187,8 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
     seconds = {name: np.empty(rounds) for name in candidates}
     for n in range(rounds):
         for name, (generator, renew) in candidates.items():
-            begin = time.perf_counter()
-            renew(n)
-            generator.step()
-            seconds[name][n] = time.perf_counter() - begin
-            for _ in range(20):
-                generator.step()
+            seconds[name][n] = _taken(generator, 1, partial(renew, n))
+            _taken(generator, 20)
     return seconds
 
 
@@ -205,25 +208,15 @@ class Watch:
     def __init__(self, tip: CartesianTrajectory) -> None:
         limits = tip.limits
         self.tip = tip
-        self.allowed = np.array(
-            (
-                limits.speed,
-                limits.acceleration,
-                limits.turn_rate,
-                limits.turn_acceleration,
-                limits.jerk,
-                limits.turn_jerk,
-            )
-        )
+        ways = limits.speed, limits.acceleration, limits.turn_rate, limits.turn_acceleration
+        self.allowed = np.array((*ways, limits.jerk, limits.turn_jerk))
         self.worst = np.zeros(6)
         self.over = 0
         self.motion = self.read()
 
     def read(self) -> np.ndarray:
         tip = self.tip
-        return np.concatenate((tip.velocity, tip.acceleration, tip.angular_velocity, tip.angular_acceleration)).reshape(
-            4, 3
-        )
+        return np.array((tip.velocity, tip.acceleration, tip.angular_velocity, tip.angular_acceleration))
 
     def step(self, elapsed: float | None = None) -> int:
         status = self.tip.step(elapsed)
@@ -242,12 +235,9 @@ def _around_goals(report: BenchReport, rng: np.random.Generator, replans: int) -
     bare = _bare_around_goals(np.random.default_rng(seed), replans // 2)
     joint = _joints_around_goals(np.random.default_rng(seed), replans // 2)
     tip = _tip_around_goals(rng, replans - replans // 2)
-    columns = ["generator", "re-plans", "exceptions", "plans refused", "limit violations", "goals missed"]
-    rows: list[list[Any]] = [
-        ["bare Ruckig, 7 joints", *bare],
-        ["JointTrajectory, 7 joints", *joint],
-        ["CartesianTrajectory", *tip],
-    ]
+    columns = "generator | re-plans | exceptions | plans refused | limit violations | goals missed"
+    rows: list[list[Any]] = [["bare Ruckig, 7 joints", *bare]]
+    rows += [["JointTrajectory, 7 joints", *joint], ["CartesianTrajectory", *tip]]
     report.table("Re-plans at and around goals", columns, rows)
     own = [joint[k] + tip[k] for k in range(5)]
     text = f"{own[1]} exceptions, {own[3]} violations in {own[0]}"
@@ -550,9 +540,7 @@ def _bows(report: BenchReport, rng: np.random.Generator, count: int) -> None:
     for low, high in ((0.01, 0.03), (0.03, 0.1), (0.1, 0.2), (0.2, 0.51)):
         some = bows[(lengths >= low) & (lengths < high)]
         if some.size:
-            rows.append(
-                [f"{1e3 * low:.0f} .. {1e3 * high:.0f}", *(1e3 * float(x) for x in (np.median(some), some.max()))]
-            )
+            rows.append([f"{1e3 * low:.0f} .. {1e3 * high:.0f}", *(1e3 * value for value in _spread(some))])
     columns = ["length of the move [mm]", "bow, median [mm]", "largest [mm]"]
     report.table("Bow of joint-space moves (same orientation at both ends) on the LWR 4+", columns, rows)
     report.notes.append(
