@@ -134,7 +134,8 @@ class Tip:
         here = self.here
         limit = inf
         if self.overhangs.ahead(here, along):
-            limit = self.control.stick_speed(self.overhangs.reach(here)) / side
+            # What overhangs slopes: going up meets it as well as going sideways.
+            limit = self.control.stick_speed(self.overhangs.reach(here)) / (side if along[2] <= 0.0 else 1.0)
         elif not self.touches and self.overhangs.possible(here, along):
             limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
         if near is not None and self._stick_is_near:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from math import dist
+from math import dist, inf
 
 import numpy as np
 
@@ -20,10 +20,11 @@ class Retreat:
     Parameters
     ----------
     lift : m off the surface, along its outward normal
+    floor : m, the tip is nowhere led lower, but where it was lower itself
     """
 
-    def __init__(self, lift: float) -> None:
-        self._lift = lift
+    def __init__(self, lift: float, floor: float = -inf) -> None:
+        self._lift, self._floor = lift, floor
         self._places: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
         self._last: list[float] | None = None
         self._normal: Vector | None = None
@@ -35,16 +36,20 @@ class Retreat:
         if last is not None and dist(here, last) < _SPACING:
             return
         self._last = here
-        self._places.append(tip + self._outward)
+        self._places.append(self._off(tip))
 
     @property
     def normal(self) -> Vector | None:
         """(3,) unit, outward normal of what is touched now, None where nothing is."""
         return self._normal
 
-    @property
-    def _outward(self) -> np.ndarray:
-        return np.zeros(3) if self._normal is None else self._lift * self._normal
+    def _off(self, tip: Vector) -> np.ndarray:
+        """A place (3,) off what is touched, with the tip at another one."""
+        if self._normal is None:
+            return tip.copy()
+        off = tip + self._lift * self._normal
+        off[2] = max(off[2], min(self._floor, tip[2]))
+        return off
 
     def places(self, tip: Vector, length: float) -> list[np.ndarray]:
         """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m.
@@ -54,8 +59,8 @@ class Retreat:
         if length <= 0.0:
             return []
         path, here, left = [], tip, length
-        if self._outward.any():
-            here = tip + self._outward
+        if self._normal is not None:
+            here = self._off(tip)
             path.append(here)
         since = 0.0
         for place in reversed(self._places):
