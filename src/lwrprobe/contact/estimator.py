@@ -213,7 +213,7 @@ class FusedEstimator:
         self._params[fused_kernels.P_SPEED_NOISE] = settings.speed_noise
         self._params[fused_kernels.P_HIDDEN_COMPLIANCE] = settings.hidden_compliance
         self._params[fused_kernels.P_SLIP_ANGLE] = 0.003
-        self._params[fused_kernels.P_MIN_SPEED] = max(2e-3, 3.0 * settings.speed_noise)
+        self._params[fused_kernels.P_MIN_SPEED] = max(5e-4, 3.0 * settings.speed_noise)
         self._params[fused_kernels.P_MEMORY] = 0.25
         self._params[fused_kernels.P_WALL_CLEARANCE] = 1.5e-4
         self._params[fused_kernels.P_ZERO_TIME] = settings.zero_time
