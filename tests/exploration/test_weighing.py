@@ -9,7 +9,9 @@ from lwrprobe.scene import load_scene
 
 
 def test_mass_and_centre_are_found_from_the_bare_readings():
-    real = load_scene("block", ["probe.mass=0.03", "probe.centre_of_mass=[0.001, -0.002, 0.035]"])
+    real = load_scene(
+        "block", ["truth.profile=ideal", "probe.mass=0.03", "probe.centre_of_mass=[0.001, -0.002, 0.035]"]
+    )
     result = weigh(real)
     assert result.found.mass == pytest.approx(0.03, abs=2e-4)
     np.testing.assert_allclose(result.found.com, (0.001, -0.002, 0.035), atol=2e-4)

@@ -147,6 +147,7 @@ def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], 
     """One exploration as from the command line, disturbed."""
     bind, remote, udp, local, control = free_addresses(5)
     (telnet,) = free_addresses(1, socket.SOCK_STREAM)
+    settings = ["truth.profile=ideal", *settings]
     scene = load_scene(name, settings)
     outcome = Outcome(name, disturbance, scene.contact.limit)
     words = [word for setting in settings for word in ("--set", setting)]

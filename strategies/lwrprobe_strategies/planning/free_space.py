@@ -57,7 +57,9 @@ class FreeSpace:
     def __init__(self, area: Area, body: float = np.inf) -> None:
         self._area, self._body = area, body
         self._top = float(area.upper[2])
-        self._rows: list[tuple[float, ...]] = []  # place, place off the surface, stick's direction, open, upright, in its column
+        self._rows: list[
+            tuple[float, ...]
+        ] = []  # place, place off the surface, stick's direction, open, upright, in its column
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._known = np.empty((0, 12))
