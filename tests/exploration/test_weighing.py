@@ -21,6 +21,6 @@ def test_mass_and_centre_are_found_from_the_bare_readings():
 
 
 def test_a_start_with_no_room_to_lean_is_refused():
-    far = ["area.lower=[0.1, -0.05, 0.006]", "area.upper=[0.2, 0.05, 0.058]"]
+    far = ["truth.profile=ideal", "area.lower=[0.1, -0.05, 0.006]", "area.upper=[0.2, 0.05, 0.058]"]
     with pytest.raises(InputError, match="lean"):
         weigh(load_scene("block", far))

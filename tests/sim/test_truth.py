@@ -209,7 +209,7 @@ def test_what_no_probe_or_arm_can_have_is_refused_when_the_world_is_made(setting
 
 
 def test_ideal_is_the_scene_itself():
-    scene, config = load_scene("block"), SimConfig()
+    scene, config = load_scene("block", ["truth.profile=ideal"]), SimConfig()
     world = actual_world(scene, config, 7)
     assert world.scene is scene
     assert world.config is config
