@@ -54,7 +54,8 @@ def recorded_sphere(tmp_path_factory, request) -> Path:
     folder = base / "recorded_sphere"
     with FileLock(base / "recorded_sphere.lock"):
         if not (folder / "summary.json").exists():
-            lp.explore("sphere", seed=5, settings={"strategy.step": 0.04}, out=folder, record=True, progress=False)
+            settings = {"strategy.step": 0.04, "truth.profile": "ideal"}
+            lp.explore("sphere", seed=5, settings=settings, out=folder, record=True, progress=False)
     return folder
 
 

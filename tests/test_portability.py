@@ -65,7 +65,8 @@ print(count)
 @pytest.mark.slow
 def test_an_exploration_runs_without_posix(tmp_path):
     code = "from lwrprobe.cli.app import main; main()"
-    area = ["--set", "area.lower=[-0.012, 0.0, 0.030]", "--set", "area.upper=[0.012, 0.045, 0.058]"]
+    ideal = ["--set", "truth.profile=ideal"]
+    area = [*ideal, "--set", "area.lower=[-0.012, 0.0, 0.030]", "--set", "area.upper=[0.012, 0.045, 0.058]"]
     done = run(
         code,
         "explore",

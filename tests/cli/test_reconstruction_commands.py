@@ -43,7 +43,7 @@ def run_folder(tmp_path_factory):
     """A run folder as a run killed in the middle of a line leaves it."""
     folder = tmp_path_factory.mktemp("runs") / "block"
     folder.mkdir()
-    scene = load_scene("block")
+    scene = load_scene("block", ["truth.profile=ideal"])
     write_scene(scene, folder / "scene.toml")
     record = sample_lines(scene.solid(), 0.01, 0.25)
     lines = [

@@ -26,7 +26,7 @@ PARAMS = {
     "indentation": (k.P_INDENTATION, ()), "zero_across": (k.P_ZERO_ACROSS, ()), "zero_along": (k.P_ZERO_ALONG, ()),
     "speed_noise": (fk.P_SPEED_NOISE, ()), "slip_angle": (fk.P_SLIP_ANGLE, ()), "min_speed": (fk.P_MIN_SPEED, ()),
     "hidden_compliance": (fk.P_HIDDEN_COMPLIANCE, ()), "memory": (fk.P_MEMORY, ()),
-    "wall_clearance": (fk.P_WALL_CLEARANCE, ()),
+    "wall_clearance": (fk.P_WALL_CLEARANCE, ()), "zero_time": (fk.P_ZERO_TIME, ()),
 }  # fmt: skip
 MEMORY = {
     "begun": (fk.S_BEGUN, ()), "time": (fk.S_TIME, ()), "force": (fk.S_FORCE, ()), "centre": (fk.S_CENTRE, (3,)),
@@ -177,7 +177,7 @@ def age_offset(g, p, s):
     if s.offset_cov[0, 0] <= 0.0 or s.zeroing != g.zeroing:
         s.offset, s.offset_cov, s.zeroing = np.zeros(3), first_offset_cov(p), g.zeroing
     else:
-        loosen_offset(p, s, np.clip((g.time - s.offset_time) / 120.0, 0.0, 1.0))
+        loosen_offset(p, s, np.clip((g.time - s.offset_time) / p.zero_time, 0.0, 1.0))
     s.offset_time = g.time
 
 

@@ -298,7 +298,15 @@ def test_confidence_falls_with_the_force_and_says_imprecise():
 def test_unknown_names_and_bad_settings_are_refused():
     with pytest.raises(UnknownNameError, match="did you mean 'wrench_axis'"):
         make_estimator("wrench_axes", PROBE)
-    for field in ("near_zero", "max_friction", "trusted_error", "lever_error", "indentation", "speed_noise"):
+    for field in (
+        "near_zero",
+        "max_friction",
+        "trusted_error",
+        "lever_error",
+        "zero_time",
+        "indentation",
+        "speed_noise",
+    ):
         with pytest.raises(InputError, match=f"contact.{field}"):
             Settings(**{field: -1.0})
     with pytest.raises(InputError, match=r"noise.force"):

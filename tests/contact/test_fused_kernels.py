@@ -18,6 +18,7 @@ PARAMS = shared_params(PROBE, Settings(indentation=2e-5), fused_kernels.PARAMS)
 for _at, _value in {
     fused_kernels.P_SPEED_NOISE: 5e-4, fused_kernels.P_SLIP_ANGLE: 0.003, fused_kernels.P_MIN_SPEED: 2e-3,
     fused_kernels.P_HIDDEN_COMPLIANCE: 1e-4, fused_kernels.P_MEMORY: 0.25, fused_kernels.P_WALL_CLEARANCE: 1.5e-4,
+    fused_kernels.P_ZERO_TIME: 20.0,
 }.items():  # fmt: skip
     PARAMS[_at] = _value
 P = naive.unpack(PARAMS, naive.PARAMS)

@@ -22,7 +22,7 @@ OPEN_TAGS = {"meta", "img", "br", "link", "input"}
 
 def make_run(folder, name, summary=True):
     folder.mkdir()
-    scene = load_scene(name, ["reconstruction.method=contact_surface"])
+    scene = load_scene(name, ["truth.profile=ideal", "reconstruction.method=contact_surface"])
     write_scene(scene, folder / "scene.toml")
     record = sample_lines(scene.solid(), 0.01, 0.25)
     rows = [

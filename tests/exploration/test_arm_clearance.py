@@ -19,7 +19,7 @@ from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene
 
-SCENE = load_scene("block", ['clearance.links="arm"'])
+SCENE = load_scene("block", ['clearance.links="arm"', "truth.profile=ideal"])
 PROBE, ROBOT = SCENE.probe.as_probe(), robot_of(SCENE)
 READY = start_posture(SCENE, ROBOT)[1]
 KEEP, STICK_KEEP = 0.003, 0.0001
@@ -188,7 +188,7 @@ def test_a_run_refuses_the_goal_before_the_arm_moves(monkeypatch, tmp_path):
     loaded = pipeline.load
     monkeypatch.setattr(pipeline, "load", lambda role, *rest: Leaning if role == "strategy" else loaded(role, *rest))
     monkeypatch.setattr(pipeline, "configure", lambda config, options, name: None)
-    summary = explore(load_scene("empty", ['clearance.links="arm"']), out=tmp_path / "run")
+    summary = explore(load_scene("empty", ['clearance.links="arm"', "truth.profile=ideal"]), out=tmp_path / "run")
     assert "would come within" in summary["reason"]
     assert "of the table" in summary["reason"]
     assert summary["path_length_m"] < 1e-4

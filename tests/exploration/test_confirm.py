@@ -73,7 +73,7 @@ def test_done_is_never_held():
 
 def test_refused_first_motion_leaves_the_tip_at_its_start(tmp_path):
     operator = Operator(*[None] * 40, "q")
-    scene = load_scene("block", ["run.time_limit=30.0"])
+    scene = load_scene("block", ["run.time_limit=30.0", "truth.profile=ideal"])
     summary = explore(scene, tmp_path, confirm=operator.confirm(5))
     assert summary["status"] == "ended early"
     assert "the operator said 'q'" in summary["reason"]

@@ -35,7 +35,7 @@ FILES = (
 @pytest.fixture(scope="module")
 def block(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "block"
-    return explore(load_scene("block", ["run.seed=7"]), folder), folder
+    return explore(load_scene("block", ["run.seed=7", "truth.profile=ideal"]), folder), folder
 
 
 def test_block_is_touched_on_all_sides_in_little_more_than_twice_the_least_time(block):
@@ -91,7 +91,7 @@ def test_the_resolved_scene_explores_again(block):
     assert again.objects == load_scene("block").objects
 
 
-SHORT = ["run.seed=11", "area.lower=[-0.012, 0.0, 0.030]", "area.upper=[0.012, 0.045, 0.058]"]
+SHORT = ["truth.profile=ideal", "run.seed=11", "area.lower=[-0.012, 0.0, 0.030]", "area.upper=[0.012, 0.045, 0.058]"]
 
 
 def test_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
@@ -113,7 +113,9 @@ def stacked(tmp_path_factory):
     def run(strategy):
         folder = tmp_path_factory.mktemp(strategy)
         area = ["area.lower=[0.03, -0.06, 0.006]", "area.upper=[0.07, 0.06, 0.108]"]
-        scene = load_scene("stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0", *area])
+        scene = load_scene(
+            "stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0", "truth.profile=ideal", *area]
+        )
         return explore(scene, folder), np.loadtxt(folder / "contacts.csv", delimiter=",", skiprows=1)
 
     return run

@@ -150,7 +150,12 @@ def test_what_is_out_of_reach_is_told_and_nothing_moves():
 
 
 def test_exploring_in_joint_space_feels_the_same_object():
-    small = ["run.seed=11", "area.lower=[-0.012, -0.045, 0.006]", "area.upper=[0.012, 0.045, 0.058]"]
+    small = [
+        "truth.profile=ideal",
+        "run.seed=11",
+        "area.lower=[-0.012, -0.045, 0.006]",
+        "area.upper=[0.012, 0.045, 0.058]",
+    ]
     summary = explore(load_scene("cylinder_vertical", [*small, "motion.mode=joint"]))
     assert summary["status"] == "done"
     assert summary["link_collisions"] == 0

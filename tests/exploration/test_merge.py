@@ -46,7 +46,7 @@ def touches(name, phase=0.5, seed=1, yaw_deg=0.0, shift_mm=(0.0, 0.0, 0.0)):
 def run_folder(folder, name, record, settings=(), known=True):
     """What a run leaves behind, made of such contacts."""
     folder.mkdir()
-    write_scene(load_scene(name, list(settings)), folder / "scene.toml")
+    write_scene(load_scene(name, ["truth.profile=ideal", *settings]), folder / "scene.toml")
     n, free = len(record.points), record.free_path
     rows = np.column_stack([0.01 * np.arange(n), record.points, record.normals, np.full(n, 0.8), np.ones(n)])
     np.savetxt(folder / "contacts.csv", rows, "%.7f", ",", header="time,x,y,z,nx,ny,nz,force,confidence", comments="")
@@ -217,7 +217,12 @@ def test_one_run_alone_or_without_touches_is_refused(tmp_path):
 
 
 def test_real_runs_over_an_object_moved_by_three_millimetres(tmp_path):
-    small = ["area.lower=[0.025, -0.050, 0.025]", "area.upper=[0.070, 0.010, 0.058]", "strategy.step=0.012"]
+    small = [
+        "truth.profile=ideal",
+        "area.lower=[0.025, -0.050, 0.025]",
+        "area.upper=[0.070, 0.010, 0.058]",
+        "strategy.step=0.012",
+    ]
     explore(load_scene("block", [*small, "run.seed=1"]), tmp_path / "a")
     other = load_scene("block", [*small, "run.seed=2", "strategy.step=0.009"])
     shapes = [shape.model_copy(update={"at": _moved_by(shape.at, (0.0015, 0.0026))}) for shape in other.objects]

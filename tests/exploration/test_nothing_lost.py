@@ -42,6 +42,8 @@ def explore(out: Path, *more: str) -> subprocess.Popen:
         "--quiet",
         "--seed",
         "5",
+        "--set",
+        "truth.profile=ideal",
         "--record",
         "--out",
         str(out),
@@ -165,8 +167,8 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
 
 def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, monkeypatch):
     run, whole = tmp_path / "run", tmp_path / "whole"
-    without_noise = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0}
-    process = explore(run, *(word for key in without_noise for word in ("--set", f"{key}=0.0")))
+    without_noise = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0, "truth.profile": "ideal"}
+    process = explore(run, "--set", "drivers.sim.noise_force=0.0", "--set", "drivers.sim.noise_torque=0.0")
     wait_for(lambda: lines(run / "contacts.csv") > 600, process)
     process.kill()
     process.communicate()

@@ -11,7 +11,9 @@ from lwrprobe.scene import load_scene
 @pytest.mark.parametrize("row", reality.ROWS, ids=lambda row: row.name)
 def test_each_row_sets_what_it_names_and_is_drawn_where_it_says_so(row):
     first, second = (
-        load_scene("block", [f"truth.{setting}" for setting in (*row.settings, f"seed={seed}")]).truth.draw(7, 7)
+        load_scene(
+            "block", [f"truth.{setting}" for setting in ("profile=ideal", *row.settings, f"seed={seed}")]
+        ).truth.draw(7, 7)
         for seed in (1, 2)
     )
     assert set(first) == {setting.partition("=")[0] for setting in row.settings}

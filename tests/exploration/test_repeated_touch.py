@@ -25,7 +25,7 @@ def test_statistics_against_the_naive():
 
 def test_top_of_the_block_repeats():
     plan = Plan(above=np.array([0.0, 0.0, 0.056]), count=3)
-    found = repeat(load_scene("block"), plan)
+    found = repeat(load_scene("block", ["truth.profile=ideal"]), plan)
     rows = found["speeds"]
     assert [row["touches"] for row in rows] == [3, 3, 3]
     assert max(abs(row["bias_mm"]) for row in rows) < 0.1
@@ -42,7 +42,7 @@ def test_bad_plans_are_named():
     with pytest.raises(InputError, match="positive speeds"):
         Plan(speeds=(0.001, -1.0))
     with pytest.raises(InputError, match="the force limit would be passed"):
-        repeat(load_scene("block"), Plan(speeds=(0.5,)))
+        repeat(load_scene("block", ["truth.profile=ideal"]), Plan(speeds=(0.5,)))
 
 
 def test_nothing_there_is_said():

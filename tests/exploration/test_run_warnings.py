@@ -42,7 +42,7 @@ def test_each_figure_that_is_not_fine_makes_one_sentence(changed, sentence):
 def test_an_uncalibrated_sensor_has_touches_rejected_and_says_so(tmp_path):
     """Contacts that are not accepted are counted; the share is that of the recorded path."""
     sensor = ["truth.sensor_gain_percent={sigma=2.0}", "truth.sensor_crosstalk_percent={sigma=1.0}", "truth.seed=1"]
-    settings = ["run.seed=7", "run.time_limit=40.0", *sensor]
+    settings = ["run.seed=7", "run.time_limit=40.0", "truth.profile=ideal", *sensor]
     summary = explore(load_scene("block", settings), tmp_path)
     trace = np.loadtxt(tmp_path / "trace.csv", delimiter=",", skiprows=1, usecols=range(6))
     touching = 5.0 * float(trace[:, 5].sum())  # every fifth sample has a row

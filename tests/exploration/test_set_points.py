@@ -149,7 +149,7 @@ def test_where_the_joints_are_counts_for_the_first_row():
 
 def test_a_run_in_one_go_and_a_run_cycle_by_cycle_leave_the_same_files(tmp_path, monkeypatch):
     """The same contacts to the last byte, and the same way, states and map."""
-    settings = ["run.seed=7", "run.time_limit=20.0"]
+    settings = ["run.seed=7", "run.time_limit=20.0", "truth.profile=ideal"]
     explore(load_scene("block", settings), tmp_path / "at once")
     offered = []
 

@@ -44,7 +44,7 @@ def test_certificate_and_errors_over_time_are_written(stopped):
 
 
 def test_a_loose_certificate_ends_the_run_at_the_first_look():
-    settings = {"run.until.certified": LOOSE, "run.until.time": 60.0}
+    settings = {"run.until.certified": LOOSE, "run.until.time": 60.0, "truth.profile": "ideal"}
     s = lp.explore("block", seed=7, settings=settings, progress=False).summary
     assert (s.status, s.stopped_by) == ("done", "certified")
     assert 5.0 <= s.sim_time_s < 5.1

@@ -9,7 +9,9 @@ from lwrprobe.scene import load_scene
 
 
 def test_mass_and_centre_are_found_from_the_bare_readings():
-    real = load_scene("block", ["probe.mass=0.03", "probe.centre_of_mass=[0.001, -0.002, 0.035]"])
+    real = load_scene(
+        "block", ["truth.profile=ideal", "probe.mass=0.03", "probe.centre_of_mass=[0.001, -0.002, 0.035]"]
+    )
     result = weigh(real)
     assert result.found.mass == pytest.approx(0.03, abs=2e-4)
     np.testing.assert_allclose(result.found.com, (0.001, -0.002, 0.035), atol=2e-4)
@@ -19,6 +21,6 @@ def test_mass_and_centre_are_found_from_the_bare_readings():
 
 
 def test_a_start_with_no_room_to_lean_is_refused():
-    far = ["area.lower=[0.1, -0.05, 0.006]", "area.upper=[0.2, 0.05, 0.058]"]
+    far = ["truth.profile=ideal", "area.lower=[0.1, -0.05, 0.006]", "area.upper=[0.2, 0.05, 0.058]"]
     with pytest.raises(InputError, match="lean"):
         weigh(load_scene("block", far))

@@ -16,7 +16,7 @@ from lwrprobe.mapping import VoxelMap
 
 pytestmark = pytest.mark.slow
 
-SETTINGS = {"run.time_limit": 40.0, "run.seed": 7}
+SETTINGS = {"run.time_limit": 40.0, "run.seed": 7, "truth.profile": "ideal"}
 
 
 @pytest.fixture(scope="module")

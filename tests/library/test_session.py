@@ -11,7 +11,7 @@ from lwrprobe.contracts import STRATEGY_CONTRACT, PluginError, Reconstruction, U
 pytestmark = pytest.mark.slow
 
 DOWN = np.array([0.0, 0.0, -0.02])
-SHORT = {"run.time_limit": 20.0}
+SHORT = {"run.time_limit": 20.0, "truth.profile": "ideal"}
 
 
 def session(**given):

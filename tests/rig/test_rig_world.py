@@ -27,7 +27,13 @@ CYCLE = 0.01
 @pytest.fixture(scope="module")
 def scene():
     # A soft table, all else rigid and without weight or bias: the force is the depth times the stiffness.
-    overrides = ["probe.mass=0.0", "probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "object=[]"]
+    overrides = [
+        "truth.profile=ideal",
+        "probe.mass=0.0",
+        "probe.stiffness_lateral=0.0",
+        "probe.stiffness_axial=0.0",
+        "object=[]",
+    ]
     overrides += ["table.stiffness=2000.0", "table.damping=0.0", "table.friction=0.0"]
     overrides += ["drivers.sim.joint_compliance=0.0"]
     overrides += [f"drivers.sim.bias_{what}=[0.0, 0.0, 0.0]" for what in ("force", "torque")]

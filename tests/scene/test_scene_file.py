@@ -129,6 +129,7 @@ def test_overrides_reach_every_level():
         "strategy.step": "0.015",
         "drivers.sim.noise": "0.0",
         "clearance.enabled": "false",
+        "truth.profile": "ideal",
     }
     scene = load_scene("bridge", overrides)
     assert scene == load_scene("bridge", [f"{key}={value}" for key, value in overrides.items()])

@@ -20,12 +20,12 @@ def test_a_forearm_that_sinks_into_the_table_is_counted(monkeypatch):
     plain = ProbeTable.as_probe
     monkeypatch.setattr(ProbeTable, "as_probe", lambda table: replace(plain(table), links=()))
     monkeypatch.setattr(actual_world, "robot_by_name", lambda *given: replace(robot_by_name(*given), links=(link,)))
-    scene = load_scene("empty", ["table.height=-1.0"])
+    scene = load_scene("empty", ["truth.profile=ideal", "table.height=-1.0"])
     driver = SimDriver(DriverContext(SimConfig(start_q=tuple(START), lag=0.0), scene, 1))
     frame = driver._world.robot.link_frames(START)[5] @ forearm
     below = float(frame[2, 3]) - 0.2
     area = [f"area.lower=[-0.05, -0.05, {below + 0.006}]", f"area.upper=[0.05, 0.05, {below + 0.1}]"]
-    scene = load_scene("empty", [f"table.height={below}", *area])
+    scene = load_scene("empty", ["truth.profile=ideal", f"table.height={below}", *area])
     driver = SimDriver(DriverContext(SimConfig(start_q=tuple(START), lag=0.0), scene, 1))
     arm, truth = driver.arm(), driver.ground_truth()
     arm.open()

@@ -11,7 +11,9 @@ START = (0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0)
 
 
 def opened(config: SimConfig | None = None, overrides=(), seed=1, scene="block"):
-    driver = SimDriver(DriverContext(config or SimConfig(start_q=START), load_scene(scene, overrides), seed))
+    driver = SimDriver(
+        DriverContext(config or SimConfig(start_q=START), load_scene(scene, ["truth.profile=ideal", *overrides]), seed)
+    )
     driver.arm().open()
     driver.sensor().open()
     return driver

@@ -13,7 +13,9 @@ FAULTS = {"latency": 0.0123, "late_share": 0.3, "late_by": 0.02, "loss": 0.1, "e
 
 def opened(rate=125.0, realtime=False, **config):
     config = SimConfig(start_q=START, **config)
-    driver = SimDriver(DriverContext(config, load_scene("block", [f"sensor.rate={rate}"]), 3, realtime))
+    driver = SimDriver(
+        DriverContext(config, load_scene("block", ["truth.profile=ideal", f"sensor.rate={rate}"]), 3, realtime)
+    )
     driver.arm().open()
     driver.sensor().open()
     return driver.arm(), driver.sensor(), driver._world

@@ -12,7 +12,9 @@ from lwrprobe_sim.world import World
 
 def stream(seconds, overrides=(), seed=1, tilt=0.0, path=None, **config):
     """Samples of a probe at rest in the air (or on a path), as rows of `sensor_kernels`."""
-    world = World(load_scene("block", overrides), SimConfig(**{**CLEAN, **config}), seed, gantry(tilt))
+    world = World(
+        load_scene("block", ["truth.profile=ideal", *overrides]), SimConfig(**{**CLEAN, **config}), seed, gantry(tilt)
+    )
     world.place(np.array([0.0, 0.0, 0.2]))
     rows = []
     for i in range(round(seconds / world.config.cycle)):
@@ -93,7 +95,7 @@ def test_late_samples_hold_up_those_behind_but_never_swap():
     driver = SimDriver(
         DriverContext(
             SimConfig(**{**CLEAN, "latency": 0.003, "late_share": 0.3, "late_by": 0.03, "late_limit": 0.02}),
-            load_scene("block"),
+            load_scene("block", ["truth.profile=ideal"]),
             5,
         )
     )
@@ -152,7 +154,11 @@ def test_the_tips_inertia_is_felt_against_its_acceleration():
 
 def test_tare_takes_the_present_mean_away():
     driver = SimDriver(
-        DriverContext(SimConfig(latency=0.0, late_share=0.0, drift_force=(0.0, 0.0, 0.0)), load_scene("block"), 5)
+        DriverContext(
+            SimConfig(latency=0.0, late_share=0.0, drift_force=(0.0, 0.0, 0.0)),
+            load_scene("block", ["truth.profile=ideal"]),
+            5,
+        )
     )
     arm, sensor = driver.arm(), driver.sensor()
     arm.open()
@@ -168,7 +174,7 @@ def test_tare_takes_the_present_mean_away():
 
 
 def test_what_nobody_fetches_is_lost_from_the_old_end():
-    world = World(load_scene("block"), SimConfig(**CLEAN), 1, gantry())
+    world = World(load_scene("block", ["truth.profile=ideal"]), SimConfig(**CLEAN), 1, gantry())
     for _ in range(4000):
         world.advance()
     rows = np.array(world.fetch())

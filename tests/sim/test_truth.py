@@ -27,7 +27,9 @@ Q = np.array([0.3, 0.6, -0.2, -1.4, 0.1, 1.1, 0.4])
 
 
 def actual(*settings, seed=7, scene="block"):
-    return actual_world(load_scene(scene, [f"truth.{setting}" for setting in settings]), SimConfig(), seed)
+    return actual_world(
+        load_scene(scene, [f"truth.{setting}" for setting in ("profile=ideal", *settings)]), SimConfig(), seed
+    )
 
 
 def tip(world):
@@ -95,7 +97,7 @@ def test_no_stage_strategy_or_device_driver_reads_the_table():
             assert not (isinstance(node, ast.Attribute) and node.attr == "truth"), f"{file}:{node.lineno}"
 
 
-SLOW = ["run.time_limit=25.0", "run.seed=3"]
+SLOW = ["run.time_limit=25.0", "run.seed=3", "truth.profile=ideal"]
 
 
 @pytest.mark.slow
@@ -160,7 +162,8 @@ def test_draws_have_the_stated_spread(profile):
 
 def test_what_was_drawn_makes_the_same_world_again():
     drawn = actual("profile=datasheet").drawn
-    again = load_scene("block", [f"truth.{name}={value}" for name, value in drawn.items() if name != "profile"])
+    set_alone = [f"truth.{name}={value}" for name, value in drawn.items() if name != "profile"]
+    again = load_scene("block", ["truth.profile=ideal", *set_alone])
     world, copy = actual("profile=datasheet"), actual_world(again, SimConfig(), 99)
     assert tip(copy) == pytest.approx(tip(world), abs=1e-8)
     assert copy.config.wrench_matrix == pytest.approx(world.config.wrench_matrix, abs=1e-7)
@@ -206,7 +209,7 @@ def test_what_no_probe_or_arm_can_have_is_refused_when_the_world_is_made(setting
 
 
 def test_ideal_is_the_scene_itself():
-    scene, config = load_scene("block"), SimConfig()
+    scene, config = load_scene("block", ["truth.profile=ideal"]), SimConfig()
     world = actual_world(scene, config, 7)
     assert world.scene is scene
     assert world.config is config
@@ -263,7 +266,9 @@ def test_options_of_the_simulator_follow_the_numbers():
 
 
 def test_the_sensor_says_the_latency_that_it_is_believed_to_have():
-    driver = SimDriver(DriverContext(SimConfig(), load_scene("block", ["truth.sensor_delay_ms=10"]), 7))
+    driver = SimDriver(
+        DriverContext(SimConfig(), load_scene("block", ["truth.profile=ideal", "truth.sensor_delay_ms=10"]), 7)
+    )
     driver.arm().open()
     first = next(state.time for state in (driver.arm().read() for _ in range(100)) if driver.sensor().read())
     assert driver.sensor().latency == SimConfig().latency
@@ -299,7 +304,7 @@ def test_gain_and_crosstalk_are_the_matrix_that_the_samples_show():
 
 
 def stream(seconds, path=None, seed=1, **config):
-    world = World(load_scene("block"), SimConfig(**{**CLEAN, **config}), seed, gantry())
+    world = World(load_scene("block", ["truth.profile=ideal"]), SimConfig(**{**CLEAN, **config}), seed, gantry())
     world.place(np.array([0.0, 0.0, 0.2]))
     rows = []
     for i in range(round(seconds / world.config.cycle)):
@@ -344,7 +349,9 @@ def test_hysteresis_leaves_a_loop_of_its_width():
 
 def test_gears_have_play_and_a_wave_that_encoders_do_not_see():
     play, wave = 1e-4, 5e-5
-    world = World(load_scene("empty"), SimConfig(lag=0.0, joint_hysteresis=play, gear_ripple=wave), 1)
+    world = World(
+        load_scene("empty", ["truth.profile=ideal"]), SimConfig(lag=0.0, joint_hysteresis=play, gear_ripple=wave), 1
+    )
     begin = world.state[kernels.Q : kernels.Q + 7].copy()
     world.place(begin)
     found = []
@@ -379,9 +386,10 @@ def test_friction_lies_beside_what_opposes_the_slip(degrees):
 
 def test_objects_stand_where_the_numbers_say():
     ideal = load_scene("bridge").solid()
-    world = actual_scene(load_scene("bridge", ["truth.object_turn_deg=90", "truth.object_shift_mm=[4, -7]",
-                                               "truth.table_height_mm=1.5", "truth.object_friction=0.12",
-                                               "truth.object_stiffness=5e3", "truth.object_damping=2"]))  # fmt: skip
+    moved = ["object_turn_deg=90", "object_shift_mm=[4, -7]", "table_height_mm=1.5"]
+    surface = ["object_friction=0.12", "object_stiffness=5e3", "object_damping=2"]
+    settings = [f"truth.{setting}" for setting in ("profile=ideal", *moved, *surface)]
+    world = actual_scene(load_scene("bridge", settings))
     lower, upper = ideal.bounds()
     middle = np.append(0.5 * (lower + upper)[:2], 0.0)
     points = np.random.default_rng(0).uniform(lower - 0.01, upper + 0.01, (300, 3))
@@ -392,8 +400,10 @@ def test_objects_stand_where_the_numbers_say():
 
 
 def test_objects_lean_with_the_table():
-    scene = load_scene("tilted_table", ["truth.table_tilt_deg=[0.4, -0.3]", "truth.table_height_mm=1"])
-    given, world = load_scene("tilted_table"), actual_scene(scene)
+    scene = load_scene(
+        "tilted_table", ["truth.profile=ideal", "truth.table_tilt_deg=[0.4, -0.3]", "truth.table_height_mm=1"]
+    )
+    given, world = load_scene("tilted_table", ["truth.profile=ideal"]), actual_scene(scene)
     on_table = given.solid().bounds()
     points = np.random.default_rng(0).uniform(on_table[0], on_table[1], (200, 3))
     turn = world.objects[0].at.matrix() @ np.linalg.inv(given.objects[0].at.matrix())
@@ -404,7 +414,7 @@ def test_objects_lean_with_the_table():
 
 
 def test_a_single_object_stands_free_and_several_stay():
-    free = actual_scene(load_scene("block", ["truth.object_mass_kg=0.4"])).objects[0]
+    free = actual_scene(load_scene("block", ["truth.profile=ideal", "truth.object_mass_kg=0.4"])).objects[0]
     assert (free.movable, free.mass) == (True, 0.4)
     assert not any(
         shape.movable for shape in actual_scene(load_scene("stacked_blocks", ["truth.profile=rough"])).objects
@@ -444,16 +454,18 @@ def test_the_sphere_stays_off_the_table_as_the_arm_sees_it(profile):
             clear.append(float(world.robot.fk(q).A[:3, 3] @ plane[:3] - plane[3]) > radius)
     assert np.mean(clear) > 0.99
     assert area.lower[2] < 0.012
-    assert load_scene("block", ["truth.object_turn_deg=10"]).area.lower[2] == load_scene("block").area.lower[2]
+    ideal, turned = ["truth.profile=ideal"], ["truth.profile=ideal", "truth.object_turn_deg=10"]
+    assert load_scene("block", turned).area.lower[2] == load_scene("block", ideal).area.lower[2]
 
 
 def test_what_moves_nothing_leaves_the_area():
-    assert load_scene("block", ["truth.probe_length_mm=0.5"]).area == load_scene("block").area
+    ideal, longer = ["truth.profile=ideal"], ["truth.profile=ideal", "truth.probe_length_mm=0.5"]
+    assert load_scene("block", longer).area == load_scene("block", ideal).area
 
 
 @pytest.mark.slow
 def test_the_summary_says_what_was_drawn_and_compares_with_it(tmp_path):
-    settings = ["truth.object_shift_mm=[0.0, 3.0]", "run.time_limit=25.0", "run.seed=3"]
+    settings = ["truth.profile=ideal", "truth.object_shift_mm=[0.0, 3.0]", "run.time_limit=25.0", "run.seed=3"]
     summary = explore(load_scene("block", settings), tmp_path)
     assert summary["truth"] == {"profile": "ideal", "object_shift_mm": [0.0, 3.0]}
     assert summary["contacts"] > 5
@@ -504,19 +516,20 @@ def test_what_lies_anywhere_is_drawn_apart_and_written_down():
     with_friction = load_scene("block", ["truth.object_friction=0.2"], "blind").truth.draw(4)
     assert np.array_equal(drawn["object_anywhere"], with_friction["object_anywhere"])
     turn, shift = (placed(scene, drawn)[name].tolist() for name in ("object_turn_deg", "object_shift_mm"))
-    same = actual_scene(load_scene("block", [f"truth.object_turn_deg={turn}", f"truth.object_shift_mm={shift}"]))
+    settings = ["truth.profile=ideal", f"truth.object_turn_deg={turn}", f"truth.object_shift_mm={shift}"]
+    same = actual_scene(load_scene("block", settings))
     anywhere = actual_scene(scene).objects[0].at.matrix()
     assert same.objects[0].at.matrix() == pytest.approx(anywhere, abs=1e-9)
 
 
 def test_objects_too_large_for_their_area_are_refused_with_what_they_need():
-    scene = load_scene("block", ["truth.object_anywhere=true", "area.upper=[0.0, 0.0, 0.13]"])
+    scene = load_scene("block", ["truth.profile=ideal", "truth.object_anywhere=true", "area.upper=[0.0, 0.0, 0.13]"])
     with pytest.raises(SceneError, match=r"an area of at least .* mm"):
         actual_scene(scene)
 
 
 def test_a_given_area_lies_as_far_from_the_object_as_the_scenes_own():
-    blind, own = load_scene("block", ["run.seed=2"], "blind"), load_scene("block")
+    blind, own = load_scene("block", ["run.seed=2"], "blind"), load_scene("block", ["truth.profile=ideal"])
     around = with_given_area(blind, own)
     lower, upper = around.solid().bounds()
     assert np.array(around.area.lower)[:2] - lower[:2] == pytest.approx([-0.035, -0.035], abs=1e-3)

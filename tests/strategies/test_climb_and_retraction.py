@@ -8,7 +8,7 @@ from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.free_space import LIFT, FreeSpace
+from lwrprobe_strategies.planning.free_space import COLUMN, LIFT, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
@@ -160,6 +160,16 @@ def test_under_something_the_probe_goes_back_the_way_it_came():
     assert 2 <= len(path) <= 8
     short = return_path(seen([0.0, 0.01, 0.03], 1.0), free, 0.01)
     assert short[-1].place == pytest.approx([0.0, 0.01 - LIFT, 0.02], abs=0.0015)
+
+
+def test_the_way_back_ends_where_the_sphere_came_down_and_not_beside_that():
+    """On the way up it would meet with its flank what stands above its way in, as fast as the probe can go."""
+    free = FreeSpace(AREA)
+    stand(free, *([0.0, -0.02, z] for z in np.arange(0.06, 0.0059, -0.0012)))
+    stand(free, *([0.0, y, 0.006] for y in np.arange(-0.0195, -0.015, 0.0005)))
+    path = return_path(seen([0.0, -0.015, 0.006], 0.2), free)
+    assert path[-1].place[1] == pytest.approx(-0.02, abs=COLUMN)
+    assert path[-1].place[2] < 0.006 + 2 * 0.0012
 
 
 def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():

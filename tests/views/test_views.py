@@ -27,7 +27,7 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 def runs(recorded_sphere, tmp_path_factory) -> list[Path]:
     """A run with a bag, and one without."""
     without = tmp_path_factory.mktemp("runs") / "without"
-    settings = {"strategy.step": 0.04}
+    settings = {"strategy.step": 0.04, "truth.profile": "ideal"}
     lp.explore("sphere", strategy="surface_contour", seed=5, settings=settings, out=without, progress=False)
     return [recorded_sphere, without]
 
@@ -163,7 +163,7 @@ def test_fifty_thousand_points_in_the_browser(browser, tmp_path):
 
 @pytest.mark.realtime
 def test_a_run_that_goes_on_in_the_browser(browser, tmp_path):
-    scene = lp.load_scene("sphere", {"strategy.step": 0.04, "run.seed": 5})
+    scene = lp.load_scene("sphere", {"strategy.step": 0.04, "run.seed": 5, "truth.profile": "ideal"})
     viewer = Viewer(of_scene(scene), port=0, live=True)
     counts = []
     try:

@@ -17,7 +17,7 @@ def test_a_bad_distance_is_refused():
 
 
 def test_the_upper_edge_of_a_block_is_followed_once_around(tmp_path):
-    scene = load_scene("block", ["strategy.name='edges'"])
+    scene = load_scene("block", ["strategy.name='edges'", "truth.profile=ideal"])
     summary = explore(scene, tmp_path)
     assert summary["status"] == "done", summary["reason"]
     assert summary["link_collisions"] == 0

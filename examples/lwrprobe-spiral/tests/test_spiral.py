@@ -14,7 +14,7 @@ def test_a_bad_pitch_is_refused():
 
 
 def test_the_spiral_reaches_its_end_on_a_sphere():
-    scene = load_scene("sphere", ["strategy.name='spiral'", "strategy.radius=0.012"])
+    scene = load_scene("sphere", ["strategy.name='spiral'", "strategy.radius=0.012", "truth.profile=ideal"])
     summary = explore(scene)
     assert summary["status"] == "done", summary["reason"]
     assert summary["contacts"] > 100

@@ -94,7 +94,9 @@ def _explore_for(seconds: float, scene: str, settings: list[str]) -> list[State]
     with tempfile.TemporaryDirectory() as folder:
         while time.monotonic() - begin < seconds:
             number, out = len(states) + 1, Path(folder) / "run"
-            summary = explore(load_scene(scene, [*settings, f"run.seed={number}"]), out, record=True)
+            summary = explore(
+                load_scene(scene, ['truth.profile="ideal"', *settings, f"run.seed={number}"]), out, record=True
+            )
             rmtree(out)
             gc.collect()
             robot += float(summary["sim_time_s"])

@@ -134,7 +134,7 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
     name, strategy, profile, seed = job
     record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
     try:
-        settings = [f'strategy.name="{strategy}"', f"run.seed={seed}"]
+        settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", 'truth.profile="ideal"']
         scene = load_scene(name, settings, {DEFAULT: None, GIVEN: BLIND}.get(profile, profile))
         if profile == GIVEN:
             scene = with_given_area(scene, load_scene(name, settings))

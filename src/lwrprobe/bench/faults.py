@@ -28,7 +28,12 @@ from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene, load_scene
 
 _SCENE = "cylinder_vertical"
-_SMALL = ("area.lower=[-0.02, -0.045, 0.006]", "area.upper=[0.02, 0.045, 0.06]", "strategy.step=0.01")
+_SMALL = (
+    "area.lower=[-0.02, -0.045, 0.006]",
+    "area.upper=[0.02, 0.045, 0.06]",
+    "strategy.step=0.01",
+    "truth.profile=ideal",
+)
 _TOUCHED = 40
 """Contacts after which the probe is taken to follow the surface."""
 _WATCHED = 4.0

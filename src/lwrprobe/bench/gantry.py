@@ -20,7 +20,7 @@ CLEAN = {
 
 PLAIN = [
     "probe.stiffness_lateral=0.0", "probe.stiffness_axial=0.0", "object.0.friction=0.0", "object.0.stiffness=1e4",
-    "table.friction=0.0", "table.stiffness=1e4",
+    "table.friction=0.0", "table.stiffness=1e4", "truth.profile=ideal",
 ]  # fmt: skip
 """A rigid stick, and one slippery object on a slippery table: whatever differs is named where it is measured."""
 

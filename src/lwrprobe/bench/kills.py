@@ -27,7 +27,8 @@ from lwrprobe.exploration.procedures.explore import Exploration, RunOptions, exp
 from lwrprobe.exploration.procedures.recover import recover
 from lwrprobe.scene import load_scene
 
-_SMALL = ("area.lower=[-0.02, -0.035, 0.046]", "area.upper=[0.02, 0.035, 0.054]")
+_IDEAL = "truth.profile=ideal"
+_SMALL = (_IDEAL, "area.lower=[-0.02, -0.035, 0.046]", "area.upper=[0.02, 0.035, 0.054]")
 """The upper edge of the block."""
 _AT_ONCE = 4
 """Runs in real time side by side: each of them mostly waits."""
@@ -104,7 +105,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     scene, chance = asked.text("scene", "block"), random.Random(asked.count("seed", 1))
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        whole = explore(load_scene(scene), place / "whole", record=True)
+        whole = explore(load_scene(scene, [_IDEAL]), place / "whole", record=True)
         length = float(explore(load_scene(scene, _SMALL), place / "small", record=True)["sim_time_s"])
         moments = [chance.uniform(0.0, length) for _ in range(count)]
         kills = _killed_in_real_time(scene, moments, place)
@@ -230,7 +231,7 @@ def _killed_while_prepared(scene: str, seed: int, chance: random.Random, folder:
 def _killed_and_resumed(scene: str, whole: dict[str, Any], chance: random.Random, folder: Path) -> Kill:
     """At an evenly distributed time of the run; before its probe was ever free there is nothing to resume."""
     moment = chance.uniform(0.02, 0.98) * float(whole["sim_time_s"])
-    running = _started(scene, [], folder, realtime=False)
+    running = _started(scene, [_IDEAL], folder, realtime=False)
     _wait_for(running, moment)
     kill = running.kill(int(whole["seed"]))
     if not kill.problem:

@@ -151,7 +151,7 @@ Job = tuple[dict[str, Any], str, list[str]]
 
 
 def _single(row: Row, draw: int) -> Job:
-    settings = [f"truth.{setting}" for setting in (*row.settings, f"seed={draw}")]
+    settings = [f"truth.{setting}" for setting in ("profile=ideal", *row.settings, f"seed={draw}")]
     named = {"row": row.name, "draw": draw if row.drawn else None}
     return named, SOURCE_SCENES[0], [f'strategy.name="{STRATEGIES[0]}"', f"run.seed={SEED}", *settings]
 

@@ -118,7 +118,7 @@ def _measure_runs(
             if options.get("explore", "yes") == "no":
                 missing.append(scene)
                 continue
-            explore(load_scene(scene), folder)
+            explore(load_scene(scene, ["truth.profile=ideal"]), folder)
         done = read_run(folder)
         if len(done.record.points) == 0:
             missing.append(scene)

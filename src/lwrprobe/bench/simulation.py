@@ -267,7 +267,7 @@ def _sliding(overrides: list[str], scene: str, height: float) -> Callable[[], ob
 
 def _driver_cycle() -> Callable[[], object]:
     plugin = load("driver", "sim")
-    driver = plugin(DriverContext(plugin.Config(), load_scene("block"), 1))
+    driver = plugin(DriverContext(plugin.Config(), load_scene("block", ["truth.profile=ideal"]), 1))
     arm, sensor = driver.arm(), driver.sensor()
     arm.open()
     sensor.open()

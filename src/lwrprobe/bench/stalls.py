@@ -140,6 +140,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 
 def explore_disturbed(name: str, disturbance: Disturbance, settings: list[str], seed: int = 1) -> Outcome:
     """One exploration as from the command line, disturbed."""
+    settings = ["truth.profile=ideal", *settings]
     rig, scene = Rig.anywhere(), load_scene(name, settings)
     outcome = Outcome(name, disturbance, scene.contact.limit)
     explore = ["explore", name, "--arm", "fri", "--sensor", "ati", "--seed", str(seed)]

@@ -38,8 +38,10 @@ class Settings:
     lever_error : m, how well the sphere's centre is known in the sensor frame (see `check_probe`)
     zero_error : N, how far the zero of a force axis may have drifted since the bias was taken; torque axes in
         proportion to the resolutions
+    zero_time : s within which the zero wanders by that much (`fused`)
     indentation : m/N, of the object under the sphere; the point is given where the surface lies without force
-    speed_noise : m/s, standard deviation of the velocity's components (`fused`)
+    speed_noise : m/s, standard deviation of the velocity's components at least; changes from sample to sample show
+        whether it is more (`fused`)
     hidden_compliance : m/N, of all compliance that the centre's velocity does not show (`fused`)
     """
 
@@ -49,12 +51,13 @@ class Settings:
     trusted_error: float = 0.1
     lever_error: float = 5e-5
     zero_error: float = 0.003
+    zero_time: float = 120.0
     indentation: float = 0.0
-    speed_noise: float = 5e-4
+    speed_noise: float = 2.5e-4
     hidden_compliance: float = 1e-4
 
     def __post_init__(self) -> None:
-        for name in ("near_zero", "max_friction", "trusted_error"):
+        for name in ("near_zero", "max_friction", "trusted_error", "zero_time"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"contact.{name}", value, "a positive number")
@@ -210,9 +213,10 @@ class FusedEstimator:
         self._params[fused_kernels.P_SPEED_NOISE] = settings.speed_noise
         self._params[fused_kernels.P_HIDDEN_COMPLIANCE] = settings.hidden_compliance
         self._params[fused_kernels.P_SLIP_ANGLE] = 0.003
-        self._params[fused_kernels.P_MIN_SPEED] = max(2e-3, 3.0 * settings.speed_noise)
+        self._params[fused_kernels.P_MIN_SPEED] = max(5e-4, 3.0 * settings.speed_noise)
         self._params[fused_kernels.P_MEMORY] = 0.25
         self._params[fused_kernels.P_WALL_CLEARANCE] = 1.5e-4
+        self._params[fused_kernels.P_ZERO_TIME] = settings.zero_time
         self._state = np.zeros(fused_kernels.STATE)
         self._state[fused_kernels.S_FRICTION] = 0.3
         self._state[fused_kernels.S_FRICTION_VAR] = 0.3**2

@@ -59,7 +59,8 @@ P_MIN_SPEED = P_OWN + 2  # m/s, below it sliding is not assumed
 P_HIDDEN_COMPLIANCE = P_OWN + 3  # m/N, compliance that velocities do not contain
 P_MEMORY = P_OWN + 4  # s without contact after which the memory is reset
 P_WALL_CLEARANCE = P_OWN + 5  # m by which a wall must be left to count as left
-PARAMS = P_OWN + 6
+P_ZERO_TIME = P_OWN + 6  # s, time constant with which the zero wanders
+PARAMS = P_OWN + 7
 
 # state
 S_BEGUN = 0
@@ -106,7 +107,6 @@ _TURN_ERRORS = 4.0  # the same in errors of the normal times the sphere's radius
 _RING_TIME = 0.006  # s at least between two rows of the ring
 _STREAK = 8.0  # samples of sliding before friction is estimated: the running mismatch needs them
 _OFFSET_STREAK = 4.0  # the same before the sensor's zero is
-_ZERO_TIME = 120.0  # s, time constant of the zero drift's variance
 _REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that contradicts sliding
 _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
@@ -169,7 +169,7 @@ def age_offset(given, params, state):
         state[at], state[at + 4], state[at + 8] = across, across, along
         state[S_ZEROING] = given[I_ZEROING]
     else:
-        share = min(max(given[I_TIME] - state[S_OFFSET_TIME], 0.0) / _ZERO_TIME, 1.0)
+        share = min(max(given[I_TIME] - state[S_OFFSET_TIME], 0.0) / params[P_ZERO_TIME], 1.0)
         loosen_offset(params, state, share)
     state[S_OFFSET_TIME] = given[I_TIME]
 

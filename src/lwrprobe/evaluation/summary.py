@@ -98,6 +98,9 @@ class Summary:
     torque: Table | None = None
     """Torque and force of the sensor: `disagreement` found over the lever, `over_expected`: its ratio to two standard
     deviations of what `[uncertainty]` lets expect, 1 where it is no larger."""
+    gear_waves: Table | None = None
+    """Waves of the gears that the contacts were corrected for, joint by joint: `amplitude_deg`, 0 where none was sure,
+    and `error_deg`, the standard deviation of the joint value that remains; null where nothing was corrected."""
     error_budget: Table | None = None
     """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`; after the
     rigid motion that aligns all contacts `causes_aligned_mm` and `shape_mm` [mm]."""

@@ -19,6 +19,16 @@ def true_solid(scene: Scene) -> Solid | None:
     return actual_scene(scene).solid() if scene.objects else None
 
 
+def stated_solid(scene: Scene) -> Solid | None:
+    """The objects of a scene that a result is held against; None where it has none.
+
+    Where the scene has a table `[truth]`, as that of a run folder has, they are where that puts them; else as stated.
+    """
+    if not scene.objects:
+        return None
+    return true_solid(scene) if "truth" in scene.model_fields_set else scene.solid()
+
+
 def with_given_area(blind: Scene, own: Scene) -> Scene:
     """A scene as it really is, with an area as far from its objects as that of the same scene not begun blindly.
 
@@ -37,11 +47,12 @@ def read_truth(name: str) -> tuple[Solid, float]:
     """Solid, and the height [m] above which it is compared: what the sphere's centre can get down to.
 
     `name` is a built-in scene, a scene file, or a closed mesh (.stl, .ply, .obj, .glb; compared from its lowest point
-    up). Raises FormatError, SceneError or UnknownNameError for what is neither.
+    up). A scene's objects are those of `stated_solid`.
+    Raises FormatError, SceneError or UnknownNameError for what is neither.
     """
     if Path(name).suffix.lower() not in WRITERS:
         scene = load_scene(name)
-        return actual_scene(scene).solid(), scene.area.lower[2]
+        return stated_solid(scene) or scene.solid(), scene.area.lower[2]
     if not Path(name).is_file():
         raise FormatError(f"{name}: no such file")
     solid = Solid.from_shapes([Mesh(shape="mesh", file=name)])

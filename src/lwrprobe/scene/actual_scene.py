@@ -38,7 +38,7 @@ def actual_scene(scene: Scene) -> Scene:
     table = _table(scene.table, drawn)
     return scene.model_copy(
         update={
-            "truth": TruthTable(),
+            "truth": TruthTable(profile="ideal"),
             "probe": _probe(scene.probe, drawn),
             "table": table,
             "objects": _objects(scene, table, drawn),

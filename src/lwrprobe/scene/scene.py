@@ -33,6 +33,9 @@ class ArmTable(Table):
     """degrees about the world's x, y, z: how the tip is held while exploring; the default points straight down."""
     start_deg: tuple[float, ...] | None = Field(default=None, strict=False)
     """Joint angles at the start; left out, the pose above the area's start is solved for."""
+    gear_waves: NonNegative = 320.0
+    """Waves of each joint's gear a turn: two for each tooth of a harmonic drive of ratio 160; 0: not known.
+    Contacts show how large they are, and are corrected for them after the run."""
 
 
 class ProbeTable(Table):

@@ -20,6 +20,9 @@ TURNED = 0.998
 SIDE = 0.0026
 """m sideways from where the sphere has been, within which it fits: half of its radius. What stands in the strip that is
 left is met by the sphere's flank, across the stick, where the probe gives way."""
+COLUMN = 0.0005
+"""m sideways from where the sphere came down, within which it goes up again and meets nothing with its flank either: as
+far as a way back leads that ends in going up as fast as the probe can."""
 GAP = 0.004
 """m in height between two places of the sphere, up to which nothing fits in between (the waist of two spheres)."""
 LIFT = 0.001
@@ -54,10 +57,12 @@ class FreeSpace:
     def __init__(self, area: Area, body: float = np.inf) -> None:
         self._area, self._body = area, body
         self._top = float(area.upper[2])
-        self._rows: list[tuple[float, ...]] = []  # place, place off the surface, stick's direction, open, upright
+        self._rows: list[
+            tuple[float, ...]
+        ] = []  # place, place off the surface, stick's direction, open, upright, in its column
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
-        self._known = np.empty((0, 11))
+        self._known = np.empty((0, 12))
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this reliable normal (3,), or None."""
@@ -76,8 +81,10 @@ class FreeSpace:
             cx, cy, *stick = self._column
             held = ax * stick[0] + ay * stick[1] + az * stick[2] > TURNED
             self._column = self._column if held and max(abs(x - cx), abs(y - cy)) < SIDE else None
-        is_open = self._column is not None or self._on_border(x, y)
-        self._rows.append((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, float(is_open), float(upright)))
+        border, column = self._on_border(x, y), self._column
+        back = border or (column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN)
+        known = float(border or column is not None), float(upright), float(back)
+        self._rows.append((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
 
     def clear_down_to(self, x: float, y: float) -> float:
@@ -120,7 +127,7 @@ class FreeSpace:
         return bool(len(places) and steps.max() <= GAP)
 
     def return_path(self, distance: float = np.inf) -> list[Pose] | None:
-        """Back the way the probe came: for `distance` m, or to the latest open place; None where that is too far.
+        """Back the way the probe came: for `distance` m, or to where it came down; None where that is too far.
 
         Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
         """
@@ -134,7 +141,7 @@ class FreeSpace:
             left -= float(np.abs(place - here).max())
             here = place
             places.append(k)
-            if left <= 0.0 or (rows[k, 9] > 0.0 and not np.isfinite(distance)):
+            if left <= 0.0 or (rows[k, 11] > 0.0 and not np.isfinite(distance)):
                 break
         else:
             if not np.isfinite(distance):
@@ -176,7 +183,7 @@ class FreeSpace:
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
 
     def _table(self) -> np.ndarray:
-        """(n, 11) all rows; asked for while the tip moves, so only what is new is converted."""
+        """(n, 12) all rows; asked for while the tip moves, so only what is new is converted."""
         new = self._rows[len(self._known) :]
         if new:
             self._known = np.concatenate([self._known, np.array(new)])

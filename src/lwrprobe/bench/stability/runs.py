@@ -76,7 +76,7 @@ def strip(name: str, settings: list[str] | None = None, half_width: float = HALF
 
 def explored(name: str, settings: list[str]) -> Run:
     """Explore a scene into a folder that is gone afterwards; 600 s of robot time at most unless set."""
-    scene = load_scene(name, ["run.time_limit=600.0", *settings])
+    scene = load_scene(name, ['truth.profile="ideal"', "run.time_limit=600.0", *settings])
     with tempfile.TemporaryDirectory() as folder:
         summary = explore(scene, Path(folder))
         left = read_run(folder)

@@ -34,6 +34,7 @@ from lwrprobe.exploration.procedures.start_posture import start_posture, unreach
 from lwrprobe.exploration.recording.certification import certify
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
+from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -263,10 +264,11 @@ class Exploration:
 
         self._message("reconstructing and comparing")
         begin = perf_counter()
+        waves = take_waves_off(recorder, scene, pipeline.robot)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        budget = recorded_budget(scene, pipeline, recorder)
+        budget = recorded_budget(scene, pipeline, recorder, waves)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -276,6 +278,7 @@ class Exploration:
             if self.surface is not None:
                 summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
+        summary.gear_waves = waves.report() if waves is not None else None
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
         if self._earlier is not None:

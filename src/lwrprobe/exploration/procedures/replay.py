@@ -39,6 +39,7 @@ from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
+from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -265,12 +266,14 @@ class Replay:
         if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
             recorder.withhold(pipeline.object_motion.moved_since)
         table = leave_table_out(recorder, scene, pipeline)
+        waves = take_waves_off(recorder, scene, pipeline.robot)
         surface, lack = reconstruct_surface(
             touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
         )
         pipeline.left_out += [*lack, {"stage": "truth", "why": "a recording is replayed"}]
         summary = summarise(scene, pipeline, None, recorder, outcome, surface, self.seconds)
         summary.table_found = table
+        summary.gear_waves = waves.report() if waves is not None else None
         summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s, summary.wall_time_parts_s = round(self.seconds, 3), {"explore": round(self.seconds, 3)}
         if out is not None:

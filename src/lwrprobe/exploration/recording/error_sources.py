@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, radians, sqrt
+from math import radians, sqrt
 
 import numpy as np
 
@@ -10,13 +10,14 @@ from lwrprobe.calibration.model import derivatives_by_table
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
+from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.exploration.stages.sensor_errors import FRICTION, wave_slope, zero_torque
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 
-ALONG, ASIDE = 0.35, 0.15
+ALONG, ASIDE = 0.15, 0.12
 """Share of the turn of the wrench axis by the sensor's zero that reaches the normal, along the path and aside of it:
 there motion and friction show the normal as well. Seen in simulated worlds of the profile `lab`."""
 SINGULAR = 1e-6
@@ -27,17 +28,27 @@ FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
 
 
-def recorded_budget(scene: Scene, pipeline: Pipeline, recorder: Recorder) -> ErrorBudget | None:
-    """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run."""
+def recorded_budget(
+    scene: Scene, pipeline: Pipeline, recorder: Recorder, gears: GearWaves | None = None
+) -> ErrorBudget | None:
+    """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
+
+    `gears` is what was taken off the contacts.
+    """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears)
 
 
 def error_budget(
-    scene: Scene, pipeline: Pipeline, contacts: list[Contact], joints: np.ndarray, velocities: np.ndarray
+    scene: Scene,
+    pipeline: Pipeline,
+    contacts: list[Contact],
+    joints: np.ndarray,
+    velocities: np.ndarray,
+    waves: GearWaves | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
     points = np.array([contact.point for contact in contacts])
@@ -46,7 +57,7 @@ def error_budget(
     confidence = np.clip([contact.confidence_score for contact in contacts], 0.01, 0.9999)
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
-    gears, turning = _of_gears(scene, pipeline.robot, joints, paths)
+    gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
     turned, friction = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities) | {"friction direction": friction}
@@ -104,12 +115,17 @@ def _of_arm(scene: Scene, robot: Robot, joints: np.ndarray, velocities: np.ndarr
     }
 
 
-def _of_gears(scene: Scene, robot: Robot, joints: np.ndarray, paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _of_gears(
+    scene: Scene, robot: Robot, joints: np.ndarray, paths: np.ndarray, waves: GearWaves | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (n, 3, 3) m^2 of the place by play and waves of the gears, and the angle (n,) rad by which the waves
     turn the direction of travel (n, 3)."""
     table, jacobians = scene.uncertainty, robot.jacobian_batch(joints)
     linear = jacobians[:, :3]
-    play = radians(hypot(0.5 * table.sigma("joint_hysteresis_deg"), table.sigma("gear_ripple_deg") / sqrt(2.0)))
+    stated = radians(table.sigma("gear_ripple_deg")) / sqrt(2.0)
+    rest = np.full(robot.n, stated) if waves is None else waves.error
+    play = np.hypot(0.5 * radians(table.sigma("joint_hysteresis_deg")), rest)
+    moved = linear * play
     # A wave makes each joint faster or slower by a share of its own speed; the probe does not turn.
     square = jacobians @ jacobians.transpose(0, 2, 1) + SINGULAR * np.eye(6)
     motion = np.concatenate([paths, np.zeros_like(paths)], axis=1)
@@ -118,7 +134,7 @@ def _of_gears(scene: Scene, robot: Robot, joints: np.ndarray, paths: np.ndarray)
     along = np.einsum("nij,ni->nj", shares, paths)
     across = np.maximum((shares**2).sum(axis=(1, 2)) - (along**2).sum(axis=1), 0.0)
     # Of the two directions across the path one lies in the surface; half of the square turns the normal.
-    return play**2 * linear @ linear.transpose(0, 2, 1), wave_slope(scene) * np.sqrt(0.5 * 0.5 * across)
+    return moved @ moved.transpose(0, 2, 1), wave_slope(scene) * np.sqrt(0.5 * 0.5 * across)
 
 
 def _of_normal(

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.calibration.priors import GEAR_WAVES
 from lwrprobe.contact import Settings, TorqueAgreement
+from lwrprobe.contact.torque_kernels import WANDER
 from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.scene import Scene
@@ -20,7 +21,8 @@ def estimator_settings(scene: Scene) -> Settings:
     """Settings of the estimators; without any uncertainty the estimators' own."""
     if scene.uncertainty.profile == "ideal":
         return Settings()
-    return Settings(zero_error=max(1e-3 * scene.uncertainty.sigma("zero_force_mn"), 1e-3))
+    wandering = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn")  # now, and when the bias was taken
+    return Settings(zero_error=max(wandering, 1e-3), zero_time=WANDER)
 
 
 def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:

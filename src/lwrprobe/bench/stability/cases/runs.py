@@ -19,7 +19,7 @@ _ENOUGH = 1500
 """Contacts after which the run is killed: a third of them."""
 SHORT = (
     "area.lower=[-0.006, -0.045, 0.006]", "area.upper=[0.006, 0.045, 0.058]", "strategy.step=0.012",
-    "strategy.across=false", "strategy.find_ends=false",
+    "strategy.across=false", "strategy.find_ends=false", "truth.profile=ideal",
 )  # fmt: skip
 
 
