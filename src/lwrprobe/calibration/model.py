@@ -18,8 +18,13 @@ _PLACE_NOISE = 8e-6
 The noise is in the force that predicts the place. Stated as small as it is, the solver would choose the matrix of the
 sensor that makes it smaller, and the stick would seem stiffer by its share.
 """
-_TURN_SHARE = 0.8
-"""Share of the sensor's hysteresis that its model leaves."""
+_TURN_SHARE = 0.3
+"""Share of the sensor's hysteresis that its model leaves between rise and fall."""
+_GROWTH = 0.1
+"""Share of the sensor's hysteresis by which it grows along a rise beside its model. Force and torque of one sensor lag
+alike, so that less is left of their ratio than of either. Stated much larger than it is, the prior would count: found
+ratios would lie between what was read and what the scene states.
+"""
 _BENT = 0.1
 """Share of the slope of a gear's wave that its model leaves."""
 _TURNS_BACK = 0.2
@@ -159,7 +164,7 @@ class Model:
         share = size / size.max()
         # An axis with little load turns back within the hysteresis, at any sample: a part of it counts as noise.
         cover = (noise**2 + wander**2 + (_TURNS_BACK * width) ** 2) * np.eye(len(mine)) + (4.0 * width) ** 2
-        cover += np.outer(share, share) * width**2 / 3.0
+        cover += np.outer(share, share) * (_GROWTH * width) ** 2
         return np.linalg.inv(np.linalg.cholesky(cover))
 
     def _state(self, x: Vector) -> _State:

@@ -65,10 +65,11 @@ ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""
 LIGHT = 0.25
 """N, below which a sample of a touch says little."""
-TURNED = 0.95
-"""Share of the largest force of a touch below which it has surely fallen."""
-MARGIN = 0.1
-"""s of the arm's motion that are kept before and after a touch."""
+TURNED = 0.85
+"""Share of the largest force of a touch below which it has surely fallen, by more than the hysteresis of each axis that
+takes a part in it."""
+BEFORE, AFTER = 1.5, 0.1
+"""s of the arm's motion that are kept before a touch, on which the play of each joint was taken up, and after it."""
 SETTLING = 0.05
 """s of a rest that do not count yet."""
 EVEN = 2e-3
@@ -215,8 +216,11 @@ def measure(
     scene = scene.model_copy(update={"strategy": StrategyTable(name=STRATEGY, options=options)})
     devices = Devices.assemble(scene, scene.run.seed, False, q)
     contact = scene.contact.model_copy(update={"stiffness": max(MAX_STIFFNESS, scene.contact.stiffness)})
-    scene = scene.model_copy(update={"contact": contact})
+    # The stiffness is an upper bound already, and the probe is too uncertain for presses to show it.
+    exact = scene.uncertainty.model_copy(update={"arm_stiffness_percent": 0.0})
+    scene = scene.model_copy(update={"contact": contact, "uncertainty": exact})
     pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
+    pipeline.force.learns = False
     log = DeviceLog.on(devices)
     explorer = Explorer(scene, pipeline, devices, Recorder(None), watch, confirm)
     with devices:
@@ -295,7 +299,7 @@ def _touch(
     chosen = np.concatenate(parts)
     if len(parts[0]) < 4 or len(chosen) < 6:
         return None
-    window = (times > stamps[chosen[0]] - MARGIN) & (times < stamps[chosen[-1]] + MARGIN)
+    window = (times > stamps[chosen[0]] - BEFORE) & (times < stamps[chosen[-1]] + AFTER)
     return Touch(
         target="sphere",
         place=0,
@@ -310,7 +314,7 @@ def _touch(
 def _tell_apart(found: Touches, robot: Robot, centres: np.ndarray, reach: float) -> None:
     """Say of each touch what it met: the sphere at the nearest of its places, or the table."""
     for k, touch in enumerate(found.touches):
-        tip = robot.fk_batch(touch.arm_joints[len(touch.arm_joints) // 2][None])[0, :3, 3]
+        tip = robot.fk_batch(touch.arm_joints[-1][None])[0, :3, 3]
         away = np.abs(np.linalg.norm(centres - tip, axis=1) - reach)
         place = int(np.argmin(away))
         target: Target = "sphere" if away[place] < 0.25 * reach else "table"
