@@ -394,15 +394,24 @@ def derivatives_by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) ->
 
 
 def _directions(readings: np.ndarray, priors: Priors) -> np.ndarray:
-    """(m, 6) whether each axis of the readings (m, 6) has last grown, 1, or fallen, -1, by more than its noise."""
+    """(m, 6) whether each axis of the readings (m, 6) has last grown, 1, or fallen, -1, by more than its noise.
+
+    While a load turns back within the hysteresis its reading stands still: from its extreme to where it is seen to turn
+    the numbers lead evenly from one to the other.
+    """
     noise = _NOTICED * np.repeat([priors.noise_force, priors.noise_torque], 3)
     out = np.empty_like(readings)
     extreme, direction = readings[0].copy(), np.sign(readings[0])
+    since = np.zeros(readings.shape[1], dtype=int)
     for k, now in enumerate(readings):
         onward = (now - extreme) * direction
         back = onward < -noise
+        for axis in np.flatnonzero(back):
+            between = np.arange(since[axis] + 1, k)
+            out[between, axis] = direction[axis] * (1.0 - 2.0 * (between - since[axis]) / (k - since[axis]))
         direction = np.where(back, -direction, direction)
-        extreme = np.where(back | (onward > 0.0), now, extreme)
+        moved = back | (onward > 0.0)
+        extreme, since = np.where(moved, now, extreme), np.where(moved, k, since)
         out[k] = direction
     return out
 

@@ -13,16 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from lwrprobe.calibration import (
     Calibration,
-    FreeReading,
     Priors,
     Touch,
     Touches,
-    identify_load,
     solve,
 )
 from lwrprobe.calibration.quantities import quantities
 from lwrprobe.calibration.touches import Target
-from lwrprobe.contracts import InputError, SafetyStop
+from lwrprobe.contact import identify_payload
+from lwrprobe.contracts import InputError, SafetyStop, WrenchSample
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
@@ -47,7 +46,7 @@ PENETRATION = 0.008
 """m, how deep the table may be sought below where the scene has it."""
 DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
-TILTS = ((0.0, 3), (0.4, 6), (0.75, 9))
+TILTS = ((0.0, 3), (0.4, 5), (0.75, 7))
 """rad out of the orientation of the start, and to how many sides."""
 SPINS = (0.0, 1.2, -1.2)
 """rad about the stick, in turn: they tell an offset of the sphere from errors of the arm."""
@@ -65,9 +64,9 @@ ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""
 LIGHT = 0.25
 """N, below which a sample of a touch says little."""
-TURNED = 0.85
-"""Share of the largest force of a touch below which it has surely fallen, by more than the hysteresis of each axis that
-takes a part in it."""
+TURNED = 0.6
+"""Share of the largest force of a touch below which it has surely fallen: the friction has turned, the play of the joints
+is taken up, and each axis of the sensor has left its hysteresis."""
 BEFORE, AFTER = 1.5, 0.1
 """s of the arm's motion that are kept before a touch, on which the play of each joint was taken up, and after it."""
 SETTLING = 0.05
@@ -255,17 +254,18 @@ def _touches(
     readings = np.array([[*sample.force, *sample.torque] for _, sample in good])
     found = Touches(following=_following(times, joints, sent), latency=float(np.min(arrivals - stamps)))
     spans = _spans(trace, zero)
-    free: FreeReading | None = None
+    free: np.ndarray | None = None
     for k, (name, begin, end) in enumerate(spans):
         if name == "rest":
             mine = (stamps > begin + SETTLING) & (stamps < end)
             if mine.sum() >= 4:
                 at = int(np.searchsorted(times, 0.5 * (begin + end)))
-                free = FreeReading(0.5 * (begin + end), joints[min(at, len(joints) - 1)], readings[mine].mean(axis=0))
-                found.free.append(free)
+                free = readings[mine].mean(axis=0)
+                found.free.append(WrenchSample(0.5 * (begin + end), free[:3], free[3:], len(found.free)))
+                found.free_joints.append(joints[min(at, len(joints) - 1)])
         elif name == "load" and free is not None:
             last = spans[k + 1][2] if k + 1 < len(spans) and spans[k + 1][0] == "unload" else end
-            touch = _touch(stamps, readings - free.wrench, (begin, end, last), times, joints)
+            touch = _touch(stamps, readings - free, (begin, end, last), times, joints)
             if touch is not None:
                 found.touches.append(touch)
             free = None
@@ -314,7 +314,8 @@ def _touch(
 def _tell_apart(found: Touches, robot: Robot, centres: np.ndarray, reach: float) -> None:
     """Say of each touch what it met: the sphere at the nearest of its places, or the table."""
     for k, touch in enumerate(found.touches):
-        tip = robot.fk_batch(touch.arm_joints[-1][None])[0, :3, 3]
+        begin = int(np.searchsorted(touch.arm_times, touch.times[0]))
+        tip = robot.fk_batch(touch.arm_joints[begin][None])[0, :3, 3]
         away = np.abs(np.linalg.norm(centres - tip, axis=1) - reach)
         place = int(np.argmin(away))
         target: Target = "sphere" if away[place] < 0.25 * reach else "table"
@@ -352,8 +353,8 @@ def calibrate(
     robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
     centre = found.centres.copy()
     solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
-    rotations_of = robot.fk_batch(np.array([reading.joints for reading in found.touches.free]))[:, :3, :3]
-    load = identify_load(found.touches.free, rotations_of)
+    rotations_of = robot.fk_batch(np.array(found.touches.free_joints))[:, :3, :3]
+    load = identify_payload(found.touches.free, list(rotations_of))
     _, q = start_posture(touched, robot)
     calibration = Calibration(
         date=datetime.now(UTC).replace(microsecond=0),
