@@ -176,8 +176,8 @@ def refuse_bad(solution: Solution, touches: list[Touch]) -> None:
         count = sum(touch.target == "sphere" for touch in touches)
         raise CalibrationRefused(
             f"{count} touches of the sphere show the sum of the radii to {1e3 * sigma:.3f} mm only, "
-            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, or lie "
-            "on one side"
+            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, or "
+            "lie on one side"
         )
     if abs(off) > SUSPICIOUS * np.hypot(solution.parameters.sigma[solution.parameters.slices["radius"]][0], sigma):
         raise CalibrationRefused(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lwrprobe.calibration import (
     Calibration,
+    CalibrationRefused,
     Priors,
     Touch,
     Touches,
@@ -44,6 +45,8 @@ SIDE_MARGIN, ABOVE = 0.045, 0.02
 """m of the area beside the sphere and above it: for the probe and for a sphere that stands elsewhere."""
 PENETRATION = 0.008
 """m, how deep the table may be sought below where the scene has it."""
+APART = 0.12
+"""m between the middles of two reference spheres, so that the leaning stick stays clear of the other ones."""
 DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
 TILTS = ((0.0, 3), (0.4, 5), (0.75, 7))
@@ -65,8 +68,8 @@ ROWS = 16
 LIGHT = 0.25
 """N, below which a sample of a touch says little."""
 TURNED = 0.6
-"""Share of the largest force of a touch below which it has surely fallen: the friction has turned, the play of the joints
-is taken up, and each axis of the sensor has left its hysteresis."""
+"""Share of the largest force of a touch below which it has surely fallen: the friction has turned, the play of the
+joints is taken up, and each axis of the sensor has left its hysteresis."""
 BEFORE, AFTER = 1.5, 0.1
 """s of the arm's motion that are kept before a touch, on which the play of each joint was taken up, and after it."""
 SETTLING = 0.05
@@ -93,21 +96,27 @@ class Measurement:
     ground_truth: Any
 
 
-def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
+def with_reference_sphere(scene: Scene, diameter: float, poses: Sequence[tuple[float, float]] = ()) -> Scene:
     """The scene with a sphere of a diameter [m] on its table, in the middle of its area, and nothing else.
 
-    Raises InputError for a diameter that is no length between 6 and 100 mm.
+    With `poses`, x and y in m, a sphere stands at each of them, and none in the middle. Raises InputError for a
+    diameter that is no length between 6 and 100 mm, and for poses closer to each other than 120 mm.
     """
     if not (np.isfinite(diameter) and DIAMETERS[0] <= diameter <= DIAMETERS[1]):
         raise InputError("--reference-sphere", diameter, f"a diameter from {DIAMETERS[0]:g} to {DIAMETERS[1]:g} m")
     radius, probe = 0.5 * diameter, scene.probe.radius
-    x, y = (0.5 * (a + b) for a, b in zip(scene.area.lower[:2], scene.area.upper[:2]))
+    middle = (np.array(scene.area.lower[:2]) + np.array(scene.area.upper[:2])) / 2.0
+    places = np.array(poses if len(poses) else [middle], dtype=float)
+    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+        raise InputError("--poses", list(poses), "pairs of x and y in m")
+    if any(np.hypot(*(one - other)) < APART for one, other in combinations(places, 2)):
+        raise InputError("--poses", [list(place) for place in poses], f"places {APART:g} m apart and more")
     table = scene.table.height if scene.table.present else scene.area.lower[2] - probe
     z = table + radius
     side = radius + probe + SIDE_MARGIN
     options = {
         "radius": radius,
-        "places": [[x, y, z]],
+        "places": [[float(x), float(y), z] for x, y in places],
         "table": scene.table.height if scene.table.present else float("nan"),
     }
     material: dict[str, Any] = (
@@ -115,10 +124,13 @@ def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
     )
     changed = scene.model_copy(
         update={
-            "objects": (Sphere(shape="sphere", radius=radius, at=Pose(xyz=(x, y, z)), **material),),
+            "objects": tuple(
+                Sphere(shape="sphere", radius=radius, at=Pose(xyz=(float(x), float(y), z)), **material)
+                for x, y in places
+            ),
             "area": AreaTable(
-                lower=(x - side, y - side, table + probe),
-                upper=(x + side, y + side, table + diameter + 2.0 * probe + ABOVE),
+                lower=(*(places.min(axis=0) - side).tolist(), table + probe),
+                upper=(*(places.max(axis=0) + side).tolist(), table + diameter + 2.0 * probe + ABOVE),
             ),
             "strategy": StrategyTable(name=STRATEGY, options=options),
             # The sphere and its place are known: the plan itself keeps the stick clear of it.
@@ -340,14 +352,16 @@ def calibrate(
     message: Callable[[str], None] = lambda text: None,
     watch: WatchFunction | None = None,
     confirm: Confirm | None = None,
+    poses: Sequence[tuple[float, float]] = (),
 ) -> tuple[Calibration, Measurement]:
     """Measure what a scene states of probe, sensor, arm, clocks and table, on a reference sphere of a diameter [m].
 
     The sphere stands in the middle of the scene's area, to within some millimetres. In a simulator it is put there.
-    Raises InputError for a bad diameter, SafetyStop where the drive ended early, CalibrationRefused with the likely
-    cause where the touches do not fit together.
+    With `poses`, x and y in m, equal spheres stand there instead, and the joints' offsets are asked for, too.
+    Raises InputError for a bad diameter or poses, SafetyStop where the drive ended early, CalibrationRefused with the
+    likely cause where the touches do not fit together, or show no joint's offset that was asked for.
     """
-    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter)
+    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter, poses)
     found = measure(touched, message, watch, confirm)
     message("solving")
     robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
@@ -356,6 +370,14 @@ def calibrate(
     rotations_of = robot.fk_batch(np.array(found.touches.free_joints))[:, :3, :3]
     load = identify_payload(found.touches.free, list(rotations_of))
     _, q = start_posture(touched, robot)
+    offsets = slice(solution.parameters.slices["dh"].stop - robot.n, solution.parameters.slices["dh"].stop)
+    if poses and not solution.visible("dh")[-robot.n :].any():
+        sigma = np.degrees(np.sqrt(np.diag(solution.covariance)[offsets]))
+        raise CalibrationRefused(
+            f"the touches at {len(poses)} places do not show the joints' offsets: their standard deviations are still "
+            f"{sigma.min():.3f} to {sigma.max():.3f} deg, {np.degrees(priors.dh_angle):.3f} deg were assumed. Place "
+            "the spheres farther apart, or calibrate without --poses"
+        )
     calibration = Calibration(
         date=datetime.now(UTC).replace(microsecond=0),
         scene=scene.name,
