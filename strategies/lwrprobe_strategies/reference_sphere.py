@@ -209,7 +209,7 @@ class ReferenceSphere(SkillStrategy):
         return outcome
 
     def _fitted(self) -> np.ndarray:
-        """(3,) m, the sphere's centre from the contacts of the search: they lie as far from it as the sum of the radii."""
+        """(3,) m, the sphere's centre from the contacts of the search, which lie the sum of the radii away from it."""
         centre, met = self._sphere.copy(), np.array(self._met)
         for _ in range(10):
             away = met - centre

@@ -129,6 +129,7 @@ def solve(
     solution = Solution(parameters, x, covariance, model.place_error, float(np.sqrt(np.mean(left**2))), left)
     refuse_bad(solution, touches)
     refuse_moved(model, x)
+    refuse_few(solution, touches)
     return solution
 
 
@@ -166,23 +167,29 @@ def refuse_moved(model: Model, x: Vector) -> None:
 
 def refuse_bad(solution: Solution, touches: list[Touch]) -> None:
     """Raise CalibrationRefused, with the likely cause, where the touches contradict each other or the scene."""
+    off, sigma = _radius_alone(solution)
+    assumed = float(solution.parameters.sigma[solution.parameters.slices["radius"]][0])
+    if sigma <= RADIUS_SEEN and abs(off) > SUSPICIOUS * np.hypot(assumed, sigma):
+        raise CalibrationRefused(
+            f"the sum of the radii differs by {1e3 * off:+.3f} mm from what is stated: the diameter of the reference "
+            "sphere, or `probe.radius`, is wrong"
+        )
     if solution.residual > MAX_RESIDUAL:
         raise CalibrationRefused(
             f"the touches contradict each other by {1e3 * solution.residual:.3f} mm, at most {1e3 * MAX_RESIDUAL:g} mm "
             f"are allowed: {_cause(solution.per_touch, touches)}"
         )
-    off, sigma = _radius_alone(solution)
+
+
+def refuse_few(solution: Solution, touches: list[Touch]) -> None:
+    """Raise CalibrationRefused where a wrong diameter would not show."""
+    sigma = _radius_alone(solution)[1]
     if sigma > RADIUS_SEEN:
         count = sum(touch.target == "sphere" for touch in touches)
         raise CalibrationRefused(
             f"{count} touches of the sphere show the sum of the radii to {1e3 * sigma:.3f} mm only, "
-            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, or "
-            "lie on one side"
-        )
-    if abs(off) > SUSPICIOUS * np.hypot(solution.parameters.sigma[solution.parameters.slices["radius"]][0], sigma):
-        raise CalibrationRefused(
-            f"the sum of the radii differs by {1e3 * off:+.3f} mm from what is stated: the diameter of the reference "
-            "sphere, or `probe.radius`, is wrong"
+            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, lie "
+            "on one side, or do not agree"
         )
 
 
