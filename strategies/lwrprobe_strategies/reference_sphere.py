@@ -14,7 +14,7 @@ import numpy as np
 from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
 from lwrprobe_strategies.planning.paths import Waypoint
-from lwrprobe_strategies.planning.sphere_touches import SphereTouch, path_around, sphere_touches
+from lwrprobe_strategies.planning.sphere_touches import SphereTouch, angle_between, path_around, sphere_touches
 from lwrprobe_strategies.skills import Procedure, approach, load, rest, transit, unload
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
@@ -24,30 +24,41 @@ LISTEN, ZEROING = 0.25, 0.7
 """s at rest before a touch, to read the sensor's zero, and in which the run moves its own zero there."""
 ZERO_EVERY = 4
 """Touches after which the zero is moved: an uncalibrated sensor drifts by 0.1 N a minute."""
-FAR, NEAR = 0.005, 0.001
-"""m before the surface where a slow approach begins, while the place of sphere or table is rough, and when it is known.
-"""
+FAR, NEAR = 0.005, 0.0006
+"""m before the surface where a slow approach begins, while the place of sphere or table is rough, and at least."""
 SURE = 3.0
-"""Standard deviations of the contacts from the sphere by which an approach begins before the surface, at least: an arm
-with another kinematic table has the sphere elsewhere in each orientation."""
+"""Standard deviations of the surface's place by which an approach begins before it."""
 BEYOND = 0.003
 """m behind the surface where an approach ends that met nothing."""
+STEADY, TURNING = 1e-4, 4e-4
+"""m, and m for each radian of a turn, by which an arm with another kinematic table sees the sphere elsewhere in another
+orientation: 0.05 degrees of a wrist joint are a quarter of a millimetre."""
+OFF_TOOL = 3e-4
+"""m, of the probe's sphere beside where the tool has it, along each axis of the tip."""
+ROUGH, PRECISE = 1e-3, 1e-4
+"""m, of the sphere's place when it has been found, and of one touch."""
 LOAD_TIME = 0.4
 """s, in which the force rises."""
 UNLOAD_TIMES = (0.25, 0.07)
-"""s in which it falls, in turn: two speeds tell the clocks' offset from the joints' play."""
+"""s in which it falls: two speeds tell the clocks' offset from the play of joints and sensor. They change after every
+second touch, so that both are used along the stick and across it (`sphere_touches`)."""
 SEARCH = 0.7
 """Sums of the radii between two places at which the sphere is sought."""
-ROUNDS, ASIDE = 3, 0.45
-"""Rounds of three touches from above around the sphere's middle at most, and sums of the radii that they lie beside it.
+HEIGHT = 0.003
+"""m, of the table beside what is stated: how far beside the middle the first touch from above may lie follows from it.
 """
+SIDES, ELEVATION = (0.0, 0.5, 1.0, 1.5), 0.12
+"""Directions, in half turns, from which a sphere is touched that was found from above, until three touches have met it;
+and rad above the horizontal: across the stick the probe is soft, and an approach fast."""
+ENOUGH = 3
 ON_TABLE = 0.4
 """Share of the sum of the radii by which the tip must be above the table to have met the sphere."""
 BESIDE = 0.02
 """m between the sphere and the touches of the table."""
+SLOPE = 0.02
+"""rad, of the table between two of its touches, for the place from which on the second one is sought."""
 LET_GO = 0.001
 """m, by which a touch is left."""
-TWO_PI = 2.0 * np.pi
 UP = np.array([0.0, 0.0, 1.0])
 PRIOR = 0.02
 """m, by which the sphere may stand elsewhere than the first touch says: only steadies the fit."""
@@ -115,11 +126,11 @@ class ReferenceSphere(SkillStrategy):
             found = yield from self._find(np.asarray(stated, dtype=float), options)
             if found is not Ended.CONTACT:
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
-            self.centres.append(self._centre())
+            self._seen_in = self._upright
             for touch in plan[index:] + plan[:index]:
                 yield from self._press(touch)
                 self._count += 1
-            self.centres[-1] = self._centre()
+            self.centres.append(self._sphere)
             if np.isfinite(options.table):
                 yield from self._press_table()
             yield from self._leave_upwards()
@@ -132,7 +143,7 @@ class ReferenceSphere(SkillStrategy):
     def _find(self, stated: np.ndarray, options: _Options) -> Procedure:
         """Go down at places around the stated one until the tip meets something above the table, then beside it.
 
-        Heights alone count, because an uncalibrated sensor says little of a contact's normal.
+        Places alone count, because an uncalibrated sensor says little of a contact's normal.
         """
         step, rings = SEARCH * self._reach, int(np.ceil(options.spread / (SEARCH * self._reach)))
         grid = np.arange(-rings, rings + 1) * step
@@ -141,17 +152,18 @@ class ReferenceSphere(SkillStrategy):
                 break
         else:
             return Ended.NOTHING_FOUND
-        self._guess = self._met[0] - self._reach * UP
-        for _ in range(ROUNDS):
-            centre, before = self._centre(), len(self._met)
-            for angle in (0.0, TWO_PI / 3.0, 2.0 * TWO_PI / 3.0):
-                aside = ASIDE * self._reach * np.array([np.cos(angle), np.sin(angle)])
-                yield from self._descend(stated, centre[:2] + aside)
-            if len(self._met) - before == 3:
+        below = stated[2] + self._reach - self._met[0][2]
+        self._sphere = self._met[0] - (self._reach - max(below, 0.0)) * UP
+        aside = np.sqrt(2.0 * self._reach * (abs(below) + HEIGHT))
+        self._at, known = SphereTouch(self._upright, UP), False
+        for half_turns in SIDES:
+            outcome = yield from self._meet_side(np.pi * half_turns, 2.0 * ROUGH if known else aside)
+            known = known or (outcome is Ended.CONTACT and half_turns >= 0.5)
+            if len(self._met) > ENOUGH:
                 break
-        self._at = SphereTouch(self._upright, UP)
-        yield from transit(self.tip, [Waypoint(self._centre() + self._off(STANDOFF) * UP)])
-        return Ended.CONTACT if len(self._met) > 2 else Ended.NOTHING_FOUND
+        yield from transit(self.tip, [Waypoint(self._sphere + self._off(STANDOFF) * UP)])
+        self._tool, self._cover = np.zeros(3), np.diag([ROUGH**2] * 3 + [OFF_TOOL**2] * 3)
+        return Ended.CONTACT if len(self._met) >= ENOUGH else Ended.NOTHING_FOUND
 
     def _descend(self, stated: np.ndarray, place: np.ndarray) -> Procedure:
         """Go down at a place (2,) to the table, and up again; what is met above the table is the sphere."""
@@ -174,27 +186,71 @@ class ReferenceSphere(SkillStrategy):
         self._met.append(here)
         return Ended.CONTACT
 
-    def _near(self) -> float:
-        """m before the surface where the approach of a touch begins: as sure as the contacts so far agree."""
-        away = np.linalg.norm(np.array(self._met) - self._centre(), axis=1) - self._reach
-        return float(np.clip(SURE * np.sqrt(np.mean(away**2)), NEAR, FAR))
+    def _meet_side(self, side: float, unsure: float) -> Procedure:
+        """Meet the sphere from a side [rad], which lies within `unsure` m of where it is thought to be."""
+        tip = self.tip
+        normal = np.array([np.cos(ELEVATION) * np.cos(side), np.cos(ELEVATION) * np.sin(side), np.sin(ELEVATION)])
+        begin = self._sphere + self._off(unsure + 2.0 * NEAR) * normal
+        end = self._sphere + (self._reach - unsure - BEYOND) * normal
+        high = self._sphere[2] + self._off(STANDOFF)
+        way = [Waypoint(_at(tip.here, max(high, tip.here[2]))), Waypoint(_at(begin, high)), Waypoint(begin)]
+        if not self.task.reachable([tip.pose_at(place) for place in (*(one.place for one in way), end)]):
+            return Ended.NOTHING_FOUND
+        outcome = yield from transit(tip, way)
+        if outcome is Ended.ARRIVED:
+            yield from rest(tip, ZEROING)
+            outcome = yield from approach(tip, normal, float((begin - end) @ normal))
+        if outcome is Ended.CONTACT:
+            self._met.append(tip.here.copy())
+            self._sphere = self._fitted()
+        yield from self._let_go(normal)
+        out = tip.here + STANDOFF * normal
+        yield from transit(tip, [Waypoint(out), Waypoint(_at(out, high))])
+        return outcome
 
-    def _centre(self) -> np.ndarray:
-        """(3,) m, from all contacts at this place: they lie as far from it as the sum of the radii."""
-        centre, met = self._guess.copy(), np.array(self._met)
+    def _fitted(self) -> np.ndarray:
+        """(3,) m, the sphere's centre from the contacts of the search, which lie the sum of the radii away from it."""
+        centre, met = self._sphere.copy(), np.array(self._met)
         for _ in range(10):
             away = met - centre
             distance = np.linalg.norm(away, axis=1)
             normal = away / distance[:, None]
             left = self._reach - distance
-            square = normal.T @ normal + (1e-4 / PRIOR) ** 2 * np.eye(3)
+            square = normal.T @ normal + (PRECISE / PRIOR) ** 2 * np.eye(3)
             centre = centre - np.linalg.solve(square, normal.T @ left)
         return centre
+
+    def _turn_to(self, rotation: np.ndarray) -> None:
+        """In another orientation the tool's error points elsewhere, and so do those of the arm's kinematic table."""
+        self._sphere = self._sphere + (self._seen_in - rotation) @ self._tool
+        moved = np.hstack([np.eye(3), self._seen_in - rotation])
+        self._cover[:3] = moved @ self._cover
+        self._cover[:, :3] = self._cover @ moved.T
+        self._doubt(STEADY + TURNING * angle_between(self._seen_in, rotation))
+        self._seen_in = rotation.copy()
+
+    def _doubt(self, more: float) -> None:
+        """The sphere may be seen elsewhere than before by so many metres."""
+        self._cover[:3, :3] += more**2 * np.eye(3)
+
+    def _seen(self, here: np.ndarray, normal: np.ndarray) -> None:
+        """The tip has met the sphere at a place (3,), along a normal (3,): correct sphere and tool (Kalman 1960)."""
+        across = self._cover[:, :3] @ normal
+        gain = across / (normal @ across[:3] + PRECISE**2)
+        change = gain * float((here - self._sphere) @ normal - self._reach)
+        self._sphere, self._tool = self._sphere + change[:3], self._tool + change[3:]
+        self._cover = self._cover - np.outer(gain, across)
+
+    def _near(self, normal: np.ndarray) -> float:
+        """m before the surface where an approach along a normal (3,) begins: as sure as the contacts so far make it."""
+        sigma = np.sqrt(normal @ self._cover[:3, :3] @ normal + PRECISE**2)
+        return float(np.clip(SURE * sigma, NEAR, FAR))
 
     def _press(self, touch: SphereTouch) -> Procedure:
         """Go round the sphere to where it is to be touched, and press; leave a touch out that is out of reach."""
         tip = self.tip
-        centre = self._centre()
+        self._turn_to(touch.rotation)
+        centre = self._sphere
         out = centre + self._off(STANDOFF) * touch.normal
         way = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
@@ -210,7 +266,7 @@ class ReferenceSphere(SkillStrategy):
                 return (yield from self._retreat())
             tip.rotation = touch.rotation.copy()
             self._at = touch
-            near = self._near()
+            near = self._near(touch.normal)
             near_place = centre + self._off(near) * touch.normal
             yield from rest(tip, LISTEN if self._count % ZERO_EVERY else ZEROING)
             outcome = yield from transit(tip, [Waypoint(near_place)])
@@ -219,7 +275,9 @@ class ReferenceSphere(SkillStrategy):
             outcome = yield from approach(tip, touch.normal, near + BEYOND)
             if outcome is Ended.CONTACT:
                 yield from self._load(touch.normal)
-                self._met.append(self._contact)
+                self._seen(self._contact, touch.normal)
+            else:
+                self._doubt(ROUGH)
         except (Overload, Blocked):
             tip.leave()
         yield from self._let_go(touch.normal)
@@ -232,7 +290,7 @@ class ReferenceSphere(SkillStrategy):
         self._contact = tip.here.copy()
         outcome = yield from load(tip, normal, self._force, LOAD_TIME)
         way = float((self._contact - tip.here) @ normal)
-        yield from unload(tip, normal, way, UNLOAD_TIMES[self._count % 2])
+        yield from unload(tip, normal, way, UNLOAD_TIMES[self._count // 2 % 2])
         return outcome
 
     def _let_go(self, normal: np.ndarray) -> Procedure:
@@ -245,18 +303,19 @@ class ReferenceSphere(SkillStrategy):
         """Leave what was met where nothing was expected: along the force, then away from the sphere."""
         tip = self.tip
         force = tip.seen.force.copy()
+        self._doubt(ROUGH)
         yield from self._let_go(force / max(float(np.linalg.norm(force)), 1e-9))
-        away = tip.here - self._centre()
+        away = tip.here - self._sphere
         normal = away / np.linalg.norm(away)
         rotation = tip.seen.pose[:3, :3].copy()
-        yield from transit(tip, [Waypoint(self._centre() + self._off(STANDOFF) * normal, rotation=rotation)])
+        yield from transit(tip, [Waypoint(self._sphere + self._off(STANDOFF) * normal, rotation=rotation)])
         self._at = SphereTouch(rotation, normal)
         tip.rotation = rotation
         return Ended.NO_CONTACT
 
     def _press_table(self) -> Procedure:
         """Press on the table at four places around the sphere."""
-        tip, centre = self.tip, self._centre()
+        tip, centre = self.tip, self._sphere
         options: _Options = self.task.options
         yield from self._leave_upwards()
         high = float(tip.here[2])
@@ -271,7 +330,7 @@ class ReferenceSphere(SkillStrategy):
             yield from rest(tip, LISTEN)
             outcome = yield from approach(tip, UP, gap + BEYOND)
             if outcome is Ended.CONTACT:
-                low, gap = float(tip.here[2]), 2.0 * NEAR
+                low, gap = float(tip.here[2]), SLOPE * radius + NEAR
                 yield from self._load(UP)
             yield from self._let_go(UP)
             yield from transit(tip, [Waypoint(above)])
@@ -280,7 +339,7 @@ class ReferenceSphere(SkillStrategy):
     def _leave_upwards(self) -> Procedure:
         """Round to the top of the sphere, then up, held upright."""
         top = SphereTouch(self._upright, UP)
-        centre = self._centre()
+        centre = self._sphere
         way = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, top.normal, self._at.rotation, top.rotation)

@@ -9,16 +9,15 @@ from typer.testing import CliRunner
 
 from lwrprobe.calibration import (
     Calibration,
-    FreeReading,
     Quantity,
     drifts,
-    identify_load,
     previous_path,
     read_calibration,
     write_calibration,
 )
 from lwrprobe.calibration.calibration_file import LENGTHS
 from lwrprobe.cli.app import app
+from lwrprobe.contact import identify_payload
 from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
@@ -160,18 +159,14 @@ def test_command_asks_for_the_diameter():
 
 def test_load_is_told_from_drift():
     random = np.random.default_rng(1)
-    turns = np.array([rotations(random.standard_normal(3), np.array([a]))[0] for a in np.linspace(0.1, 1.2, 40)])
-    gravity = -9.80665 * turns[:, 2]
+    turns = [rotations(random.standard_normal(3), np.array([a]))[0] for a in np.linspace(0.1, 1.2, 40)]
     com, readings = np.array([0.0, 0.001, 0.03]), []
-    for k, g in enumerate(gravity):
-        time = 3.0 * k
-        force = 0.003 * g + [0.1, -0.2, 0.3] + time * np.array([1e-3, 0.0, -1e-3])
-        torque = np.cross(com, 0.003 * g) + np.array([1e-3, 0.0, 0.0])
-        noise = np.concatenate([1e-4 * random.standard_normal(3), 1e-6 * random.standard_normal(3)])
-        readings.append(FreeReading(time, np.zeros(7), np.concatenate([force, torque]) + noise))
-    load = identify_load(readings, turns)
+    for k, turn in enumerate(turns):
+        time, weight = 3.0 * k, -0.003 * 9.80665 * turn[2]
+        force = weight + [0.1, -0.2, 0.3] + time * np.array([1e-3, 0.0, -1e-3]) + 1e-4 * random.standard_normal(3)
+        torque = np.cross(com, weight) + np.array([1e-3, 0.0, 0.0]) + 1e-6 * random.standard_normal(3)
+        readings.append(WrenchSample(time, force, torque, k))
+    load = identify_payload(readings, turns)
     assert abs(load.mass - 0.003) < 4.0 * load.mass_sigma < 1e-4
     assert (np.abs(load.com - com) < 4.0 * load.com_sigma + 1e-4).all()
     assert load.drift[:3] == pytest.approx([1e-3, 0.0, -1e-3], abs=2e-6)
-    with pytest.raises(InputError, match="readings"):
-        identify_load(readings[:3], turns[:3])

@@ -42,11 +42,11 @@ def test_values_lie_within_three_standard_deviations(drawn):
             assert (np.abs(solution.value(name) - value)[:1] < 3.5 * solution.sigma(name)[:1]).all(), name
 
 
-def test_torque_for_a_force_is_found_to_half_a_percent(drawn):
+def test_torque_for_a_force_is_found_to_three_permille(drawn):
     for world, _, solution in drawn:
         found = force_to_torque(np.eye(6) + solution.value("sensor").reshape(6, 6), PROBE)
         error = np.abs(found - force_to_torque(world.sensor, PROBE)) / PROBE.sensor_distance
-        assert max(error[0, 1], error[1, 0]) < 0.005
+        assert max(error[0, 1], error[1, 0]) < 0.003
 
 
 def test_what_no_touch_shows_stays_at_its_prior(drawn):
@@ -119,6 +119,24 @@ def test_jacobian_is_that_of_the_residuals():
 def test_a_wrong_diameter_is_named(drawn):
     with pytest.raises(CalibrationRefused, match="diameter"):
         solve(robot(), PROBE, drawn[0][1], REFERENCE + 3e-4, CENTRE[None], 0.0)
+
+
+@pytest.mark.parametrize("lost", ["every other one", "all of the second half", "all but twelve"])
+def test_a_wrong_diameter_is_not_accepted_where_touches_are_missing(drawn, lost):
+    made = drawn[0][1]
+    left = {"every other one": made[::2], "all of the second half": made[: len(made) // 2], "all but twelve": made[:12]}
+    with pytest.raises(CalibrationRefused, match="sum of the radii"):
+        solve(robot(), PROBE, left[lost], REFERENCE + 3e-4, CENTRE[None], 0.0)
+
+
+def test_a_wrong_diameter_is_not_accepted_where_half_of_the_touches_are_bad(drawn):
+    random, arm, bad = np.random.default_rng(3), robot(), []
+    for k, touch in enumerate(drawn[0][1]):
+        shift = 3e-4 * random.standard_normal(3) * (k % 2)
+        turn = np.linalg.pinv(arm.jacobian(touch.arm_joints[len(touch.arm_joints) // 2])) @ [*shift, 0.0, 0.0, 0.0]
+        bad.append(replace(touch, arm_joints=touch.arm_joints + turn))
+    with pytest.raises(CalibrationRefused):
+        solve(arm, PROBE, bad, REFERENCE + 3e-4, CENTRE[None], 0.0)
 
 
 @pytest.mark.parametrize("shift", [[9e-4, 0.0, 0.0], [0.0, -4e-4, 4e-4]])

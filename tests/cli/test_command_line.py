@@ -52,7 +52,7 @@ def test_list_describes_each_name(kind):
 
 COMMANDS = [
     [], ["explore"], ["resume"], ["reconstruct"], ["fit"], ["evaluate"], ["report"], ["merge"], ["list"], ["doctor"],
-    ["weigh"], ["repeat"],
+    ["calibrate"], ["repeat"],
     ["recover"], ["replay"], ["rescan"], ["sweep"], ["compare"], ["view"], ["film"],
     ["bench"], ["map"], ["map", "info"], ["map", "cloud"],
     ["emulate"], ["emulate", "fri"], ["emulate", "ati"], ["emulate", "rig"],
@@ -120,8 +120,8 @@ main()
         ("fit nowhere.ply", ["source", "nowhere.ply"]),
         ("evaluate nowhere.stl --truth block", ["subject", "nowhere.stl"]),
         ("evaluate file", ["--truth", "scene"]),
-        ("weigh bloc", ["did you mean 'block'"]),
-        ("weigh block --set arm.driver=ur", ["driver", "'ur'"]),
+        ("calibrate bloc --reference-sphere 0.03", ["did you mean 'block'"]),
+        ("calibrate block --reference-sphere 0.03 --arm ur", ["driver", "'ur'"]),
         ("repeat bloc", ["did you mean 'block'"]),
         ("repeat block --arm ur", ["driver", "'ur'"]),
         ("doctor --arm ur", ["driver", "'ur'", "lwrprobe list drivers"]),

@@ -4,7 +4,7 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import Deflection, check_probe, make_estimator, time_skew, zero_force_point
+from lwrprobe.contact import Deflection, make_estimator, zero_force_point
 from lwrprobe.contracts import InputError, Probe
 
 STICK = np.array([4e-4, 4e-4, 8e-7])  # a printed stick: 2.5e3 N/m across, 1.25e6 along
@@ -117,105 +117,3 @@ def test_hertz_contact_behind_a_stick_is_recognised():
 def test_what_is_no_touch_is_refused(x, f):
     with pytest.raises(InputError):
         zero_force_point(x, f)
-
-
-# Time skew
-
-
-def scan(delay, rate=125.0, speed=0.02, noise=0.003, friction=0.2, seed=5):
-    """Back and forth over a bump; the force is stamped `delay` late."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 8.0, 1 / rate)
-
-    def place(time):
-        phase = (time * speed / 0.04) % 2.0
-        return 0.04 * np.where(phase < 1.0, phase, 2.0 - phase)
-
-    def force(time):
-        way = np.sign(place(time + 1e-4) - place(time - 1e-4))
-        return 1.0 + 0.4 * np.exp(-(((place(time) - 0.02) / 0.005) ** 2)) + friction * way
-
-    return place(t), force(t - delay) + noise * rng.normal(size=t.size), t
-
-
-@pytest.mark.parametrize(
-    "delay", [0.005, *(pytest.param(d, marks=pytest.mark.slow) for d in (-0.02, 0.0, 0.012, 0.02))]
-)
-def test_time_skew_is_found_by_a_back_and_forth_scan(delay):
-    x, f, t = scan(delay)
-    found = time_skew(x, f, t)
-    assert abs(found.delay - delay) < 1e-3
-    assert found.sigma < 1e-3
-    direction = naive.unit([1.0, 2.0, -0.5])
-    assert abs(time_skew(np.outer(x, direction), f, t).delay - delay) < 1e-3
-
-
-def test_scans_that_cannot_tell_are_refused():
-    x, f, t = scan(0.01)
-    with pytest.raises(InputError, match="forces"):
-        time_skew(x, 1.0 + 0.003 * np.random.default_rng(0).normal(size=t.size), t)
-    with pytest.raises(InputError, match="positions"):
-        time_skew(t * 0.02, f, t)
-    with pytest.raises(InputError, match="times"):
-        time_skew(x, f, t[::-1])
-    with pytest.raises(InputError, match="times"):
-        time_skew(x[:50], f[:50], t[:50])
-    with pytest.raises(InputError, match="positions"):
-        time_skew(np.where(t < 0.1, np.nan, x), f, t)
-
-
-# Self-check on a reference sphere
-
-
-def reference_touches(probe, offset, radius, count=40, seed=6, noise=1.0):
-    """Touches all over the upper half of a 25 mm sphere with a probe that is not as it is described."""
-    rng = np.random.default_rng(seed)
-    real = Probe(radius=radius, sensor_distance=probe.sensor_distance, compliance=probe.compliance)
-    place = np.array([0.5, 0.1, 0.2])
-    centres, turns, forces, torques = [], [], [], []
-    for _ in range(count):
-        n = naive.unit(np.abs(rng.normal(size=3)) * [1, 1, 1.5] * rng.choice([-1, 1], size=3) * [1, 1, 0] + [0, 0, 0.8])
-        tilt = rng.normal(size=3) * 0.2
-        rotation = np.linalg.qr(np.diag([1.0, -1.0, -1.0]) + naive.cross_matrix(tilt))[0]
-        rotation = rotation * np.sign(np.diag(rotation) * [1, -1, -1])
-        force = rotation.T @ naive.unit(n + 0.15 * rng.normal(size=3)) * 1.5
-        arm = naive.lever(real, force) + offset - radius * (rotation.T @ n)
-        values = np.concatenate([force, np.cross(arm, force)])
-        values += noise * np.repeat([1 / 320, 1 / 64000], 3) * rng.normal(size=6)
-        centres.append(place + (0.025 + radius) * n - rotation @ offset + noise * 1e-5 * rng.normal(size=3))
-        turns.append(rotation)
-        forces.append(values[:3])
-        torques.append(values[3:])
-    return np.array(centres), np.array(turns), np.array(forces), np.array(torques)
-
-
-@pytest.mark.parametrize(
-    ("offset", "radius"),
-    [((0, 0, 0), 0.005), ((0.001, 0, 0), 0.005), ((0, 0, 0), 0.0052), ((-0.0005, 0.0008, 0.001), 0.0048)],
-)
-def test_a_bent_stick_and_a_wrong_radius_are_told(offset, radius):
-    probe = Probe(compliance=STICK)
-    found = check_probe(probe, *reference_touches(probe, np.array(offset, dtype=float), radius), 0.025)
-    assert found.radius_error == pytest.approx(radius - 0.005, abs=3e-5)
-    np.testing.assert_allclose(found.offset, offset, atol=1e-4)
-    assert found.residual < 3e-5
-
-
-def test_the_check_is_exact_without_noise():
-    probe = Probe()
-    offset = np.array([0.001, -0.0004, 0.0006])
-    found = check_probe(probe, *reference_touches(probe, offset, 0.0052, noise=0.0), 0.025)
-    np.testing.assert_allclose(found.offset, offset, atol=1e-8)
-    assert found.radius == pytest.approx(0.0052, abs=1e-8)
-    np.testing.assert_allclose(found.reference, [0.5, 0.1, 0.2], atol=1e-8)
-
-
-def test_touches_on_one_side_only_are_refused():
-    probe = Probe()
-    centres, turns, forces, torques = reference_touches(probe, np.zeros(3), 0.005)
-    with pytest.raises(InputError, match="centres"):
-        check_probe(probe, centres[:4], turns[:4], forces[:4], torques[:4], 0.025)
-    with pytest.raises(InputError, match="centres"):
-        check_probe(probe, centres, turns, np.einsum("nji,j->ni", turns, [0, 0, 1.0]), torques, 0.025)
-    with pytest.raises(InputError, match="reference_radius"):
-        check_probe(probe, centres, turns, forces, torques, -1.0)

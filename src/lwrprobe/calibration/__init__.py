@@ -16,19 +16,16 @@ from lwrprobe.calibration.drift import Drift, drifts
 from lwrprobe.lazy import imported_on_use
 
 if TYPE_CHECKING:
-    from lwrprobe.calibration.free_readings import Load, identify_load
     from lwrprobe.calibration.parameters import Parameters
     from lwrprobe.calibration.priors import Priors
     from lwrprobe.calibration.quantities import force_to_torque, tool_shift_rows
     from lwrprobe.calibration.solution import CalibrationRefused, Solution, solve
-    from lwrprobe.calibration.touches import FreeReading, Touch, Touches
+    from lwrprobe.calibration.touches import Touch, Touches
 
 __all__ = [
     "Calibration",
     "CalibrationRefused",
     "Drift",
-    "FreeReading",
-    "Load",
     "Parameters",
     "Priors",
     "Quantity",
@@ -37,7 +34,6 @@ __all__ = [
     "Touches",
     "drifts",
     "force_to_torque",
-    "identify_load",
     "previous_path",
     "read_calibration",
     "solve",
@@ -47,15 +43,12 @@ __all__ = [
 
 _MODULES = {
     "CalibrationRefused": "solution",
-    "FreeReading": "touches",
-    "Load": "free_readings",
     "Parameters": "parameters",
     "Priors": "priors",
     "Solution": "solution",
     "Touch": "touches",
     "Touches": "touches",
     "force_to_torque": "quantities",
-    "identify_load": "free_readings",
     "solve": "solution",
     "tool_shift_rows": "quantities",
 }

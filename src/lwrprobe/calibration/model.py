@@ -18,8 +18,13 @@ _PLACE_NOISE = 8e-6
 The noise is in the force that predicts the place. Stated as small as it is, the solver would choose the matrix of the
 sensor that makes it smaller, and the stick would seem stiffer by its share.
 """
-_TURN_SHARE = 0.8
-"""Share of the sensor's hysteresis that its model leaves."""
+_TURN_SHARE = 0.3
+"""Share of the sensor's hysteresis that its model leaves between rise and fall."""
+_GROWTH = 0.1
+"""Share of the sensor's hysteresis by which it grows along a rise beside its model. Force and torque of one sensor lag
+alike, so that less is left of their ratio than of either. Stated much larger than it is, the prior would count: found
+ratios would lie between what was read and what the scene states.
+"""
 _BENT = 0.1
 """Share of the slope of a gear's wave that its model leaves."""
 _TURNS_BACK = 0.2
@@ -159,7 +164,7 @@ class Model:
         share = size / size.max()
         # An axis with little load turns back within the hysteresis, at any sample: a part of it counts as noise.
         cover = (noise**2 + wander**2 + (_TURNS_BACK * width) ** 2) * np.eye(len(mine)) + (4.0 * width) ** 2
-        cover += np.outer(share, share) * width**2 / 3.0
+        cover += np.outer(share, share) * (_GROWTH * width) ** 2
         return np.linalg.inv(np.linalg.cholesky(cover))
 
     def _state(self, x: Vector) -> _State:
@@ -389,15 +394,24 @@ def derivatives_by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) ->
 
 
 def _directions(readings: np.ndarray, priors: Priors) -> np.ndarray:
-    """(m, 6) whether each axis of the readings (m, 6) has last grown, 1, or fallen, -1, by more than its noise."""
+    """(m, 6) whether each axis of the readings (m, 6) has last grown, 1, or fallen, -1, by more than its noise.
+
+    While a load turns back within the hysteresis its reading stands still: from its extreme to where it is seen to turn
+    the numbers lead evenly from one to the other.
+    """
     noise = _NOTICED * np.repeat([priors.noise_force, priors.noise_torque], 3)
     out = np.empty_like(readings)
     extreme, direction = readings[0].copy(), np.sign(readings[0])
+    since = np.zeros(readings.shape[1], dtype=int)
     for k, now in enumerate(readings):
         onward = (now - extreme) * direction
         back = onward < -noise
+        for axis in np.flatnonzero(back):
+            between = np.arange(since[axis] + 1, k)
+            out[between, axis] = direction[axis] * (1.0 - 2.0 * (between - since[axis]) / (k - since[axis]))
         direction = np.where(back, -direction, direction)
-        extreme = np.where(back | (onward > 0.0), now, extreme)
+        moved = back | (onward > 0.0)
+        extreme, since = np.where(moved, now, extreme), np.where(moved, k, since)
         out[k] = direction
     return out
 

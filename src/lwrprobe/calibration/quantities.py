@@ -6,26 +6,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lwrprobe.calibration.calibration_file import Quantity
-from lwrprobe.calibration.free_readings import Load
 from lwrprobe.calibration.model import cross_matrices, derivatives_by_table
 from lwrprobe.calibration.parameters import Parameters
 from lwrprobe.calibration.priors import Priors
 from lwrprobe.calibration.solution import Solution
 from lwrprobe.calibration.touches import Touches
+from lwrprobe.contact import Payload
 from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.kinematics import Robot
 
 DELAY_SIGMA = 3e-4
 """s, of the arm's delay: a third of a cycle of 1 ms."""
-CLOCK_MODEL = 3.5e-4
+CLOCK_MODEL = 5e-4
 """s, of the clocks' offset: what the models of play, hysteresis and yielding surface leave of the difference between
 the rise and the fall of a touch. Seen in worlds drawn from the profile `datasheet`."""
 _STEP = 1e-6
 
 
 def quantities(
-    solution: Solution, touches: Touches, load: Load, robot: Robot, probe: Probe, priors: Priors, q: Vector
+    solution: Solution, touches: Touches, load: Payload, robot: Robot, probe: Probe, priors: Priors, q: Vector
 ) -> dict[str, Quantity]:
     """All quantities of `Calibration`; `q` (n,) are joints at the sphere, for the arm's stiffness there."""
     s = solution

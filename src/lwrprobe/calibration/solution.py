@@ -26,7 +26,9 @@ ROUNDS = 4
 SETTLED = 0.3
 """Relative change of that error below which it is known."""
 SUSPICIOUS = 4.0
-"""Prior standard deviations by which a result may differ from what the scene states."""
+"""Standard deviations by which the sum of the radii may differ from what is stated."""
+RADIUS_SEEN = 5e-5
+"""m, standard deviation of the sum of the radii from the touches alone, above which a wrong diameter would not show."""
 APART = 4
 """Touches at the begin and at the end that say too little of a sphere that moves."""
 SEEN = 1e-3
@@ -127,6 +129,7 @@ def solve(
     solution = Solution(parameters, x, covariance, model.place_error, float(np.sqrt(np.mean(left**2))), left)
     refuse_bad(solution, touches)
     refuse_moved(model, x)
+    refuse_few(solution, touches)
     return solution
 
 
@@ -164,19 +167,41 @@ def refuse_moved(model: Model, x: Vector) -> None:
 
 def refuse_bad(solution: Solution, touches: list[Touch]) -> None:
     """Raise CalibrationRefused, with the likely cause, where the touches contradict each other or the scene."""
-    radius = solution.parameters.slices["radius"]
-    off = float((solution.x - solution.parameters.mean)[radius][0])
-    if abs(off) > SUSPICIOUS * float(solution.parameters.sigma[radius][0]):
+    off, sigma = _radius_alone(solution)
+    assumed = float(solution.parameters.sigma[solution.parameters.slices["radius"]][0])
+    if sigma <= RADIUS_SEEN and abs(off) > SUSPICIOUS * np.hypot(assumed, sigma):
         raise CalibrationRefused(
             f"the sum of the radii differs by {1e3 * off:+.3f} mm from what is stated: the diameter of the reference "
             "sphere, or `probe.radius`, is wrong"
         )
-    if solution.residual <= MAX_RESIDUAL:
-        return
-    raise CalibrationRefused(
-        f"the touches contradict each other by {1e3 * solution.residual:.3f} mm, at most {1e3 * MAX_RESIDUAL:g} mm "
-        f"are allowed: {_cause(solution.per_touch, touches)}"
-    )
+    if solution.residual > MAX_RESIDUAL:
+        raise CalibrationRefused(
+            f"the touches contradict each other by {1e3 * solution.residual:.3f} mm, at most {1e3 * MAX_RESIDUAL:g} mm "
+            f"are allowed: {_cause(solution.per_touch, touches)}"
+        )
+
+
+def refuse_few(solution: Solution, touches: list[Touch]) -> None:
+    """Raise CalibrationRefused where a wrong diameter would not show."""
+    sigma = _radius_alone(solution)[1]
+    if sigma > RADIUS_SEEN:
+        count = sum(touch.target == "sphere" for touch in touches)
+        raise CalibrationRefused(
+            f"{count} touches of the sphere show the sum of the radii to {1e3 * sigma:.3f} mm only, "
+            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, lie "
+            "on one side, or do not agree"
+        )
+
+
+def _radius_alone(solution: Solution) -> tuple[float, float]:
+    """m, by which the sum of the radii differs from the stated one, and its standard deviation: what the touches show.
+
+    The stated radius was one of the observations. Without it a wrong diameter is not drawn towards what is stated.
+    """
+    at = solution.parameters.slices["radius"]
+    before, after = float(solution.parameters.sigma[at][0]) ** 2, float(solution.covariance[at, at][0, 0])
+    alone = 1.0 / max(1.0 / after - 1.0 / before, 1e-12 / before)
+    return alone / after * float((solution.x - solution.parameters.mean)[at][0]), float(np.sqrt(alone))
 
 
 def _cause(left: Vector, touches: list[Touch]) -> str:

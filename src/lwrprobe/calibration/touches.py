@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from lwrprobe.contracts import WrenchSample
 from lwrprobe.contracts.samples import Vector
 
 Target = Literal["sphere", "table"]
@@ -36,22 +37,6 @@ class Touch:
     arm_joints: np.ndarray
 
 
-@dataclass(slots=True, frozen=True)
-class FreeReading:
-    """Mean reading of the sensor while the probe rests in free space.
-
-    Attributes
-    ----------
-    time : s
-    joints : (n,) rad
-    wrench : (6,) N and N m, raw
-    """
-
-    time: float
-    joints: Vector
-    wrench: Vector
-
-
 @dataclass(slots=True)
 class Touches:
     """All that one calibration has measured.
@@ -59,13 +44,15 @@ class Touches:
     Attributes
     ----------
     touches : in order of time
-    free : in order of time
+    free : mean readings while the probe rests in free space, in order of time, raw
+    free_joints : (n,) rad at each of them
     following : s, from a set point to the arm's measured motion; nan where it was not measured
     latency : s, from a sample's time stamp to its arrival on the arm's clock, the smallest
     """
 
     touches: list[Touch] = field(default_factory=list)
-    free: list[FreeReading] = field(default_factory=list)
+    free: list[WrenchSample] = field(default_factory=list)
+    free_joints: list[Vector] = field(default_factory=list)
     following: float = float("nan")
     latency: float = 0.0
 

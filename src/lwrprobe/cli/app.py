@@ -32,7 +32,6 @@ from lwrprobe.cli import (
     resume,
     sweep,
     view,
-    weigh,
 )
 from lwrprobe.cli.help_page import Command, Group
 from lwrprobe.errors import DriverError, LwrprobeError, PluginError, StorageError, UnknownNameError
@@ -62,7 +61,6 @@ app.command("merge", cls=Command)(merge.merge)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("list", cls=Command)(listing.list_names)
 app.command("doctor", cls=Command)(doctor.doctor)
-app.command("weigh", cls=Command)(weigh.weigh)
 app.command("calibrate", cls=Command)(calibrate.calibrate)
 app.command("repeat", cls=Command)(repeat.repeat)
 app.command("bench", cls=Command)(bench.bench)

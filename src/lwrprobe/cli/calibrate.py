@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lwrprobe.errors import InputError
+
 if TYPE_CHECKING:
     from lwrprobe.calibration import Calibration
 
@@ -22,6 +24,7 @@ ROWS: tuple[tuple[str, str, tuple[str, ...], float, str], ...] = (
     ("sensor_latency", "sensor's latency", ("",), 1e3, "ms"),
     ("table", "table", ("height",), 1e3, "mm"),
     ("payload", "payload", ("mass",), 1e3, "g"),
+    ("payload", "payload's middle", ("", "x", "y", "z"), 1e3, "mm"),
     ("joint_offset", "joint offset", ("1", "2", "3", "4", "5", "6", "7"), 57.29578, "deg"),
 )  # fmt: skip
 """Quantity, its words, those of its numbers, factor and unit for reading."""
@@ -39,6 +42,12 @@ def calibrate(
     ] = None,
     sensor: Annotated[
         str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
+    ] = None,
+    poses: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y", help="Place of a reference sphere in m; give several for the joints' offsets, too."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")] = Path("calibration.toml"),
     settings: Annotated[
@@ -68,7 +77,10 @@ def calibrate(
     from lwrprobe.exploration.safety.confirm import Confirm
 
     asking = Confirm(confirm, typer.echo) if confirm > 0 else None
-    found, measured = run(loaded, reference_sphere, lambda text: typer.echo(text, err=True), confirm=asking)
+    places = [_place(text) for text in poses or []]
+    found, measured = run(
+        loaded, reference_sphere, lambda text: typer.echo(text, err=True), confirm=asking, poses=places
+    )
     write_calibration(found, out)
     for line in _lines(found):
         typer.echo(line)
@@ -77,12 +89,23 @@ def calibrate(
     typer.echo(f"wrote {out}: use it with the scene's key calibration, or --set 'calibration=\"{out}\"'")
 
 
+def _place(text: str) -> tuple[float, float]:
+    """x and y in m."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError("--poses", text, "x,y in m") from None
+    return x, y
+
+
 def _lines(found: Calibration) -> list[str]:
     """One for each number: value, standard deviation, and whether the touches show it."""
     lines = []
     for name, words, parts, factor, unit in ROWS:
         quantity = found.quantities[name]
         for part, value, sigma, visible in zip(parts, quantity.values, quantity.sigma, quantity.visible):
+            if not part and len(parts) > 1:
+                continue
             text = f"{words} {part}".strip()
             seen = "" if visible else "   not visible"
             lines.append(f"{text:<28} {factor * value:10.3f} ± {factor * sigma:.3f} {unit}{seen}")

@@ -16,9 +16,7 @@ from lwrprobe.contact.estimator import (
 from lwrprobe.contact.limit_cycle import LimitCycle
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.press_compliance import PressCompliance
-from lwrprobe.contact.probe_check import ProbeCheck, check_probe
 from lwrprobe.contact.stick_contact import stick_contact
-from lwrprobe.contact.time_skew import TimeSkew, time_skew
 from lwrprobe.contact.torque_agreement import TorqueAgreement
 from lwrprobe.contact.touch import TouchFit, zero_force_point
 from lwrprobe.contact.touch_identification import TouchIdentification
@@ -39,9 +37,7 @@ __all__ = [
     "LimitCycle",
     "Payload",
     "PressCompliance",
-    "ProbeCheck",
     "Settings",
-    "TimeSkew",
     "TorqueAgreement",
     "TouchFit",
     "TouchIdentification",
@@ -50,10 +46,8 @@ __all__ = [
     "WrenchNoise",
     "agreed_bias",
     "check_estimator",
-    "check_probe",
     "identify_payload",
     "make_estimator",
     "stick_contact",
-    "time_skew",
     "zero_force_point",
 ]

@@ -35,7 +35,7 @@ class Settings:
     near_zero : N, below it a force has no direction
     max_friction : largest friction coefficient thought possible
     trusted_error : rad, expected error of the normal at which a contact is just trusted
-    lever_error : m, how well the sphere's centre is known in the sensor frame (see `check_probe`)
+    lever_error : m, how well the sphere's centre is known in the sensor frame (see `lwrprobe calibrate`)
     zero_error : N, how far the zero of a force axis may have drifted since the bias was taken; torque axes in
         proportion to the resolutions
     zero_time : s within which the zero wanders by that much (`fused`)

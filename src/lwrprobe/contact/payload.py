@@ -24,12 +24,17 @@ class Payload:
     com : (3,) m, centre of mass in the sensor frame
     bias : (6,) N and N·m, what the sensor reads without any load
     residual : (6,) N and N·m, root mean square of what the model leaves on each axis
+    drift : (6,) N/s and N·m/s, of the sensor's zero; `bias` counts at the mean of the readings' times
+    mass_sigma, com_sigma : kg and (3,) m, standard deviations; zero where the payload is stated and not identified
     """
 
     mass: float
     com: Vector
     bias: Vector
     residual: Vector = field(default_factory=lambda: np.zeros(6))
+    drift: Vector = field(default_factory=lambda: np.zeros(6))
+    mass_sigma: float = 0.0
+    com_sigma: Vector = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of(cls, probe: Probe) -> Payload:
@@ -43,11 +48,11 @@ class Payload:
 
 
 def identify_payload(samples: Sequence[WrenchSample], rotations: Sequence[np.ndarray]) -> Payload:
-    """Mass, centre of mass and bias from readings in free space at several orientations.
+    """Mass, centre of mass and bias from readings in free space at several orientations, while the zero drifts evenly.
 
-    Linear least squares: `f = b_f + m g` gives mass and force bias, `t = b_t - [g]x (m c)` moment and torque bias,
-    with g the gravity vector in the sensor frame. One sample an orientation; several at the same one are averaged
-    by the fit. The centre of mass is zero where the mass is too small (under a milligram).
+    Linear least squares: `f = b_f + d_f s + m g` gives mass and force bias, `t = b_t + d_t s - [g]x (m c)` moment and
+    torque bias, with g the gravity vector in the sensor frame and s the time. One sample an orientation; several at the
+    same one are averaged by the fit. The centre of mass is zero where the mass is too small (under a milligram).
 
     Parameters
     ----------
@@ -70,18 +75,31 @@ def identify_payload(samples: Sequence[WrenchSample], rotations: Sequence[np.nda
     if spread[1] < GRAVITY * np.sin(np.radians(10.0)) / 3.0:
         raise InputError("rotations", "orientations too alike", "tilts of 10 degrees and more about two axes")
 
-    n = len(samples)
-    identity = np.tile(np.eye(3), (n, 1))
-    from_force, *_ = np.linalg.lstsq(np.hstack([identity, gravity.reshape(-1, 1)]), forces.ravel(), rcond=None)
-    cross = np.concatenate([_cross_matrix(g) for g in gravity])
-    from_torque, *_ = np.linalg.lstsq(np.hstack([identity, -cross]), torques.ravel(), rcond=None)
+    times = np.array([s.time for s in samples])
+    zero = np.hstack([np.tile(np.eye(3), (len(times), 1)), np.kron((times - times.mean())[:, None], np.eye(3))])
+    from_force, force_cover, force_left = _fit(np.hstack([zero, gravity.reshape(-1, 1)]), forces)
+    moments = -np.concatenate([_cross_matrix(g) for g in gravity])
+    from_torque, torque_cover, torque_left = _fit(np.hstack([zero, moments]), torques)
 
-    mass, moment = float(from_force[3]), from_torque[3:]
-    com = moment / mass if mass > 1e-6 else np.zeros(3)
-    force_error = forces - from_force[:3] - mass * gravity
-    torque_error = torques - from_torque[:3] - np.cross(moment, gravity)
-    residual = np.sqrt(np.mean(np.hstack([force_error, torque_error]) ** 2, axis=0))
-    return Payload(mass, com, np.concatenate([from_force[:3], from_torque[:3]]), residual)
+    mass = float(from_force[6])
+    known = mass > 1e-6
+    return Payload(
+        mass=mass,
+        com=from_torque[6:] / mass if known else np.zeros(3),
+        bias=np.concatenate([from_force[:3], from_torque[:3]]),
+        residual=np.concatenate([force_left, torque_left]),
+        drift=np.concatenate([from_force[3:6], from_torque[3:6]]),
+        mass_sigma=float(np.sqrt(force_cover[6, 6])),
+        com_sigma=np.sqrt(np.diag(torque_cover)[6:]) / mass if known else np.zeros(3),
+    )
+
+
+def _fit(design: np.ndarray, seen: np.ndarray) -> tuple[Vector, np.ndarray, Vector]:
+    """Least squares: numbers (k,), their covariance (k, k), and the root mean square that is left on each of 3 axes."""
+    found, *_ = np.linalg.lstsq(design, seen.ravel(), rcond=None)
+    left = seen - (design @ found).reshape(-1, 3)
+    scale = float(np.sum(left**2)) / max(seen.size - design.shape[1], 1)
+    return found, scale * np.linalg.pinv(design.T @ design), np.sqrt(np.mean(left**2, axis=0))
 
 
 def _cross_matrix(v: Vector) -> np.ndarray:

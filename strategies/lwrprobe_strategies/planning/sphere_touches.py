@@ -11,8 +11,9 @@ import numpy as np
 
 Lean = tuple[float, float, float]
 """Orientation of the probe against that of the start: tilt, direction of the tilt, turn about the stick [rad]."""
-LEANS = (0.0, 1.45, 0.8, 1.45)
-"""rad between the normals that are touched and the stick, in turn: along it, across it, and between."""
+LEANS = (1.45, 0.8, 1.45, 0.0)
+"""rad between the normals that are touched and the stick, in turn: across it, between, and along it. Across it the
+approach is fast: those show where the sphere is, and the slow one along the stick begins near it."""
 LOWEST = 0.08
 """Sine of the elevation of the lowest normal: below it the table is near."""
 GOLDEN = 2.4
@@ -93,10 +94,14 @@ def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
     return np.eye(3) + sin(angle) * skew + (1.0 - cos(angle)) * skew @ skew
 
 
+def angle_between(begin: np.ndarray, end: np.ndarray) -> float:
+    """rad, of the rotation from one orientation (3, 3) to another."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(end @ begin.T) - 1.0), -1.0, 1.0)))
+
+
 def _turn(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, float]:
     """Axis (3,) and angle of the rotation from one orientation to the other."""
-    turn = end @ begin.T
-    angle = float(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0)))
+    turn, angle = end @ begin.T, angle_between(begin, end)
     if angle < 1e-6:
         return np.array([0.0, 0.0, 1.0]), 0.0
     values, vectors = np.linalg.eigh(0.5 * (turn + turn.T))

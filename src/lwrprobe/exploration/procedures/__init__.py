@@ -1,1 +1,1 @@
-"""What is done with an arm and a sensor from start to end: explore, repeat, weigh, dry run, merge."""
+"""What is done with an arm and a sensor from start to end: explore, repeat, calibrate, dry run, merge."""

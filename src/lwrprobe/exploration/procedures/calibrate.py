@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from lwrprobe.calibration import (
     Calibration,
-    FreeReading,
+    CalibrationRefused,
     Priors,
     Touch,
     Touches,
-    identify_load,
     solve,
 )
 from lwrprobe.calibration.quantities import quantities
 from lwrprobe.calibration.touches import Target
-from lwrprobe.contracts import InputError, SafetyStop
+from lwrprobe.contact import identify_payload
+from lwrprobe.contracts import InputError, SafetyStop, WrenchSample
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, Outcome, WatchFunction
@@ -45,9 +45,11 @@ SIDE_MARGIN, ABOVE = 0.045, 0.02
 """m of the area beside the sphere and above it: for the probe and for a sphere that stands elsewhere."""
 PENETRATION = 0.008
 """m, how deep the table may be sought below where the scene has it."""
+APART = 0.12
+"""m between the middles of two reference spheres, so that the leaning stick stays clear of the other ones."""
 DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
-TILTS = ((0.0, 3), (0.4, 6), (0.75, 9))
+TILTS = ((0.0, 3), (0.4, 5), (0.75, 7))
 """rad out of the orientation of the start, and to how many sides."""
 SPINS = (0.0, 1.2, -1.2)
 """rad about the stick, in turn: they tell an offset of the sphere from errors of the arm."""
@@ -65,10 +67,11 @@ ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""
 LIGHT = 0.25
 """N, below which a sample of a touch says little."""
-TURNED = 0.95
-"""Share of the largest force of a touch below which it has surely fallen."""
-MARGIN = 0.1
-"""s of the arm's motion that are kept before and after a touch."""
+TURNED = 0.6
+"""Share of the largest force of a touch below which it has surely fallen: the friction has turned, the play of the
+joints is taken up, and each axis of the sensor has left its hysteresis."""
+BEFORE, AFTER = 1.5, 0.1
+"""s of the arm's motion that are kept before a touch, on which the play of each joint was taken up, and after it."""
 SETTLING = 0.05
 """s of a rest that do not count yet."""
 EVEN = 2e-3
@@ -93,21 +96,27 @@ class Measurement:
     ground_truth: Any
 
 
-def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
+def with_reference_sphere(scene: Scene, diameter: float, poses: Sequence[tuple[float, float]] = ()) -> Scene:
     """The scene with a sphere of a diameter [m] on its table, in the middle of its area, and nothing else.
 
-    Raises InputError for a diameter that is no length between 6 and 100 mm.
+    With `poses`, x and y in m, a sphere stands at each of them, and none in the middle. Raises InputError for a
+    diameter that is no length between 6 and 100 mm, and for poses closer to each other than 120 mm.
     """
     if not (np.isfinite(diameter) and DIAMETERS[0] <= diameter <= DIAMETERS[1]):
         raise InputError("--reference-sphere", diameter, f"a diameter from {DIAMETERS[0]:g} to {DIAMETERS[1]:g} m")
     radius, probe = 0.5 * diameter, scene.probe.radius
-    x, y = (0.5 * (a + b) for a, b in zip(scene.area.lower[:2], scene.area.upper[:2]))
+    middle = (np.array(scene.area.lower[:2]) + np.array(scene.area.upper[:2])) / 2.0
+    places = np.array(poses if len(poses) else [middle], dtype=float)
+    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+        raise InputError("--poses", list(poses), "pairs of x and y in m")
+    if any(np.hypot(*(one - other)) < APART for one, other in combinations(places, 2)):
+        raise InputError("--poses", [list(place) for place in poses], f"places {APART:g} m apart and more")
     table = scene.table.height if scene.table.present else scene.area.lower[2] - probe
     z = table + radius
     side = radius + probe + SIDE_MARGIN
     options = {
         "radius": radius,
-        "places": [[x, y, z]],
+        "places": [[float(x), float(y), z] for x, y in places],
         "table": scene.table.height if scene.table.present else float("nan"),
     }
     material: dict[str, Any] = (
@@ -115,10 +124,13 @@ def with_reference_sphere(scene: Scene, diameter: float) -> Scene:
     )
     changed = scene.model_copy(
         update={
-            "objects": (Sphere(shape="sphere", radius=radius, at=Pose(xyz=(x, y, z)), **material),),
+            "objects": tuple(
+                Sphere(shape="sphere", radius=radius, at=Pose(xyz=(float(x), float(y), z)), **material)
+                for x, y in places
+            ),
             "area": AreaTable(
-                lower=(x - side, y - side, table + probe),
-                upper=(x + side, y + side, table + diameter + 2.0 * probe + ABOVE),
+                lower=(*(places.min(axis=0) - side).tolist(), table + probe),
+                upper=(*(places.max(axis=0) + side).tolist(), table + diameter + 2.0 * probe + ABOVE),
             ),
             "strategy": StrategyTable(name=STRATEGY, options=options),
             # The sphere and its place are known: the plan itself keeps the stick clear of it.
@@ -215,8 +227,11 @@ def measure(
     scene = scene.model_copy(update={"strategy": StrategyTable(name=STRATEGY, options=options)})
     devices = Devices.assemble(scene, scene.run.seed, False, q)
     contact = scene.contact.model_copy(update={"stiffness": max(MAX_STIFFNESS, scene.contact.stiffness)})
-    scene = scene.model_copy(update={"contact": contact})
+    # The stiffness is an upper bound already, and the probe is too uncertain for presses to show it.
+    exact = scene.uncertainty.model_copy(update={"arm_stiffness_percent": 0.0})
+    scene = scene.model_copy(update={"contact": contact, "uncertainty": exact})
     pipeline = compose(scene, choose(scene), devices.arm.cycle, devices.sensor.rate)
+    pipeline.force.learns = False
     log = DeviceLog.on(devices)
     explorer = Explorer(scene, pipeline, devices, Recorder(None), watch, confirm)
     with devices:
@@ -251,17 +266,18 @@ def _touches(
     readings = np.array([[*sample.force, *sample.torque] for _, sample in good])
     found = Touches(following=_following(times, joints, sent), latency=float(np.min(arrivals - stamps)))
     spans = _spans(trace, zero)
-    free: FreeReading | None = None
+    free: np.ndarray | None = None
     for k, (name, begin, end) in enumerate(spans):
         if name == "rest":
             mine = (stamps > begin + SETTLING) & (stamps < end)
             if mine.sum() >= 4:
                 at = int(np.searchsorted(times, 0.5 * (begin + end)))
-                free = FreeReading(0.5 * (begin + end), joints[min(at, len(joints) - 1)], readings[mine].mean(axis=0))
-                found.free.append(free)
+                free = readings[mine].mean(axis=0)
+                found.free.append(WrenchSample(0.5 * (begin + end), free[:3], free[3:], len(found.free)))
+                found.free_joints.append(joints[min(at, len(joints) - 1)])
         elif name == "load" and free is not None:
             last = spans[k + 1][2] if k + 1 < len(spans) and spans[k + 1][0] == "unload" else end
-            touch = _touch(stamps, readings - free.wrench, (begin, end, last), times, joints)
+            touch = _touch(stamps, readings - free, (begin, end, last), times, joints)
             if touch is not None:
                 found.touches.append(touch)
             free = None
@@ -295,7 +311,7 @@ def _touch(
     chosen = np.concatenate(parts)
     if len(parts[0]) < 4 or len(chosen) < 6:
         return None
-    window = (times > stamps[chosen[0]] - MARGIN) & (times < stamps[chosen[-1]] + MARGIN)
+    window = (times > stamps[chosen[0]] - BEFORE) & (times < stamps[chosen[-1]] + AFTER)
     return Touch(
         target="sphere",
         place=0,
@@ -310,7 +326,8 @@ def _touch(
 def _tell_apart(found: Touches, robot: Robot, centres: np.ndarray, reach: float) -> None:
     """Say of each touch what it met: the sphere at the nearest of its places, or the table."""
     for k, touch in enumerate(found.touches):
-        tip = robot.fk_batch(touch.arm_joints[len(touch.arm_joints) // 2][None])[0, :3, 3]
+        begin = int(np.searchsorted(touch.arm_times, touch.times[0]))
+        tip = robot.fk_batch(touch.arm_joints[begin][None])[0, :3, 3]
         away = np.abs(np.linalg.norm(centres - tip, axis=1) - reach)
         place = int(np.argmin(away))
         target: Target = "sphere" if away[place] < 0.25 * reach else "table"
@@ -335,22 +352,32 @@ def calibrate(
     message: Callable[[str], None] = lambda text: None,
     watch: WatchFunction | None = None,
     confirm: Confirm | None = None,
+    poses: Sequence[tuple[float, float]] = (),
 ) -> tuple[Calibration, Measurement]:
     """Measure what a scene states of probe, sensor, arm, clocks and table, on a reference sphere of a diameter [m].
 
     The sphere stands in the middle of the scene's area, to within some millimetres. In a simulator it is put there.
-    Raises InputError for a bad diameter, SafetyStop where the drive ended early, CalibrationRefused with the likely
-    cause where the touches do not fit together.
+    With `poses`, x and y in m, equal spheres stand there instead, and the joints' offsets are asked for, too.
+    Raises InputError for a bad diameter or poses, SafetyStop where the drive ended early, CalibrationRefused with the
+    likely cause where the touches do not fit together, or show no joint's offset that was asked for.
     """
-    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter)
+    touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter, poses)
     found = measure(touched, message, watch, confirm)
     message("solving")
     robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
     centre = found.centres.copy()
     solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
-    rotations_of = robot.fk_batch(np.array([reading.joints for reading in found.touches.free]))[:, :3, :3]
-    load = identify_load(found.touches.free, rotations_of)
+    rotations_of = robot.fk_batch(np.array(found.touches.free_joints))[:, :3, :3]
+    load = identify_payload(found.touches.free, list(rotations_of))
     _, q = start_posture(touched, robot)
+    offsets = slice(solution.parameters.slices["dh"].stop - robot.n, solution.parameters.slices["dh"].stop)
+    if poses and not solution.visible("dh")[-robot.n :].any():
+        sigma = np.degrees(np.sqrt(np.diag(solution.covariance)[offsets]))
+        raise CalibrationRefused(
+            f"the touches at {len(poses)} places do not show the joints' offsets: their standard deviations are still "
+            f"{sigma.min():.3f} to {sigma.max():.3f} deg, {np.degrees(priors.dh_angle):.3f} deg were assumed. Place "
+            "the spheres farther apart, or calibrate without --poses"
+        )
     calibration = Calibration(
         date=datetime.now(UTC).replace(microsecond=0),
         scene=scene.name,

@@ -71,6 +71,9 @@ class ForceStage:
         self._approach = scene.motion.approach_speed
         self.excess = 0.0
         """s by which the loop reacts later to a force than its delay says; whoever measures it sets it."""
+        self.learns = True
+        """Whether touches and presses show the stiffness. With a probe that is not calibrated they do not: across the
+        stick, a fifth of its compliance is more than all of the arm's."""
         self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
@@ -160,6 +163,8 @@ class ForceStage:
             self._cycle.reset()
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
+        if not self.learns:
+            return
         changed = self._touch.update(wrench, pose, contact)
         if changed and self._touch.agreed >= TOUCHES_AGREED and self._touch.certain:
             self._adopt(self._touch.compliance)

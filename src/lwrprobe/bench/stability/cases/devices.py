@@ -9,8 +9,10 @@ import numpy as np
 
 from lwrprobe.bench.stability.case import Case, Finding, within
 from lwrprobe.bench.stability.runs import Run, strip
-from lwrprobe.contact import RELIABLE_FROM, Wrench, make_estimator, time_skew
-from lwrprobe.contracts import InputError, Probe
+from lwrprobe.contact import RELIABLE_FROM, Wrench, make_estimator
+from lwrprobe.contracts import Probe
+from lwrprobe.exploration.procedures.calibrate import calibrate
+from lwrprobe.scene import load_scene
 
 _SCENE = "cylinder_vertical"
 _HALF = 0.012
@@ -142,23 +144,13 @@ def _spikes(quick: bool) -> list[Finding]:
 
 
 def _skew(quick: bool) -> list[Finding]:
-    """A probe rubs to and fro over a bump; the forces are stamped late."""
+    """The sensor's time stamps are ahead of the arm's clock; a calibration by touch finds by how much."""
     findings = []
-    for true in (0.005, 0.02) if quick else (-0.01, 0.005, 0.01, 0.02):
-        times = np.arange(0.0, 8.0, 0.008)
-
-        def place(t: np.ndarray) -> np.ndarray:
-            return 0.01 * np.sin(2.0 * np.pi * t / 2.0)
-
-        noise = 0.003 * np.random.default_rng(3).standard_normal(len(times))
-        forces = 0.8 + 0.5 * np.exp(-((place(times - true) / 0.004) ** 2)) + noise
-        try:
-            found = time_skew(place(times), forces, times)
-        except InputError as error:
-            findings.append(Finding(f"{1e3 * true:g} ms", str(error), False))
-            continue
-        text = f"estimated {1e3 * found.delay:.2f} ms, sigma {1e3 * found.sigma:.2f} ms, off by"
-        findings.append(within(f"{1e3 * true:g} ms", text, 1e3 * abs(found.delay - true), 1.0, "ms"))
+    for skew in (10,) if quick else (-10, 10):
+        calibration, _ = calibrate(load_scene("block", [f"truth.clock_skew_ms={skew}"]), 0.03)
+        seen, sigma = 1e3 * calibration.values("clock_offset")[0], 1e3 * calibration.sigma("clock_offset")[0]
+        text = f"found {seen:.2f} ms, sigma {sigma:.2f} ms, off by"
+        findings.append(within(f"{skew} ms", text, abs(seen - skew), 1.0, "ms"))
     return findings
 
 
@@ -170,5 +162,5 @@ CASES = (
     Case(7, "zero-norm force", "no NaN, no contact stored", _nothing_felt),
     Case(8, "NaN readings", "rejected and counted; three in a row stop", _garbage),
     Case(9, "impulse noise", "no false contact", _spikes),
-    Case(33, "clock skew of force and pose", "estimated by a scan there and back", _skew),
+    Case(33, "clock skew of force and pose", "found by a calibration to 1 ms", _skew),
 )
