@@ -147,6 +147,13 @@ def test_a_touch_too_weak_to_tell_sphere_from_stick_is_pressed_until_it_tells():
     assert surface.peak < 1.5 * TASK.force_target
 
 
+def test_one_sample_that_nothing_explains_may_be_a_spike():
+    scores = iter([0.0])
+    surface = doubted(over(plane(), [0.0, 0.0, 0.05]), lambda force: next(scores, 0.9))
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
+    assert strategy.end is Ended.CONTACT
+
+
 @pytest.mark.parametrize("score", [lambda force: 0.0, lambda force: 0.05], ids=["unexplained", "never certain"])
 def test_what_no_press_shows_to_be_the_sphere_is_the_stick(score):
     surface = doubted(over(plane(), [0.0, 0.0, 0.05]), score)

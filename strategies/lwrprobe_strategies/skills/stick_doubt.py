@@ -9,9 +9,11 @@ from lwrprobe.control import normal_velocity
 from lwrprobe_strategies.tip import Tip
 
 DECIDED = 2
-"""Samples in a row that no contact of the sphere explains, from which on the stick is what touches."""
+"""Samples in a row from which on they decide: the first may be a spike."""
 CLEAR = 0.7
 """Share of the target force, from which on a force tells which of the two touches."""
+SETTLED = 2.0
+"""Delays of the loop, after which a touch has come to rest; until then it may decide without a harder press."""
 PATIENCE = 0.3
 """s, for which the force may take to grow that far."""
 
@@ -19,34 +21,36 @@ PATIENCE = 0.3
 class StickDoubt:
     """What samples in a row say whose contact may be one of the stick.
 
-    A force that is too small to decide is raised with the force law; with any other the tip stands still.
+    The tip stands still. Where the force stays too small to decide, the force law then raises it.
     """
 
     def __init__(self, waiting: bool = False) -> None:
         self.found = waiting
         """The latest contact may be one of the stick; or the tip is to stand still for the first sample."""
-        self._unexplained, self._since = 0, np.inf
+        self._count = self._unexplained = 0
+        self._since = np.inf
 
     def doubtful(self, tip: Tip) -> bool:
         """Whether the latest contact may be one of the stick."""
         contact = tip.seen.contact
         if contact is None or tip.leaving or contact.confidence > Confidence.DOUBTFUL:
-            self.found, self._unexplained, self._since = False, 0, np.inf
+            self.found, self._count, self._unexplained, self._since = False, 0, 0, np.inf
             return False
-        self.found = True
+        self.found, self._count = True, self._count + 1
         self._unexplained = self._unexplained + 1 if contact.confidence is Confidence.NONE else 0
         self._since = min(self._since, tip.seen.time)
         return True
 
     def decided(self, tip: Tip) -> bool:
         """The stick touches."""
-        late = tip.seen.time - self._since > PATIENCE
-        return self._unexplained >= DECIDED or (self.found and (late or _force(tip) > CLEAR * tip.task.force_target))
+        clear = _force(tip) > CLEAR * tip.task.force_target or tip.seen.time - self._since > PATIENCE
+        return self._unexplained >= DECIDED or (self._count >= DECIDED and clear)
 
     def velocity(self, tip: Tip, ahead: np.ndarray) -> np.ndarray:
         """(3,) m/s, on the way `ahead` (3,) unit, until it is decided."""
         contact = tip.seen.contact
-        if contact is None or contact.confidence is not Confidence.DOUBTFUL:
+        resting = tip.seen.time - self._since > SETTLED * tip.task.delay
+        if not resting or contact is None or contact.confidence is not Confidence.DOUBTFUL:
             return np.zeros(3)
         rotation = tip.seen.pose[:3, :3]
         damping, inward = tip.control.damping(ahead, rotation), tip.control.approach_speed(ahead, rotation)
