@@ -53,7 +53,7 @@ class Settings:
     zero_error: float = 0.003
     zero_time: float = 120.0
     indentation: float = 0.0
-    speed_noise: float = 2.5e-4
+    speed_noise: float = 5e-4
     hidden_compliance: float = 1e-4
 
     def __post_init__(self) -> None:
@@ -213,7 +213,7 @@ class FusedEstimator:
         self._params[fused_kernels.P_SPEED_NOISE] = settings.speed_noise
         self._params[fused_kernels.P_HIDDEN_COMPLIANCE] = settings.hidden_compliance
         self._params[fused_kernels.P_SLIP_ANGLE] = 0.003
-        self._params[fused_kernels.P_MIN_SPEED] = max(5e-4, 3.0 * settings.speed_noise)
+        self._params[fused_kernels.P_MIN_SPEED] = max(5e-4, 1.5 * settings.speed_noise)
         self._params[fused_kernels.P_MEMORY] = 0.25
         self._params[fused_kernels.P_WALL_CLEARANCE] = 1.5e-4
         self._params[fused_kernels.P_ZERO_TIME] = settings.zero_time

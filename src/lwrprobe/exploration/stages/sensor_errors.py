@@ -21,8 +21,7 @@ def estimator_settings(scene: Scene) -> Settings:
     """Settings of the estimators; without any uncertainty the estimators' own."""
     if scene.uncertainty.profile == "ideal":
         return Settings()
-    wandering = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn")  # now, and when the bias was taken
-    return Settings(zero_error=max(wandering, 1e-3), zero_time=WANDER)
+    return Settings(zero_error=max(1e-3 * scene.uncertainty.sigma("zero_force_mn"), 1e-3), zero_time=WANDER)
 
 
 def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:
