@@ -188,8 +188,8 @@ def refuse_few(solution: Solution, touches: list[Touch]) -> None:
         count = sum(touch.target == "sphere" for touch in touches)
         raise CalibrationRefused(
             f"{count} touches of the sphere show the sum of the radii to {1e3 * sigma:.3f} mm only, "
-            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, lie "
-            "on one side, or do not agree"
+            f"{1e3 * RADIUS_SEEN:g} mm are needed for a wrong diameter to be noticed: too many touches are missing, "
+            "lie on one side, or do not agree"
         )
 
 
