@@ -60,8 +60,8 @@ def calibrate(
 ) -> None:
     """Measure probe, sensor, arm, clocks and table on a reference sphere, and write calibration.toml.
 
-    The arm touches the sphere from many sides, in four to six minutes. Scenes refer to the file by their key
-    `calibration`.
+    The arm touches the sphere from many sides, in four to five minutes; with --poses, at each place. Scenes refer to
+    the file by their key `calibration`.
     """
     from lwrprobe.cli.checks import check_output, check_plugins
     from lwrprobe.scene import load_scene
