@@ -154,9 +154,9 @@ class Tip:
         return Speeds(self.task.free_speed, control.column_speed, lambda along: control.approach_speed(along, rotation))
 
     def normal(self) -> np.ndarray:
-        """(3,) unit: the contact's normal, or the direction of the force where no normal could be estimated."""
+        """(3,) unit: the contact's normal; the direction of the force while that is too small for a contact."""
         contact, force = self.seen.contact, self.seen.force
-        if contact is not None and contact.confidence is not Confidence.NONE:
+        if contact is not None:
             return contact.normal
         size = float(np.sqrt(force @ force))
         return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])

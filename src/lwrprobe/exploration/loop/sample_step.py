@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contact import UNCONFIRMED, Wrench
-from lwrprobe.contracts import Confidence, Contact, Observation, VelocityCommand, WrenchSample
+from lwrprobe.contracts import Contact, Observation, VelocityCommand, WrenchSample
 from lwrprobe.exploration.loop.answer_step import AnswerStep
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.contact_step import ContactStep
@@ -156,12 +156,7 @@ class SampleStep:
         pipeline, contact, size = self._pipeline, seen.contact, wrench.magnitude
         if size > self._light:
             self._record.note_range(wrench)
-        normal = None
-        if contact is not None:
-            # Where the stick touches, the force alone tells the way off.
-            explained = contact.confidence is not Confidence.NONE
-            normal = contact.normal if explained else wrench.world_force / max(size, 1e-9)
-        self.retreat.note(place, normal)
+        self.retreat.note(place, None if contact is None else contact.normal)
         self._record.note(seen, place, size)
         self._clock.lap("record")
         if self._bag is not None:
