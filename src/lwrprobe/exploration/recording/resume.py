@@ -30,7 +30,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.return_path import Leg, Speeds, return_path
+from lwrprobe.exploration.recording.return_path import Leg, ReturnSpeeds, return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
 
 ARRIVED = 2e-4
@@ -98,7 +98,7 @@ class Resumed(Logged):
             raise PluginError("the strategy does not do again what it did: it has come to an end")
         self._recalling = False
         self._old_steps = len(super().trace)
-        speeds = Speeds(task.free_speed, task.approach_speed, pipeline.force.touch_speed)
+        speeds = ReturnSpeeds(task.free_speed, task.approach_speed, pipeline.force.touch_speed)
         self._path = return_path(past, task.area, task.probe.radius, speeds)
         self._touched = np.array([contact.point for contact in recorder.contacts]).reshape(-1, 3)
 
