@@ -15,14 +15,11 @@ import numpy as np
 
 from lwrprobe.contact import Wrench
 from lwrprobe.contracts import DriverError, MotionInterrupted, RestartableArm, SafetyStop, WrenchSample
-from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.sample_step import SampleStep
-from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.scene import Scene
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent
 
 LOOK = 0.1
 """s at rest, over which the force is looked at before anything moves."""
@@ -62,14 +59,9 @@ class Recovery:
 
     Parameters
     ----------
-    scene : safety, contact and motion settings
-    pipeline : generator, wrench conditioner
+    parts : of the loop
     devices : arm and sensor
-    arm : its motion
     sample : what the strategy was shown last, and where the tip was free
-    paused : takes the samples that the strategy is not shown
-    silence : the guard of the sensor
-    confirm : asks the operator, None = nobody can be asked
     message : called with a sentence for the operator
 
     Attributes
@@ -77,23 +69,13 @@ class Recovery:
     interruptions : those that were survived, oldest first
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        pipeline: Pipeline,
-        devices: Devices,
-        arm: ArmMotion,
-        sample: SampleStep,
-        paused: PausedStrategy,
-        silence: SilenceGuard,
-        confirm: Confirm | None,
-        message: Callable[[str], None],
-    ) -> None:
+    def __init__(self, parts: LoopParts, devices: Devices, sample: SampleStep, message: Callable[[str], None]) -> None:
+        scene = parts.scene
         self._safety, self._threshold = scene.safety, float(scene.contact.threshold)
         self._limit, self._speed = float(scene.contact.limit), float(scene.motion.approach_speed)
-        self._pipeline, self._devices, self._arm = pipeline, devices, arm
-        self._sample, self._paused, self._silence = sample, paused, silence
-        self._confirm, self._message = confirm, message
+        self._pipeline, self._devices, self._arm = parts.pipeline, devices, parts.arm
+        self._sample, self._paused, self._silence = sample, PausedStrategy(parts, sample), parts.silence
+        self._confirm, self._message = parts.confirm, message
         self._way: list[np.ndarray] = []
         self._received = 0.0
         self._attempts = 0
