@@ -37,8 +37,8 @@ class SampleStep:
         self._bag, self._record, self._clock = parts.recorder.bag, parts.record, parts.clock
         self._silence = parts.silence
         self._contact, self._answer = ContactStep(parts), AnswerStep(parts)
-        self._light, self._way_speed = 0.5 * scene.contact.target, scene.motion.contour_speed
-        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / self._way_speed, "sensor silent")
+        self._light, self._give_way_speed = 0.5 * scene.contact.target, scene.motion.contour_speed
+        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / self._give_way_speed, "sensor silent")
         self.force_guard = self._answer.force_guard
         self.retreat = Retreat(scene.safety.lift, float(scene.area.lower[2]))
         self.zero_time = 0.0
@@ -79,7 +79,7 @@ class SampleStep:
     def give_way(self) -> None:
         """Samples are missing: leave what was touched last, a little, and stand still."""
         normal = self.retreat.normal
-        velocity = np.zeros(3) if normal is None else self._way_speed * normal
+        velocity = np.zeros(3) if normal is None else self._give_way_speed * normal
         self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
 
     def resume(self, pause: float) -> None:
@@ -96,9 +96,7 @@ class SampleStep:
         arm, bag = self._arm, self._bag
         pose, velocity = arm.history.tip_at(sample.time)
         if bag is not None:
-            arrived, blocked = (self._pipeline.trajectory.arrived, arm.blocked) if shown else (False, "")
-            measured, gain = arm.history.measured_velocity(sample.time), arm.history.acceleration
-            bag.sample(sample, arm.time, gain, arrived, blocked, pose, velocity, measured, arm.history.q, shown=shown)
+            bag.sample(sample, arm, self._pipeline.trajectory.arrived, pose, velocity, shown)
             if shown:
                 self._clock.lap("bag")
         return pose, velocity
@@ -124,7 +122,7 @@ class SampleStep:
             pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:
-        """What the run adds up, and the way back."""
+        """What the run adds up, and the return path."""
         pipeline, contact, size = self._pipeline, seen.contact, wrench.magnitude
         if size > self._light:
             self._record.note_range(wrench)
