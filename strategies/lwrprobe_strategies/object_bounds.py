@@ -23,13 +23,13 @@ from lwrprobe_strategies.skills import Procedure, follow_and_regain, guarded_mov
 from lwrprobe_strategies.tip import Tip
 
 SOUGHT = 1.0
-"""Radii of the sphere of way, along which a lost contact is sought: around an edge, and not into what lies behind."""
+"""Radii of the sphere along which a lost contact is sought: around an edge, and not into what lies behind."""
 DROP = 0.003
 """m below the highest place, from which on what leads down is an edge and no bump."""
 UNDER = -0.15
 """Share of the normal along z, below which a wall recedes under the sphere."""
 LIFT = 0.002
-"""m above the highest place on the way back over a surface."""
+"""m above the highest place on the return path over a surface."""
 HIGHER = 0.015
 """m between two heights at which an outline is tried."""
 

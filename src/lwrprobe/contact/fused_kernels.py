@@ -606,7 +606,7 @@ def learn_friction(given, params, state, normal, total, slip, out):
 def ambiguous(given, params, state, normal, sigma):
     """Whether the normal has turned more since a recent sample than a single contact of a sphere allows.
 
-    A single contact's normal turns at most 1 / r per metre of the centre's way at a convex edge. A second wall makes
+    A single contact's normal turns at most 1 / r per metre of the centre's path at a convex edge. A second wall makes
     it jump; it stays ambiguous until the centre has left the first wall's plane.
     """
     if state[S_AMBIGUOUS] != 0.0:

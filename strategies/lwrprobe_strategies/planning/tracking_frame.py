@@ -1,4 +1,4 @@
-"""The frame in which a contour is followed: its plane, the way onward, where it ends."""
+"""The frame in which a contour is followed: its plane, the direction onward, where it ends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lwrprobe_strategies.planning.lines import AT_END, Line, X, Y, Z
 GAIN = 2.0
 """1/s, of the return of a probe that was pushed off its line."""
 MAX_RETURN = 0.005
-"""m/s, of that return: slow beside the sliding speed, so that the surface decides the way."""
+"""m/s, of that return: slow beside the sliding speed, so that the surface decides the path."""
 AT_TABLE = 1e-5
 """m above the area's floor, within which the table height is reached."""
 

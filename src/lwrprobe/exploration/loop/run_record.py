@@ -63,10 +63,10 @@ class RunRecord:
         self._recorder.swept.interrupt()
 
     def _bound(self, seen: Observation, tip: list[float], force: float) -> None:
-        """What no sample shows: a force rises no faster on the way than the stiffness in its direction allows.
+        """What no sample shows: a force rises no faster on the path than the stiffness in its direction allows.
 
-        From F1 over a way s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the way that leaves what
-        is touched does not count.
+        From F1 over a path s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the path that leaves
+        what is touched does not count.
         """
         if seen.contact is not None:
             self._normal = seen.contact.normal

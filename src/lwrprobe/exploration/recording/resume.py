@@ -3,7 +3,7 @@
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts, what presses have
 shown of the stiffness, and the memory of where the sphere has been are restored the same way: an object that was moved
 in the meantime is noticed at the first touch that contradicts. The probe goes over the top of the area, comes down
-where it was before and nothing stands above it, and drives on the way it came, off the surface; then the strategy
+where it was before and nothing stands above it, and drives on the path it came, off the surface; then the strategy
 continues as after a contact that was lost for a moment.
 """
 

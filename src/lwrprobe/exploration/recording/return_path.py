@@ -37,7 +37,7 @@ class ReturnSpeeds:
 
 @dataclass(slots=True, frozen=True)
 class Leg:
-    """A straight piece of the return: the pose (4, 4) where it ends and the speed [m/s] on the way there."""
+    """A straight piece of the return: the pose (4, 4) where it ends and the speed [m/s] on the path there."""
 
     pose: np.ndarray
     speed: float
@@ -93,7 +93,7 @@ def _stands_above(row: np.ndarray, touched: np.ndarray, radius: float) -> bool:
 
 
 def _without_loops(rows: np.ndarray) -> np.ndarray:
-    """Rows (n, 12: place and rotation) from the first to the last; where they come back to a place, the shorter way."""
+    """Rows (n, 12: place and rotation) from the first to the last; where they come back to a place, the shorter one."""
     kept, k = [0], 0
     while k < len(rows) - 1:
         near = np.abs(rows[k + 1 :, :3] - rows[k, :3]).max(axis=1) < CUT
