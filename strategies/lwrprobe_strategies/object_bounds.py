@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Motion, Observation
+from lwrprobe.contracts import Motion, Observation
 from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import STEEP
@@ -111,9 +111,7 @@ class ObjectBounds:
         frame = TrackingFrame.through(tip.here, Y, 1.0, self._area).horizontal(1.0, float(tip.here[Z]))
 
         def closed() -> Outcome | None:
-            contact = tip.seen.contact
-            reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-            if not watch.ends(tip.here, tip.control.normal, reliable):
+            if not watch.ends(tip.here, tip.control.normal, tip.reliable):
                 return None
             return Ended.END_FOUND if watch.closed else Ended.UNDERSIDE
 

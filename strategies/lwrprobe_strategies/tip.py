@@ -47,6 +47,7 @@ class Tip:
     seen : the latest observation
     here : (3,) m, the sphere's centre
     period : s between the last two
+    reliable : what is touched is one surface, and the sphere touches it
     control : hybrid force and velocity control; holds the tracked normal
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
@@ -61,6 +62,7 @@ class Tip:
         self.seen = Observation(0.0, self.pose_at(np.asarray(task.start)), np.zeros(3), np.zeros(3))
         self.here = self.seen.pose[:3, 3]
         self.period = FIRST_PERIOD
+        self.reliable = False
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
@@ -95,8 +97,8 @@ class Tip:
         self.seen, self.here = seen, seen.pose[:3, 3]
         self.trace.time = seen.time
         contact = seen.contact
-        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-        self.free.note(seen.pose, contact.normal if contact is not None and reliable else None)
+        self.reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        self.free.note(seen.pose, contact.normal if contact is not None and self.reliable else None)
         self.overhangs.note(seen.pose, contact)
         if contact is None:
             self.leaving = False
