@@ -26,7 +26,7 @@ class SweptSphere:
     radius : m, of the sphere
     """
 
-    __slots__ = ("_extend", "_free", "_radius", "_voxels", "_way")
+    __slots__ = ("_extend", "_free", "_path", "_radius", "_voxels")
 
     def __init__(self, voxels: VoxelMap, radius: float) -> None:
         self._voxels, self._radius = voxels, radius
