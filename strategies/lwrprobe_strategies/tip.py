@@ -78,7 +78,8 @@ class Tip:
 
     @rotation.setter
     def rotation(self, rotation: np.ndarray) -> None:
-        self._rotation, self._wanted = rotation, rotation.ravel()
+        self._rotation, self._wanted = rotation, np.zeros(16)
+        self._wanted.reshape(4, 4)[:3, :3] = rotation
 
     def confine(self, task: Task) -> None:
         """Go on with a task in a part of the area; what was touched stays known."""
@@ -171,5 +172,5 @@ class Tip:
 
     def turn(self) -> np.ndarray | None:
         """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
-        alike = self._wanted.dot(self.seen.pose[:3, :3].ravel())
+        alike = self._wanted.dot(self.seen.pose.ravel())
         return None if alike > HELD else self.pose_at(self.here)
