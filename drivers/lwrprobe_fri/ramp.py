@@ -39,11 +39,11 @@ class Ramp:
 
     def follow(self, target: Sequence[float], velocity: Sequence[float], cycle: float) -> list[float]:
         """Step towards `target`, which itself moves at `velocity`; the new position (n) rad."""
-        for i, (goal, feed) in enumerate(zip(target, velocity)):
+        for i, (goal, speed) in enumerate(zip(target, velocity)):
             max_speed, change = self._speed[i], self._acceleration[i] * cycle
-            lag = goal - feed * cycle - self.position[i]
-            most = max(_CATCH_UP * abs(feed), _SLOW * max_speed)
-            wanted = feed + max(-most, min(most, _closing_speed(lag, change, cycle)))
+            lag = goal - speed * cycle - self.position[i]
+            limit = max(_CATCH_UP * abs(speed), _SLOW * max_speed)
+            wanted = speed + max(-limit, min(limit, _closing_speed(lag, change, cycle)))
             old = self.velocity[i]
             new = max(old - change, min(old + change, wanted))
             new = max(-max_speed, min(max_speed, new))

@@ -84,10 +84,9 @@ class Active(GridVersion):
 
     def retraction(self) -> list[Waypoint]:
         """None yet: the next stroke may begin where this one has ended."""
-        tip, contact = self.tip, self.tip.seen.contact
-        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        tip = self.tip
         ended = tip.trace.ended is follow_contour and np.isinf(self.back)
-        touching = reliable and ended and self.tip.rotation is self.upright
+        touching = tip.reliable and ended and self.tip.rotation is self.upright
         self.strokes.touched = tip.control.normal.copy() if touching else None
         return []
 
@@ -106,9 +105,7 @@ class Active(GridVersion):
 
     def end_found(self) -> bool:
         """An outline ends where it has come around, or leads on under something."""
-        contact = self.tip.seen.contact
-        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-        return self.outline.ends(self.tip.here, self.tip.control.normal, reliable)
+        return self.outline.ends(self.tip.here, self.tip.control.normal, self.tip.reliable)
 
     @property
     def line_spacing(self) -> float | None:

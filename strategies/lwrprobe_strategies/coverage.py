@@ -69,14 +69,10 @@ class Coverage(SkillStrategy):
 
     def scheduler(self) -> LineScheduler:
         """Which line comes next."""
-        options = self.options
-        return LineScheduler(
-            self.task, self.tip.memory, options.step, options.first_line, low=options.low_lines,
-            near_sides=options.near_sides, across=options.across, ends=options.find_ends,
-        )  # fmt: skip
+        return LineScheduler(self.task, self.tip.memory, self.options)
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
-        """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
+        """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
         skill: Procedure | None = self.approach(line, retraction)
         outcome: Outcome = Ended.ARRIVED
         while skill is not None:
@@ -186,8 +182,8 @@ class Coverage(SkillStrategy):
             if turn is not None:
                 self.tip.rotation = turn
                 return Ended.TURN_WANTED
-            way = self.tip.period * hypot(*self.tip.seen.velocity.tolist())
-            if self.circling.circles(self.frame, self.tip.here, way):
+            step = self.tip.period * hypot(*self.tip.seen.velocity.tolist())
+            if self.circling.circles(self.frame, self.tip.here, step):
                 return Ended.CIRCLING
             if self.frame.line.outline:
                 return Ended.END_FOUND if self.end_found() else None
@@ -256,7 +252,7 @@ class Coverage(SkillStrategy):
         return self.contour()
 
     def retraction(self) -> list[Waypoint]:
-        """Off the surface that is touched; from under something, or leaning, back the way the probe came."""
+        """Off the surface that is touched; from under something, or leaning, back on the probe's path."""
         tip = self.tip
         normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
         tip.leave()

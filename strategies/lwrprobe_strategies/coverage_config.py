@@ -18,8 +18,8 @@ class CoverageConfig:
     step : m, between two lines
     first_line : `border` starts at the area's end in -x; `middle` as in the source's figure 4.6, with a return to
         the first contact for the other side
-    reapproach : m, way along which a lost contact is sought before the grid takes over
-    retreat : m, way off a collision threat
+    reapproach : m, path along which a lost contact is sought before the grid takes over
+    retreat : m, motion off a collision threat
     climb : leave a wall that leads down and come up it from the line's other end, where that is quicker
     low_lines : pass again, lower, where a line over a tall object met nothing or was given up; takes more time
     near_sides : touch walls that a line met above the lowest height down to their foot

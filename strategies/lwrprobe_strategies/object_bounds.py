@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Motion, Observation
+from lwrprobe.contracts import Motion, Observation
 from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import STEEP
@@ -23,13 +23,13 @@ from lwrprobe_strategies.skills import Procedure, follow_and_regain, guarded_mov
 from lwrprobe_strategies.tip import Tip
 
 SOUGHT = 1.0
-"""Radii of the sphere of way, along which a lost contact is sought: around an edge, and not into what lies behind."""
+"""Radii of the sphere along which a lost contact is sought: around an edge, and not into what lies behind."""
 DROP = 0.003
 """m below the highest place, from which on what leads down is an edge and no bump."""
 UNDER = -0.15
 """Share of the normal along z, below which a wall recedes under the sphere."""
 LIFT = 0.002
-"""m above the highest place on the way back over a surface."""
+"""m above the highest place on the return path over a surface."""
 HIGHER = 0.015
 """m between two heights at which an outline is tried."""
 
@@ -111,9 +111,7 @@ class ObjectBounds:
         frame = TrackingFrame.through(tip.here, Y, 1.0, self._area).horizontal(1.0, float(tip.here[Z]))
 
         def closed() -> Outcome | None:
-            contact = tip.seen.contact
-            reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-            if not watch.ends(tip.here, tip.control.normal, reliable):
+            if not watch.ends(tip.here, tip.control.normal, tip.reliable):
                 return None
             return Ended.END_FOUND if watch.closed else Ended.UNDERSIDE
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Done, InputError
+from lwrprobe.contracts import Done, InputError
 from lwrprobe_strategies.outcomes import Ended, Interruption
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
@@ -51,7 +51,7 @@ class RandomPokes(SkillStrategy):
             try:
                 end = yield from search(tip, [(x, y)])
                 contact = tip.seen.contact
-                if end is Ended.CONTACT and contact is not None and contact.confidence is Confidence.RELIABLE:
+                if end is Ended.CONTACT and contact is not None and tip.reliable:
                     tip.memory.add(tip.here, contact.point, contact.normal, np.nan)
             except Interruption:
                 pass  # whatever stopped it: off, and on to the next place

@@ -173,7 +173,7 @@ class ReferenceSphere(SkillStrategy):
         above = np.array([*place, top + STANDOFF])
         path = [Waypoint(_at(tip.here, max(above[2], tip.here[2]))), Waypoint(_at(above, max(above[2], tip.here[2])))]
         path += [Waypoint(above), Waypoint(_at(above, top + FAR))]
-        if not self.task.reachable([tip.pose_at(way.place) for way in path]):
+        if not self.task.reachable([tip.pose_at(point.place) for point in path]):
             return Ended.NO_CONTACT
         yield from transit(tip, path)
         yield from rest(tip, ZEROING)
@@ -193,10 +193,10 @@ class ReferenceSphere(SkillStrategy):
         begin = self._sphere + self._off(unsure + 2.0 * NEAR) * normal
         end = self._sphere + (self._reach - unsure - BEYOND) * normal
         high = self._sphere[2] + self._off(STANDOFF)
-        way = [Waypoint(_at(tip.here, max(high, tip.here[2]))), Waypoint(_at(begin, high)), Waypoint(begin)]
-        if not self.task.reachable([tip.pose_at(place) for place in (*(one.place for one in way), end)]):
+        path = [Waypoint(_at(tip.here, max(high, tip.here[2]))), Waypoint(_at(begin, high)), Waypoint(begin)]
+        if not self.task.reachable([tip.pose_at(place) for place in (*(one.place for one in path), end)]):
             return Ended.NOTHING_FOUND
-        outcome = yield from transit(tip, way)
+        outcome = yield from transit(tip, path)
         if outcome is Ended.ARRIVED:
             yield from rest(tip, ZEROING)
             outcome = yield from approach(tip, normal, float((begin - end) @ normal))
@@ -252,16 +252,16 @@ class ReferenceSphere(SkillStrategy):
         self._turn_to(touch.rotation)
         centre = self._sphere
         out = centre + self._off(STANDOFF) * touch.normal
-        way = [
+        path = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
         ]
         pressed = _pose(touch.rotation, centre + (self._reach - BEYOND) * touch.normal)
-        poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in way]
+        poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in path]
         if not self.task.reachable([*poses, pressed]):
             return Ended.NOTHING_FOUND
         try:
-            outcome = yield from transit(tip, way)
+            outcome = yield from transit(tip, path)
             if outcome is Ended.CONTACT:
                 return (yield from self._retreat())
             tip.rotation = touch.rotation.copy()
@@ -289,8 +289,8 @@ class ReferenceSphere(SkillStrategy):
         tip = self.tip
         self._contact = tip.here.copy()
         outcome = yield from load(tip, normal, self._force, LOAD_TIME)
-        way = float((self._contact - tip.here) @ normal)
-        yield from unload(tip, normal, way, UNLOAD_TIMES[self._count // 2 % 2])
+        pressed_in = float((self._contact - tip.here) @ normal)
+        yield from unload(tip, normal, pressed_in, UNLOAD_TIMES[self._count // 2 % 2])
         return outcome
 
     def _let_go(self, normal: np.ndarray) -> Procedure:
@@ -340,11 +340,11 @@ class ReferenceSphere(SkillStrategy):
         """Round to the top of the sphere, then up, held upright."""
         top = SphereTouch(self._upright, UP)
         centre = self._sphere
-        way = [
+        path = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, top.normal, self._at.rotation, top.rotation)
         ]
-        outcome = yield from transit(self.tip, way)
+        outcome = yield from transit(self.tip, path)
         self.tip.rotation, self._at = self._upright.copy(), top
         return outcome
 

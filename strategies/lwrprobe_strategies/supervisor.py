@@ -23,7 +23,7 @@ from lwrprobe_strategies.trace import Row
 Program = Generator[Motion, Observation, Done]
 
 OVERLOAD = 0.6
-"""Share of the way from the wanted force to the limit, above which the force is overlarge: time to act remains."""
+"""Share of the range from the wanted force to the limit, above which the force is overlarge: time to act remains."""
 JAM_TIME = 3.0
 JAM_DISTANCE = 0.002
 """s and m: a tip that follows a surface and has not come further than this in that time is stuck."""

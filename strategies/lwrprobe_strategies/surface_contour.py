@@ -41,7 +41,7 @@ class SurfaceContour(Coverage):
         """Change the motion state and go on contouring; give the line up when that has led nowhere."""
         line, level = self.frame.line, self.frame.level
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
-        # Beside the foot of a near side nothing is known of what the body would meet on its way around.
+        # Beside the foot of a near side nothing is known of what the body would meet on its path around.
         if self.threats > MAX_THREATS or around_the_end or line.axis != Y or line.on_surface:
             return self.give_up()
         return self.contour_upright() if level else self.contour_level()

@@ -47,6 +47,7 @@ class Tip:
     seen : the latest observation
     here : (3,) m, the sphere's centre
     period : s between the last two
+    reliable : what is touched is one surface, and the sphere touches it
     control : hybrid force and velocity control; holds the tracked normal
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
@@ -61,6 +62,7 @@ class Tip:
         self.seen = Observation(0.0, self.pose_at(np.asarray(task.start)), np.zeros(3), np.zeros(3))
         self.here = self.seen.pose[:3, 3]
         self.period = FIRST_PERIOD
+        self.reliable = False
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
@@ -76,7 +78,8 @@ class Tip:
 
     @rotation.setter
     def rotation(self, rotation: np.ndarray) -> None:
-        self._rotation, self._wanted = rotation, rotation.ravel()
+        self._rotation, self._wanted = rotation, np.zeros(16)
+        self._wanted.reshape(4, 4)[:3, :3] = rotation
 
     def confine(self, task: Task) -> None:
         """Go on with a task in a part of the area; what was touched stays known."""
@@ -95,8 +98,8 @@ class Tip:
         self.seen, self.here = seen, seen.pose[:3, 3]
         self.trace.time = seen.time
         contact = seen.contact
-        reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-        self.free.note(seen.pose, contact.normal if contact is not None and reliable else None)
+        self.reliable = contact is not None and contact.confidence is Confidence.RELIABLE
+        self.free.note(seen.pose, contact.normal if contact is not None and self.reliable else None)
         self.overhangs.note(seen.pose, contact)
         if contact is None:
             self.leaving = False
@@ -154,9 +157,9 @@ class Tip:
         return Speeds(self.task.free_speed, control.column_speed, lambda along: control.approach_speed(along, rotation))
 
     def normal(self) -> np.ndarray:
-        """(3,) unit: the contact's normal, or the direction of the force where no normal could be estimated."""
+        """(3,) unit: the contact's normal; the direction of the force while that is too small for a contact."""
         contact, force = self.seen.contact, self.seen.force
-        if contact is not None and contact.confidence is not Confidence.NONE:
+        if contact is not None:
             return contact.normal
         size = float(np.sqrt(force @ force))
         return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
@@ -169,5 +172,5 @@ class Tip:
 
     def turn(self) -> np.ndarray | None:
         """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
-        alike = self._wanted.dot(self.seen.pose[:3, :3].ravel())
+        alike = self._wanted.dot(self.seen.pose.ravel())
         return None if alike > HELD else self.pose_at(self.here)

@@ -393,14 +393,10 @@ def refuse(g, p, reason):
     return reason, np.concatenate([point, normal, force, [0.0, np.pi]])
 
 
-def deliver(g, p, normal, sigma, reason, force):
+def deliver(g, p, normal, sigma, force):
     point = g.centre - (p.radius - p.indentation * max(normal @ force, 0.0)) * normal
     confidence = 1.0 / (1.0 + (sigma / p.trusted_error) ** 2)
-    if reason == k.GOOD and confidence < 0.5:
-        reason = k.IMPRECISE
-    if reason not in (k.GOOD, k.IMPRECISE):
-        confidence = 0.3 if reason == k.AMBIGUOUS else 0.0
-    return reason, np.concatenate([point, normal, force, [confidence, sigma]])
+    return k.IMPRECISE if confidence < 0.5 else k.GOOD, np.concatenate([point, normal, force, [confidence, sigma]])
 
 
 def fused(g, p, s):
@@ -412,24 +408,27 @@ def fused(g, p, s):
     raw = (g.torque - np.cross(lever(g, p), g.force)) / p.radius
     m, cov, _ = add_offset(s, raw, torque_covariance(g, -unit(g.force), p))
     m, reason = check_axis(g, p, m, cov)
+    if reason != k.GOOD:
+        return refuse(g, p, reason)
     u = meet_sphere(g, p, m)
     _, cov, common = add_offset(s, raw, torque_covariance(g, u, p))
     normal, total = to_world(g, u, axis_information(g, u, cov))
     force = g.rotation @ g.force
-    if reason == k.GOOD:
-        travel = advance(g, p, s)
-        watch_velocity(g, p, s)
-        sliding, total, slip = add_sliding(g, p, s, normal, total, force, travel, common)
-        if sliding:
-            learn_offset(g, p, s, raw, cov, force)
-        total = add_memory(s, normal, total)
-        normal = smallest_direction(total, normal)
-        total = remember(g, p, s, normal, total, travel)
-        mu, mu_var = s.friction, s.friction_var
-        if sliding:
-            learn_friction(p, s, normal, total, slip, force)
-        total = add_friction(g, p, mu, mu_var, sliding, slip, total, force)
-        normal = smallest_direction(total, normal)
-        if ambiguous(g, p, s, normal, tangent_spread(total, normal)):
-            reason = k.AMBIGUOUS
-    return deliver(g, p, normal, tangent_spread(total, normal), reason, force)
+    travel = advance(g, p, s)
+    watch_velocity(g, p, s)
+    sliding, total, slip = add_sliding(g, p, s, normal, total, force, travel, common)
+    if sliding:
+        learn_offset(g, p, s, raw, cov, force)
+    total = add_memory(s, normal, total)
+    normal = smallest_direction(total, normal)
+    total = remember(g, p, s, normal, total, travel)
+    mu, mu_var = s.friction, s.friction_var
+    if sliding:
+        learn_friction(p, s, normal, total, slip, force)
+    total = add_friction(g, p, mu, mu_var, sliding, slip, total, force)
+    normal = smallest_direction(total, normal)
+    sigma = tangent_spread(total, normal)
+    reason, row = deliver(g, p, normal, sigma, force)
+    if ambiguous(g, p, s, normal, sigma):
+        reason, row[k.O_CONFIDENCE] = k.AMBIGUOUS, 0.3
+    return reason, row

@@ -17,7 +17,7 @@ from lwrprobe.contact import (
 from lwrprobe.contact import fused_kernels as fk
 from lwrprobe.contact import kernels as kk
 from lwrprobe.contact.estimator import Given, shared_params
-from lwrprobe.contracts import InputError, Probe, SampleStatus, UnknownNameError
+from lwrprobe.contracts import Confidence, InputError, Probe, SampleStatus, UnknownNameError
 
 PROBE = Probe(compliance=np.array([4e-4, 4e-4, 1e-6]))
 STILL, LEVEL = np.zeros(3), np.eye(3)
@@ -259,7 +259,11 @@ def test_every_reason_is_given_and_none_is_trusted(name):
     assert reason(Wrench(0.0, np.array([np.nan, 0, 1.0]), good.torque, n)) == "invalid"
     # the stick touches 20 mm behind the sphere's centre
     stick = np.cross([0.002, 0.0, PROBE.sensor_distance - 0.02], [-2.0, 0, 0])
-    assert reason(Wrench(0.0, np.array([-2.0, 0, 0]), stick, n)) == "axis misses the sphere"
+    aside = Wrench(0.0, np.array([-2.0, 0, 0]), stick, n)
+    assert reason(aside) == "axis misses the sphere"
+    contact = estimator.estimate(aside, STILL, np.eye(3), STILL)
+    assert contact.confidence is Confidence.NONE
+    assert np.array_equal(contact.normal, [-1.0, 0.0, 0.0])  # the direction of the force, and not what friction allows
     assert set(REASONS) >= {"", "imprecise", "ambiguous normal"}
 
 

@@ -20,7 +20,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, Past, read_log
 from lwrprobe.exploration.recording.resume import Resumed
-from lwrprobe.exploration.recording.return_path import Speeds, return_path
+from lwrprobe.exploration.recording.return_path import ReturnSpeeds, return_path
 
 pytestmark = pytest.mark.slow
 
@@ -259,7 +259,7 @@ def beside_a_wall(bulge):
     around = [at(0.02 * np.sin(a) - 0.05, -0.02 * np.cos(a), 0.02) for a in np.linspace(0.0, 2.0 * np.pi, 100)]
     up = [at(-0.05, -0.02, z, wall(z)) for z in np.arange(0.02, 0.04, 0.001)]
     past = rows_of([*first, *on_border, *inward, *around, *up])
-    legs = return_path(past, a_task().area, radius, Speeds(0.2, 0.03, 0.006))
+    legs = return_path(past, a_task().area, radius, ReturnSpeeds(0.2, 0.03, 0.006))
     return np.array([leg.pose[:3, 3] for leg in legs]), [leg.speed for leg in legs]
 
 

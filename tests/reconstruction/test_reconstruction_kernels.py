@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from lwrprobe.contracts import InputError
 from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contour import contour
-from lwrprobe.reconstruction.distance_kernels import corner_lists, crowding, foot_around, foot_on_triangle, scatter
+from lwrprobe.reconstruction.distance_kernels import (
+    Mesh,
+    corner_lists,
+    crowding,
+    foot_around,
+    foot_on_triangle,
+    scatter,
+)
 from lwrprobe.reconstruction.evidence_kernels import weighted_median
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
@@ -115,7 +122,8 @@ def test_faces_around_a_vertex():
     assert around == [[0, 1], [0], [0, 1, 2], [1, 2], [2]]
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 2, 0]], dtype=np.float64)
     foot = np.empty(3)
-    assert foot_around(vertices, faces, starts, members, 2, np.array([0.5, 0.6, 1.0]), foot) == pytest.approx(1.0)
+    mesh = Mesh(vertices, faces, starts, members)
+    assert foot_around(mesh, 2, np.array([0.5, 0.6, 1.0]), foot) == pytest.approx(1.0)
     assert foot == pytest.approx([0.5, 0.6, 0.0])
 
 

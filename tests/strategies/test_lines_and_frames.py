@@ -59,11 +59,16 @@ def test_the_tangent_leads_onward_over_the_top_and_up_a_wall_ahead(axis, sign):
 def test_a_probe_pushed_off_its_line_is_pulled_back_within_the_surface():
     frame = TrackingFrame(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
     normal = np.array([0.6, 0.0, 0.8])
-    pull = frame.back(np.array([0.012, 0.0, 0.03]), normal)
+    still = np.zeros(3)
+    pull = frame.guided(np.array([0.012, 0.0, 0.03]), still, normal)
     assert pull @ normal == pytest.approx(0.0, abs=1e-12)
     assert pull[0] < 0.0
-    far = frame.back(np.array([0.5, 0.0, 0.03]), np.array([0.0, 0.0, 1.0]))
+    far = frame.guided(np.array([0.5, 0.0, 0.03]), still, np.array([0.0, 0.0, 1.0]))
     assert far[0] == -MAX_RETURN
+    slid = frame.guided(np.array([0.012, 0.0, 0.03]), np.array([0.0, 0.02, 0.0]), normal)
+    assert slid.tolist() == [pull[0], 0.02, pull[2]]
+    level = frame.horizontal(1.0).guided(np.array([0.012, 0.0, 0.03]), np.array([0.0, 0.02, 0.0]), normal)
+    assert level.tolist() == [0.0, 0.02, 0.0]
 
 
 def test_no_velocity_leads_out_of_the_area():

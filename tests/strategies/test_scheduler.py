@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -14,9 +15,8 @@ RADIUS = 0.005
 
 
 def grid_alone(first_line="border"):
-    return LineScheduler(
-        task(), ContactMemory(), 0.01, first_line, low=False, near_sides=False, across=False, ends=False
-    )  # fmt: skip
+    options = CoverageConfig(first_line=first_line, near_sides=False, across=False, find_ends=False)
+    return LineScheduler(task(), ContactMemory(), options)
 
 
 def touch_block(memory, xs, top=0.035, half=0.03):
@@ -93,7 +93,8 @@ def test_a_line_beside_a_raised_one_is_raised_as_high():
 @pytest.mark.parametrize("across", [True, False])
 def test_after_the_grid_the_faces_along_the_lines_are_crossed(across):
     memory = ContactMemory()
-    lines = LineScheduler(task(), memory, 0.01, "border", near_sides=False, across=across, ends=False)
+    options = CoverageConfig(first_line="border", low_lines=True, near_sides=False, across=across, find_ends=False)
+    lines = LineScheduler(task(), memory, options)
     touched = [x for x in lines.grid.x if abs(x) <= 0.04]
     touch_block(memory, touched)
     after = [line for line in drain(lines) if line.axis == 0]

@@ -34,7 +34,7 @@ COAL_LEAD, COAL_LEAD_P99, FCL_LEAD, MAX_ERROR = 2.0, 5.0, 30.0, 1e-6
 KEEP, SAMPLE_STEP = 0.003, 0.00016
 """m, what links keep in a run, and what the tip goes from one sample to the next (20 mm/s, 125 Hz)."""
 ROUNDS = 7
-"""Of a way; the median of each sample's counts."""
+"""Along a path; the median of each sample's counts."""
 
 Ask = Callable[[np.ndarray], float]
 

@@ -55,7 +55,7 @@ class Fault:
     name : a few words
     line : what the rig's operator types
     words : the sentence has one of these; empty = the run goes on
-    travel : m that the tip may move after the fault began, the way back not counted
+    travel : m that the tip may move after the fault began, the return path not counted
     goes_back : the tip is to leave the surface by itself
     person : somebody or a limit has stopped the arm, which must not move again unasked
     settings : of the scene, beside the small area
@@ -125,7 +125,7 @@ class Outcome:
 
     @property
     def travel(self) -> float:
-        """m that the tip went on in the direction in which the fault found it: its way back does not count."""
+        """m that the tip went on in the direction in which the fault found it: its return does not count."""
         ahead = self._ahead()
         return float(ahead.max()) if len(ahead) else float("nan")
 

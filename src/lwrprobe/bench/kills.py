@@ -296,7 +296,7 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
 def _since(known: Any, kept: int) -> float:
     """s from the first contact that is not among the `kept` ones to the last one that is known.
 
-    From the last kept one to that would count the way between two touches as well, on which there is no contact.
+    From the last kept one to that would count the path between two touches as well, on which there is no contact.
     """
     count = int(known[_CONTACTS])
     return float(known[_NOTED + count - 1] - known[_NOTED + kept]) if kept < count else 0.0

@@ -46,7 +46,7 @@ _SLOT = (
     '<geom type="box" size="0.05 0.0105 0.025" pos="0 -0.0145 0.025"/>'
 )
 _CASES = (
-    # name, scene, MuJoCo's walls, height of first touch, way pushed
+    # name, scene, MuJoCo's walls, height of first touch, distance pushed
     ("on a plane, pushed along", "block", _BLOCK, 0.055, (8e-4, 0.0, 0.0)),
     ("in a slot, pushed along it", "slot_8mm", _SLOT, 0.053, (8e-4, 0.0, 0.0)),
     ("in a slot, pushed against a wall", "slot_8mm", _SLOT, 0.053, (0.0, 3e-4, 0.0)),

@@ -10,7 +10,7 @@ import numpy as np
 SCENE = "stacked_blocks"
 MAX_POINTS = 2500
 LEVEL = 0.2
-"""Share of height in a piece of the way that counts as level."""
+"""Share of height in a piece of the path that counts as level."""
 STILL = 5e-5
 """m between two touches, below which the probe turns around or rests."""
 SOON = 0.1

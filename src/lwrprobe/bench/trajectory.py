@@ -163,7 +163,7 @@ def _taken(generator: Generator, steps: int, renew: Callable[[], object] = lambd
 
 
 def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, rounds: int) -> dict[str, np.ndarray]:
-    straight, bent, fed = (CartesianTrajectory(1e-3, LIMITS) for _ in range(3))
+    straight, bent, commanded = (CartesianTrajectory(1e-3, LIMITS) for _ in range(3))
     speeds = (0.25, 0.2)
 
     def go_straight(n: int) -> None:
@@ -174,15 +174,15 @@ def _plan_times(bare: BareRuckig, arm: JointTrajectory, goals: np.ndarray, round
     def turn(n: int) -> None:
         bent.set_goal(_WAYS[n % len(_WAYS)], 0.25)
 
-    def feed(n: int) -> None:
-        fed.set_velocity(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
+    def command(n: int) -> None:
+        commanded.set_velocity(np.array((0.05, 0.02 * np.sin(0.01 * n), 0.02 * np.cos(0.01 * n))), 0.05)
 
     candidates: dict[str, tuple[Generator, Callable[[int], object]]] = {
         "bare Ruckig, 7 joints": (bare, lambda n: bare.set_goal(goals[n % 64])),
         "JointTrajectory, 7 joints": (arm, lambda n: arm.set_goal(goals[n % 64])),
         "CartesianTrajectory, straight": (straight, go_straight),
         "CartesianTrajectory, goal turns": (bent, turn),
-        "CartesianTrajectory, velocity turns": (fed, feed),
+        "CartesianTrajectory, velocity turns": (commanded, command),
     }
     seconds = {name: np.empty(rounds) for name in candidates}
     for n in range(rounds):
@@ -208,8 +208,8 @@ class Watch:
     def __init__(self, tip: CartesianTrajectory) -> None:
         limits = tip.limits
         self.tip = tip
-        ways = limits.speed, limits.acceleration, limits.turn_rate, limits.turn_acceleration
-        self.allowed = np.array((*ways, limits.jerk, limits.turn_jerk))
+        motion_limits = limits.speed, limits.acceleration, limits.turn_rate, limits.turn_acceleration
+        self.allowed = np.array((*motion_limits, limits.jerk, limits.turn_jerk))
         self.worst = np.zeros(6)
         self.over = 0
         self.motion = self.read()
@@ -247,7 +247,7 @@ def _around_goals(report: BenchReport, rng: np.random.Generator, replans: int) -
     report.notes.append(
         "Around goals, bare Ruckig is asked at its own last position and, after an exception, started anew at rest; a "
         "goal of its counts as missed when it is more than 1e-9 rad off after 0.4 s, one of JointTrajectory's when it "
-        "is not equal then, one of CartesianTrajectory's when it is not equal after twice the time that the way takes "
+        "is not equal then, one of CartesianTrajectory's when it is not equal after twice the time that the path takes "
         "at the speed asked for, and a second."
     )
 
@@ -544,7 +544,7 @@ def _bows(report: BenchReport, rng: np.random.Generator, count: int) -> None:
     columns = ["length of the move [mm]", "bow, median [mm]", "largest [mm]"]
     report.table("Bow of joint-space moves (same orientation at both ends) on the LWR 4+", columns, rows)
     report.notes.append(
-        "A straight Cartesian move has no bow: its way is one axis, to rounding (a test holds 1e-15 m)."
+        "A straight Cartesian move has no bow: its path is one axis, to rounding (a test holds 1e-15 m)."
     )
 
 

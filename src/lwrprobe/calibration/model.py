@@ -134,17 +134,17 @@ class Model:
         scale = self.priors.gear_ripple * self.priors.gear_waves
         self._whiten_place = []
         for mine in self._of_touch:
-            way = self.rows.path[mine, self.rows.path.shape[1] // 2]
-            way = np.linalg.norm(way - way.mean(axis=0), axis=1) * np.sign(
-                (way - way.mean(axis=0)) @ (way[-1] - way[0])
+            travel = self.rows.path[mine, self.rows.path.shape[1] // 2]
+            travel = np.linalg.norm(travel - travel.mean(axis=0), axis=1) * np.sign(
+                (travel - travel.mean(axis=0)) @ (travel[-1] - travel[0])
             )
-            # What is left of a gear's wave bends the path: a share of the way.
-            bend = _BENT * scale * way
+            # What is left of a gear's wave bends the path: a share of the path.
+            bend = _BENT * scale * travel
             # What the play of joints and sensor leaves, in and out.
             side = np.where(self._up[mine], 1.0, -1.0)
             # The zero may have been taken anywhere in the hysteresis: a force that is off bends the stick.
             size = np.linalg.norm(self.rows.reading[mine, :3], axis=1)
-            soft = np.ptp(way) / max(np.ptp(size), _MIN_RISE)
+            soft = np.ptp(travel) / max(np.ptp(size), _MIN_RISE)
             zero = 0.5 * self.priors.hysteresis * self._probe.force_range[0] * soft
             cover = _PLACE_NOISE**2 * np.eye(len(mine)) + sigma**2 + zero**2 + np.outer(bend, bend)
             cover += self._turn_error**2 * np.outer(side, side)

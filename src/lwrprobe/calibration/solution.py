@@ -154,13 +154,13 @@ def refuse_moved(model: Model, x: Vector) -> None:
             if found @ information @ found > best:
                 best, since, shift = float(found @ information @ found), touch, found
                 step = -covariance @ (jacobian.T @ (left + rows @ found))
-    way = float(np.linalg.norm(shift))
-    if way <= MAX_RESIDUAL:
+    moved = float(np.linalg.norm(shift))
+    if moved <= MAX_RESIDUAL:
         return
     after = float(np.sqrt(np.mean(model.per_touch(x + step, shift, since) ** 2)))
     if after < EXPLAINED * before:
         raise CalibrationRefused(
-            f"the touches contradict each other: the reference sphere has moved by {1e3 * way:.2f} mm before touch "
+            f"the touches contradict each other: the reference sphere has moved by {1e3 * moved:.2f} mm before touch "
             f"{since + 1} of {model.touches}, at most {1e3 * MAX_RESIDUAL:g} mm are allowed: clamp the sphere"
         )
 

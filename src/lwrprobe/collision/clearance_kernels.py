@@ -92,9 +92,9 @@ def take_nearer(a, b, who, simplex, work, pair, answer):
         on_b = on_a
     answer[DISTANCE], answer[WHO] = distance, who
     for k in range(3):
-        way = pair[3 + k] - pair[k]
-        answer[ON_ROBOT + k] = pair[k] + on_a * way
-        answer[ON_MAP + k] = pair[k] + on_b * way
+        apart = pair[3 + k] - pair[k]
+        answer[ON_ROBOT + k] = pair[k] + on_a * apart
+        answer[ON_MAP + k] = pair[k] + on_b * apart
 
 
 @allocation_free_kernel(forceinline=True)
@@ -207,7 +207,7 @@ def push(bounds, stack, depth, base, bound, who, cell):
 
 @allocation_free_kernel(forceinline=True)
 def descend(words, node, level, child, kx, ky, kz):
-    """Where the way down from a child first forks: node (0 for a filled cube), level whose cube it is, lowest key."""
+    """Where the path down from a child first forks: node (0 for a filled cube), level whose cube it is, lowest key."""
     while True:
         size = np.int64(1) << (2 * level)
         kx, ky, kz = kx + (child & 3) * size, ky + ((child >> 2) & 3) * size, kz + (child >> 4) * size

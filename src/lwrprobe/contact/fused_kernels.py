@@ -126,33 +126,33 @@ def fused(given, params, state, out):
     prepare(given, params, u, raw, cov)
     add_offset(state, raw, m, cov)
     reason = check_axis(given, params, m, cov)
+    if reason != GOOD:
+        return refuse(given, reason, params, out)
     meet_sphere(given, m, params[P_MAX_SINE], u)
     torque_covariance(given, u, params, cov)
     common = add_offset(state, raw, m, cov)
     axis_information(given, u, cov, info)
     to_world(given, u, info, normal, total)
     rotate(given, given, out, O_FORCE)
-    if reason == GOOD:
-        travel = advance(given, params, state)
-        watch_velocity(given, params, state)
-        sliding = add_sliding(given, params, state, normal, total, out, slip, travel, common)
-        if sliding:
-            learn_offset(given, params, state, raw, cov, out)
-        add_memory(state, normal, total)
-        smallest_direction(total, normal)
-        remember(given, params, state, normal, total, travel)
-        # The friction angle is the same for many samples: remembered, its error would be averaged as if it were noise.
-        mu, mu_var = state[S_FRICTION], state[S_FRICTION_VAR]
-        if sliding:
-            learn_friction(given, params, state, normal, total, slip, out)
-        add_friction(given, params, mu, mu_var, sliding, slip, total, out)
-        smallest_direction(total, normal)
-        if ambiguous(given, params, state, normal, tangent_spread(total, normal)):
-            reason = AMBIGUOUS
+    travel = advance(given, params, state)
+    watch_velocity(given, params, state)
+    sliding = add_sliding(given, params, state, normal, total, out, slip, travel, common)
+    if sliding:
+        learn_offset(given, params, state, raw, cov, out)
+    add_memory(state, normal, total)
+    smallest_direction(total, normal)
+    remember(given, params, state, normal, total, travel)
+    # The friction angle is the same for many samples: remembered, its error would be averaged as if it were noise.
+    mu, mu_var = state[S_FRICTION], state[S_FRICTION_VAR]
+    if sliding:
+        learn_friction(given, params, state, normal, total, slip, out)
+    add_friction(given, params, mu, mu_var, sliding, slip, total, out)
+    smallest_direction(total, normal)
     sigma = tangent_spread(total, normal)
-    reason = deliver_world(given, normal, sigma, reason, params, out)
-    if reason == AMBIGUOUS:
+    reason = deliver_world(given, normal, sigma, params, out)
+    if ambiguous(given, params, state, normal, sigma):
         out[O_CONFIDENCE] = _AMBIGUOUS_CONFIDENCE
+        return AMBIGUOUS
     return reason
 
 
@@ -606,7 +606,7 @@ def learn_friction(given, params, state, normal, total, slip, out):
 def ambiguous(given, params, state, normal, sigma):
     """Whether the normal has turned more since a recent sample than a single contact of a sphere allows.
 
-    A single contact's normal turns at most 1 / r per metre of the centre's way at a convex edge. A second wall makes
+    A single contact's normal turns at most 1 / r per metre of the centre's path at a convex edge. A second wall makes
     it jump; it stays ambiguous until the centre has left the first wall's plane.
     """
     if state[S_AMBIGUOUS] != 0.0:

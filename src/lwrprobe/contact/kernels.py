@@ -248,18 +248,18 @@ def rotate(given, v, out, at):
 
 
 @kernel
-def deliver(given, u, sigma, reason, params, out):
+def deliver(given, u, sigma, params, out):
     """Fill the output from u in the sensor frame; see `deliver_world`."""
     rotate(given, given, out, O_FORCE)
     rotate(given, u, out, O_NORMAL)
     for i in range(3):
         out[O_NORMAL + i] = -out[O_NORMAL + i]
-    return deliver_world(given, out[O_NORMAL : O_NORMAL + 3], sigma, reason, params, out)
+    return deliver_world(given, out[O_NORMAL : O_NORMAL + 3], sigma, params, out)
 
 
 @kernel
-def deliver_world(given, normal, sigma, reason, params, out):
-    """Fill point, normal and confidence; the force is set already. Returns the reason, IMPRECISE for a large sigma.
+def deliver_world(given, normal, sigma, params, out):
+    """Fill point, normal and confidence; the force is set already. Returns IMPRECISE for a large sigma, else GOOD.
 
     The undeformed surface is nearer to the centre than the radius, by indentation times force.
     """
@@ -273,10 +273,8 @@ def deliver_world(given, normal, sigma, reason, params, out):
     out[O_SIGMA] = sigma
     ratio = sigma / params[P_TRUSTED_ERROR]
     confidence = 1.0 / (1.0 + ratio * ratio)
-    if reason == GOOD and confidence < 0.5:
-        reason = IMPRECISE
-    out[O_CONFIDENCE] = confidence if reason in (GOOD, IMPRECISE) else 0.0
-    return reason
+    out[O_CONFIDENCE] = confidence
+    return IMPRECISE if confidence < 0.5 else GOOD
 
 
 @kernel
@@ -336,8 +334,10 @@ def force_direction(given, params, out):
     prepare(given, params, u, m, cov)
     add_zero_variance(params, cov)
     reason = check_axis(given, params, m, cov)
+    if reason != GOOD:
+        return refuse(given, reason, params, out)
     sigma = math.sqrt(2.0) * params[P_FORCE_NOISE] / magnitude(given, I_FORCE)
-    return deliver(given, u, sigma, reason, params, out)
+    return deliver(given, u, sigma, params, out)
 
 
 @kernel
@@ -350,8 +350,10 @@ def wrench_axis(given, params, out):
     prepare(given, params, u, m, cov)
     add_zero_variance(params, cov)
     reason = check_axis(given, params, m, cov)
+    if reason != GOOD:
+        return refuse(given, reason, params, out)
     meet_sphere(given, m, params[P_MAX_SINE], u)
     torque_covariance(given, u, params, cov)
     add_zero_variance(params, cov)
     axis_information(given, u, cov, info)
-    return deliver(given, u, tangent_spread(info, u), reason, params, out)
+    return deliver(given, u, tangent_spread(info, u), params, out)

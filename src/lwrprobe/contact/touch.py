@@ -37,7 +37,7 @@ class TouchFit:
 def zero_force_point(displacements: np.ndarray, forces: np.ndarray, least: float = 0.05) -> TouchFit:
     """Extrapolate a slow touch to zero force.
 
-    Two laws for the way in terms of the force: a line, `x = x0 + F / K`, and a line in series with Hertz's sphere on
+    Two laws for the place in terms of the force: a line, `x = x0 + F / K`, and a line in series with Hertz's sphere on
     flat, `x = x0 + F / K + h F^(2/3)` (Hertz 1881; F proportional to the indentation to the 3/2). The curved one is
     taken only when it is better by more than noise explains (a drop of the squared error by a factor 1 + 12 / n) and
     h is positive.

@@ -39,7 +39,7 @@ class Goal:
     Attributes
     ----------
     pose : (4, 4) world frame; a `spatialmath.SE3` is accepted and converted
-    speed : m/s, upper bound of the tip's speed on the way
+    speed : m/s, upper bound of the tip's speed on the path
     reason : a few words for the run's trace
     """
 

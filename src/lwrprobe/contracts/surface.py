@@ -37,7 +37,7 @@ class TouchRecord:
     normals : (n, 3) unit, out of the object, or None where the source had none
     confidence : (n,) 0..1, or None
     times : (n,) s, or None
-    free_path : (k, 3) m, centres of the sphere along the way while it touched nothing, in order of time, or None.
+    free_path : (k, 3) m, centres of the sphere along the path while it touched nothing, in order of time, or None.
         A step between two rows longer than `free_gap` is not a swept segment
     probe_radius : m, or None where unknown (a cloud from elsewhere)
     table : m, height of the table, or None

@@ -24,6 +24,8 @@ MAX_OUTWARD = 0.05
 """m/s away from the surface: what the arm follows within one delay."""
 NORMAL_MEMORY = 0.5
 """Share of the last normal in the tracked one: halves the noise, costs one sample of delay."""
+NEW_NORMAL = 1.0 - NORMAL_MEMORY
+"""Share of the new one."""
 MIN_NORMAL = 0.1
 """Length of the mean of two normals below which they oppose each other, and the new one counts alone."""
 RESET_TIME = 8.0
@@ -85,7 +87,7 @@ class ContourControl:
         self._steady = 0.0
         lateral, _, along = task.probe.compliance.tolist()
         self._compliance = 1.0 / task.stiffness, lateral, along
-        self._slack = task.force_limit - task.force_target
+        self._delay, self._target, self._slack = task.delay, task.force_target, task.force_limit - task.force_target
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
         # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet. It grows with the share
         # of d along the stick, so that the end of each step counts.
@@ -149,18 +151,18 @@ class ContourControl:
         speed : m/s, wanted along the tangent
         rotation : (3, 3) of the tip
         """
-        keep, new = NORMAL_MEMORY, 1.0 - NORMAL_MEMORY
         (mx, my, mz), (nx, ny, nz) = self.normal.tolist(), normal.tolist()
-        bx, by, bz = keep * mx + new * nx, keep * my + new * ny, keep * mz + new * nz
+        bx = NORMAL_MEMORY * mx + NEW_NORMAL * nx
+        by = NORMAL_MEMORY * my + NEW_NORMAL * ny
+        bz = NORMAL_MEMORY * mz + NEW_NORMAL * nz
         size = sqrt(bx * bx + by * by + bz * bz)
         if size > MIN_NORMAL:
             nx, ny, nz = bx / size, by / size, bz / size
         self.normal = np.array((nx, ny, nz))
         ax, ay, az = rotation[:, 2].tolist()
         axial = nx * ax + ny * ay + nz * az
-        task, delay = self.task, self.task.delay
+        delay, target = self._delay, self._target
         damping = damping_without_overshoot(self._stiffness(axial), delay)
-        target = task.force_target
         error = force - target
         inward = min(self._approach(axial), MAX_INWARD)
         steady = self._steady + error * period / (damping * RESET_TIME * delay)
@@ -203,7 +205,8 @@ class ContourControl:
         As `approach_speed`, for `RETURN` times the target force in place of the limit: the surface is near, so that
         little time is lost. An arm with mass strikes so slowly that it does not bounce.
         """
-        return self._return[self._step(float(rotation[:, 2] @ direction))]
+        axial = float(rotation[:, 2] @ direction)
+        return self._return[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
 
     def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
         """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""
@@ -219,11 +222,7 @@ class ContourControl:
 
     def _approach(self, axial: float) -> float:
         """`approach_speed` by the share of the direction along the stick."""
-        return self._safe[self._step(axial)]
-
-    @staticmethod
-    def _step(axial: float) -> int:
-        return min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)
+        return self._safe[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
 
     def _stiffness(self, axial: float) -> float:
         """N/m of object, arm and probe in series, by the share of the normal along the stick."""

@@ -323,7 +323,7 @@ class _Page:
             record.points, record.normals, instants, times, found, record.pitch or 0.010
         )
         away = 1e3 * gap_over_time(record.points, instants, times, found)
-        at, error = self._meshes_on_the_way(solid)
+        at, error = self._meshes_during_run(solid)
         charts = [
             line_chart([Line(times, covered, "touched", "c")], "robot time, s", "touched, %", top=105.0),
             line_chart(
@@ -338,7 +338,7 @@ class _Page:
         texts = ["<b>Coverage</b> of what the sphere can touch.", "<b>Error</b> against run time."]
         return [f"<figure>{chart}<figcaption>{text}</figcaption></figure>" for chart, text in zip(charts, texts)]
 
-    def _meshes_on_the_way(self, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    def _meshes_during_run(self, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
         record, instants = self.run.record, self.run.times
         at: list[float] = []
         error: list[float] = []

@@ -94,7 +94,7 @@ class Summary:
     corner of the box around it], `reason`."""
     stillness: Table | None = None
     """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm];
-    `torque_disagreement`: slope at which the way led into the surface by the torque and not by the force."""
+    `torque_disagreement`: slope at which the path led into the surface by the torque and not by the force."""
     torque: Table | None = None
     """Torque and force of the sensor: `disagreement` found over the lever, `over_expected`: its ratio to two standard
     deviations of what `[uncertainty]` lets expect, 1 where it is no larger."""
@@ -151,7 +151,7 @@ class Summary:
     lower_bound_time_s: float | None = None
     """s, no exploration of this object at this line spacing and speed is faster; free space counts at free speed."""
     lower_bound_descending_s: float | None = None
-    """s, the same where the way down to an edge has to be slow enough for the force limit."""
+    """s, the same where the path down to an edge has to be slow enough for the force limit."""
     truth: Table | None = None
     """How the simulated world differed from the scene: `profile`, and the numbers drawn; None on a real arm."""
     cycle_us: float | None = None

@@ -82,11 +82,11 @@ def _copy(source, to, n):
 def _into_reach(chain, settings, shape, work, arm_work):
     """Moves TARGET to where the elbow can take the wrist; the status of what was asked for."""
     target = work[dls.TARGET]
-    way = srs.lay_wrist(chain, shape, target, arm_work)
-    if abs(way) <= settings[dls.POSITION_TOL]:
+    shift = srs.lay_wrist(chain, shape, target, arm_work)
+    if abs(shift) <= settings[dls.POSITION_TOL]:
         return CONVERGED
-    wanted = arm_work[srs.CIRCLE, srs.DISTANCE] - way
-    srs.move_along_axis(shape, arm_work, way, target)
+    wanted = arm_work[srs.CIRCLE, srs.DISTANCE] - shift
+    srs.move_along_axis(shape, arm_work, shift, target)
     upper, fore = shape[2, srs.UPPER_ARM], shape[2, srs.FOREARM]
     return LIMITED if abs(upper - fore) <= wanted <= upper + fore else UNREACHABLE
 

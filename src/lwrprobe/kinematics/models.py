@@ -70,10 +70,10 @@ def _at_rest(alpha: float, d: float) -> Array:
 
 def _along(begin: tuple[float, ...], end: tuple[float, ...]) -> Array:
     """Pose half way between two places, z from one to the other; they differ along y and z alone."""
-    way, pose = np.subtract(end, begin), np.eye(4)
-    y, z = way[1:] / np.linalg.norm(way)
+    axis, pose = np.subtract(end, begin), np.eye(4)
+    y, z = axis[1:] / np.linalg.norm(axis)
     pose[1:3, 1:3] = (z, y), (-y, z)
-    pose[:3, 3] = np.add(begin, 0.5 * way)
+    pose[:3, 3] = np.add(begin, 0.5 * axis)
     return pose
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FollowReport:
-    """How far a path can be followed without a jump, and what it asks of the arm on the way.
+    """How far a path can be followed without a jump, and what it asks of the arm on the path.
 
     Attributes
     ----------
@@ -106,12 +106,12 @@ def straight_line(start: SE3 | Array, end: SE3 | Array, step: float = 0.005, tur
     for name, value in (("step", step), ("turn", turn)):
         if not (np.isfinite(value) and value > 0.0):
             raise InputError(name, value, "a positive number")
-    way = end[:3, 3] - start[:3, 3]
+    shift = end[:3, 3] - start[:3, 3]
     axis, angle = axis_angle(start[:3, :3].T @ end[:3, :3])
-    pieces = max(1, int(np.ceil(np.linalg.norm(way) / step)), int(np.ceil(angle / turn)))
+    pieces = max(1, int(np.ceil(np.linalg.norm(shift) / step)), int(np.ceil(angle / turn)))
     share = np.linspace(0.0, 1.0, pieces + 1)
     poses = np.tile(np.eye(4), (len(share), 1, 1))
-    poses[:, :3, 3] = start[:3, 3] + share[:, None] * way
+    poses[:, :3, 3] = start[:3, 3] + share[:, None] * shift
     poses[:, :3, :3] = start[:3, :3] @ rotations(axis, share * angle)
     poses[-1] = end
     return poses

@@ -202,13 +202,13 @@ def lay_wrist(chain, shape, target, work):
 
 
 @kernel
-def move_along_axis(shape, work, way, target):
-    """Shift the target by `way` along the line from shoulder to wrist."""
+def move_along_axis(shape, work, distance, target):
+    """Shift the target by `distance` along the line from shoulder to wrist."""
     base, circle = shape[0], work[CIRCLE]
     for i in range(3):
         row = 4 * i
         along = base[row] * circle[AXIS] + base[row + 1] * circle[AXIS + 1] + base[row + 2] * circle[AXIS + 2]
-        target[row + 3] += way * along
+        target[row + 3] += distance * along
 
 
 @kernel

@@ -32,7 +32,7 @@ class Reachability:
     Attributes
     ----------
     mask : (m,) bool
-    status : (m,) int, `IKStatus`: UNREACHABLE and LIMITED can never be taken, JUMP not on the straight way from the
+    status : (m,) int, `IKStatus`: UNREACHABLE and LIMITED can never be taken, JUMP not on the straight path from the
         start posture
     short_by : (m,) m that the tip falls short, 0 where reachable
     limit_margin : (m,) to the nearest joint limit where reachable [rad; m for prismatic joints], else 0

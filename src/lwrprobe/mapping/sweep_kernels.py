@@ -1,6 +1,6 @@
 """A path collected position by position, as long as it is straight (kernels, private).
 
-Row 0 of a way holds the number of its places and the map's voxel edge, the rows below the places.
+Row 0 of a path holds the number of its places and the map's voxel edge, the rows below the places.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ STRAIGHT = 0.005
 
 
 @kernel
-def extend(way, x, y, z):
+def extend(path, x, y, z):
     """Add a position, unless the path would no longer be one straight piece; returns whether it was added.
 
     A place where the sphere already is, is not added once there are two.
     """
-    count, edge = np.int64(way[0, 0]), way[0, 1]
+    count, edge = np.int64(path[0, 0]), path[0, 1]
     if count >= 2:
-        if abs(x - way[count, 0]) + abs(y - way[count, 1]) + abs(z - way[count, 2]) <= STRAIGHT * edge:
+        if abs(x - path[count, 0]) + abs(y - path[count, 1]) + abs(z - path[count, 2]) <= STRAIGHT * edge:
             return True
         if count == MAX_PLACES:
             return False
-        dx, dy, dz = x - way[1, 0], y - way[1, 1], z - way[1, 2]
+        dx, dy, dz = x - path[1, 0], y - path[1, 1], z - path[1, 2]
         length2 = dx * dx + dy * dy + dz * dz
         if not length2 <= (LONGEST * edge) ** 2:
             return False
         done = 0.0
         for i in range(2, count + 1):
-            ux, uy, uz = way[i, 0] - way[1, 0], way[i, 1] - way[1, 1], way[i, 2] - way[1, 2]
+            ux, uy, uz = path[i, 0] - path[1, 0], path[i, 1] - path[1, 1], path[i, 2] - path[1, 2]
             share = (ux * dx + uy * dy + uz * dz) / length2 if length2 > 0.0 else 0.0
             if not done <= share <= 1.0:
                 return False  # it has reversed
@@ -42,6 +42,6 @@ def extend(way, x, y, z):
             off2 = (ux - share * dx) ** 2 + (uy - share * dy) ** 2 + (uz - share * dz) ** 2
             if off2 > (STRAIGHT * edge) ** 2:
                 return False
-    way[count + 1, 0], way[count + 1, 1], way[count + 1, 2] = x, y, z
-    way[0, 0] = count + 1
+    path[count + 1, 0], path[count + 1, 1], path[count + 1, 2] = x, y, z
+    path[0, 0] = count + 1
     return True

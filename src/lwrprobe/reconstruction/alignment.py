@@ -120,13 +120,15 @@ class Alignment:
         size = float(np.sqrt((lever**2).sum(axis=1).mean()))
         rows = np.hstack([pairs.normal, np.cross(lever, pairs.normal) / size])[:, self.free]
         weight = self.weigh(pairs)
-        _, singular, ways = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
+        _, singular, directions = np.linalg.svd(weight[:, None] * rows, full_matrices=False)
         known = singular > self.open_share * singular[0]
         right = rows.T @ (-(weight**2) * pairs.apart)
         parts = np.zeros(6)
-        parts[self.free] = ways[known].T @ ((ways[known] @ right) / np.maximum(singular[known], 1e-300) ** 2)
+        parts[self.free] = directions[known].T @ (
+            (directions[known] @ right) / np.maximum(singular[known], 1e-300) ** 2
+        )
         unknown = np.zeros(((~known).sum(), 6))
-        unknown[:, self.free] = ways[~known]
+        unknown[:, self.free] = directions[~known]
         return RigidMotion(_turn(parts[3:] / size), parts[:3]), unknown, size
 
 

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lwrprobe.compiled import kernel
+
+
+class Seeds(NamedTuple):
+    """Clusters by their first member, and a hash table of cells that finds those nearby."""
+
+    points: np.ndarray  # (n, 3) m
+    normals: np.ndarray  # (n, 3)
+    cells: np.ndarray  # (slots, 3) cell of a slot
+    heads: np.ndarray  # (slots,) its latest seed, -1 where the slot is empty
+    chain: np.ndarray  # (n,) the seed before in the same cell, -1 after the last
 
 
 @kernel
@@ -14,14 +26,14 @@ def cell_hash(i, j, k, size):
 
 
 @kernel
-def assign(points, normals, begin, end, size, agreement, cells, heads, chain, seeds, seed_normals, count, label):
-    """Label points [begin, end) with the nearest cluster seed within `size` that faces the same way, else a new one.
+def assign(points, normals, size, agreement, seeds, count, label):
+    """Label points with the nearest cluster seed within `size` that faces the same way, else a new one.
 
-    cells (slots, 3) and heads (slots,) are the hash table of cells of edge `size`, -1 where empty; chain links
-    the seeds of a cell; the clusters' number so far goes in and comes out.
+    The cells have an edge of `size`; the clusters' number so far goes in and comes out.
     """
+    places, facings, cells, heads, chain = seeds
     slots = heads.shape[0]
-    for p in range(begin, end):
+    for p in range(points.shape[0]):
         ci = int(np.floor(points[p, 0] / size))
         cj = int(np.floor(points[p, 1] / size))
         ck = int(np.floor(points[p, 2] / size))
@@ -38,8 +50,8 @@ def assign(points, normals, begin, end, size, agreement, cells, heads, chain, se
                     while seed >= 0:
                         apart, facing = 0.0, 0.0
                         for m in range(3):
-                            apart += (points[p, m] - seeds[seed, m]) ** 2
-                            facing += normals[p, m] * seed_normals[seed, m]
+                            apart += (points[p, m] - places[seed, m]) ** 2
+                            facing += normals[p, m] * facings[seed, m]
                         if apart < nearest and facing > agreement:
                             best, nearest = seed, apart
                         seed = chain[seed]
@@ -47,7 +59,7 @@ def assign(points, normals, begin, end, size, agreement, cells, heads, chain, se
             best = count
             count += 1
             for m in range(3):
-                seeds[best, m], seed_normals[best, m] = points[p, m], normals[p, m]
+                places[best, m], facings[best, m] = points[p, m], normals[p, m]
             slot = cell_hash(ci, cj, ck, slots)
             while heads[slot] >= 0 and not (cells[slot, 0] == ci and cells[slot, 1] == cj and cells[slot, 2] == ck):
                 slot = (slot + 1) & (slots - 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.reconstruction.cluster_kernels import assign, merge
+from lwrprobe.reconstruction.cluster_kernels import Seeds, assign, merge
 
 _AGREEMENT = 0.8
 """Cosine between normals above which two contacts may be of one surface: 37 degrees."""
@@ -49,14 +49,12 @@ def cluster(
     n = len(points)
     slots = 1 << max(4, int(np.ceil(np.log2(2 * n + 1))))
     cells, heads = np.zeros((slots, 3), dtype=np.int64), np.full(slots, -1, dtype=np.int64)
-    chain, label = np.full(n, -1, dtype=np.int64), np.empty(n, dtype=np.int64)
-    seeds, seed_normals = np.empty((n, 3)), np.empty((n, 3))
-    count = 0
+    seeds = Seeds(np.empty((n, 3)), np.empty((n, 3)), cells, heads, np.full(n, -1, dtype=np.int64))
+    label, count = np.empty(n, dtype=np.int64), 0
     for begin in range(0, n, _PORTION):
         end = min(begin + _PORTION, n)
-        count = assign(
-            points, normals, begin, end, size, _AGREEMENT, cells, heads, chain, seeds, seed_normals, count, label
-        )  # fmt: skip
+        portion = slice(begin, end)
+        count = assign(points[portion], normals[portion], size, _AGREEMENT, seeds, count, label[portion])
         if progress is not None:
             progress(end / n)
     centre, facing, total = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)

@@ -21,6 +21,8 @@ from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, suppor
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.convex_hull import ConvexHull
 from lwrprobe.reconstruction.distance_kernels import (
+    Mesh,
+    Nodes,
     corner_lists,
     crowding,
     erode,
@@ -286,16 +288,13 @@ class _Shrunk:
     def __init__(self, hull: TriangleMesh, outer: np.ndarray, grid: Grid, touches: Touches) -> None:
         self.grid, self.radius = grid, touches.radius
         self.floor = -np.inf if touches.table is None else touches.table
-        self.vertices, self.faces = hull.vertices, hull.faces
-        self.starts = np.zeros(len(hull.vertices) + 1, dtype=np.int64)
-        self.members = np.empty(hull.faces.size, dtype=np.int64)
-        corner_lists(hull.faces, self.starts, self.members)
-        self.nearest = grid.nearest(hull.vertices, touches.radius + 2.0 * grid.step)
+        starts, members = np.zeros(len(hull.vertices) + 1, dtype=np.int64), np.empty(hull.faces.size, dtype=np.int64)
+        corner_lists(hull.faces, starts, members)
+        self.hull = Mesh(hull.vertices, hull.faces, starts, members)
+        nearest = grid.nearest(hull.vertices, touches.radius + 2.0 * grid.step)
+        self.nodes = Nodes(nearest, grid.origin, grid.step)
         self.values = np.empty(grid.shape)
-        erode(
-            self.vertices, self.faces, self.starts, self.members, self.nearest, grid.origin, grid.step, self.radius,
-            grid.step, outer, self.values,
-        )  # fmt: skip
+        erode(self.hull, self.nodes, self.radius, grid.step, outer, self.values)
         if touches.table is not None:
             heights = grid.origin[2] + grid.step * np.arange(grid.shape[2])
             np.maximum(self.values, touches.table - heights, out=self.values)
@@ -314,10 +313,7 @@ class _Shrunk:
         self.values[~touched[parts] & (parts > 0)] = self.grid.step
 
     def _crossings(self, edges: np.ndarray, positions: np.ndarray, normals: np.ndarray) -> None:
-        eroded_crossings(
-            self.vertices, self.faces, self.starts, self.members, self.nearest, self.grid.origin, self.grid.step,
-            self.radius, self.floor, self.values, edges, positions, normals,
-        )  # fmt: skip
+        eroded_crossings(self.hull, self.nodes, self.radius, self.floor, self.values, edges, positions, normals)
 
 
 def _judge(
@@ -334,7 +330,7 @@ def _judge(
     _, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
     feet, crowd = np.empty_like(vertices), np.full(len(vertices), np.inf)
-    feet_of(vertices, hull.vertices, hull.faces, body.starts, body.members, foot, feet)
+    feet_of(vertices, body.hull, foot, feet)
     crowding(vertices, body.mesh.faces, feet, crowd)
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
     fillet = crowd < _CROWDED

@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lwrprobe.compiled import kernel
+
+
+class Mesh(NamedTuple):
+    """Triangles, and `corner_lists` of them."""
+
+    vertices: np.ndarray  # (n, 3) m
+    faces: np.ndarray  # (m, 3)
+    starts: np.ndarray  # (n + 1,)
+    members: np.ndarray  # (3 m,)
+
+
+class Nodes(NamedTuple):
+    """A grid of nodes near a mesh."""
+
+    nearest: np.ndarray  # (i, j, k) vertex nearest to each node, -1 where none is near
+    origin: np.ndarray  # (3,) m
+    step: float  # m
 
 
 @kernel
@@ -48,8 +67,9 @@ def corner_lists(faces, starts, members):
 
 
 @kernel
-def foot_around(vertices, faces, starts, members, v, place, foot):
+def foot_around(mesh, v, place, foot):
     """Nearest point `foot` (3,) to `place` (3,) on the triangles around vertex v; returns the squared distance."""
+    vertices, faces, starts, members = mesh
     best = np.inf
     for c in range(starts[v], starts[v + 1]):
         f = members[c]
@@ -98,12 +118,13 @@ def foot_on_triangle(a, b, c, p):
 
 
 @kernel
-def erode(vertices, faces, starts, members, nearest, origin, step, radius, band, outer, out):
+def erode(mesh, nodes, radius, band, outer, out):
     """Signed distance to the surface `radius` below the mesh, at grid nodes, into `out`; negative inside.
 
-    `outer` is negative inside the mesh; `nearest` -1 where no vertex is near. Beyond `band` from the eroded surface
-    the value is cut to -band or, outside the mesh, to the distance plus radius at most `band`.
+    `outer` is negative inside the mesh. Beyond `band` from the eroded surface the value is cut to -band or, outside
+    the mesh, to the distance plus radius at most `band`.
     """
+    nearest, origin, step = nodes
     nx, ny, nz = out.shape
     place, foot = np.empty(3), np.empty(3)
     for i in range(nx):
@@ -115,18 +136,17 @@ def erode(vertices, faces, starts, members, nearest, origin, step, radius, band,
                     out[i, j, k] = -band if inside else band
                     continue
                 place[0], place[1], place[2] = origin[0] + step * i, origin[1] + step * j, origin[2] + step * k
-                distance = np.sqrt(foot_around(vertices, faces, starts, members, v, place, foot))
+                distance = np.sqrt(foot_around(mesh, v, place, foot))
                 out[i, j, k] = min(max(radius - distance, -band), band)
 
 
 @kernel
-def eroded_crossings(
-    vertices, faces, starts, members, nearest, origin, step, radius, floor, values, edges, positions, normals
-):
+def eroded_crossings(mesh, nodes, radius, floor, values, edges, positions, normals):
     """Where edges cross the eroded surface or the floor plane: positions and unit normals (m, 3), in grid units.
 
     `floor` is -inf where there is none.
     """
+    nearest, origin, step = nodes
     place, foot, other = np.empty(3), np.empty(3), np.empty(3)
     for e in range(edges.shape[0]):
         i, j, k, axis = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -152,9 +172,9 @@ def eroded_crossings(
             place[2] = origin[2] + step * (k + t * (ok - k))
             square = np.inf
             if first >= 0:
-                square = foot_around(vertices, faces, starts, members, first, place, foot)
+                square = foot_around(mesh, first, place, foot)
             if last >= 0 and last != first:
-                second = foot_around(vertices, faces, starts, members, last, place, other)
+                second = foot_around(mesh, last, place, other)
                 if second < square:
                     square = second
                     foot[0], foot[1], foot[2] = other[0], other[1], other[2]
@@ -172,10 +192,10 @@ def eroded_crossings(
 
 
 @kernel
-def feet_of(places, vertices, faces, starts, members, near, out):
+def feet_of(places, mesh, near, out):
     """Nearest points on the mesh of places (n, 3), searched around the vertices `near` (n,), into `out` (n, 3)."""
     for p in range(places.shape[0]):
-        foot_around(vertices, faces, starts, members, near[p], places[p], out[p])
+        foot_around(mesh, near[p], places[p], out[p])
 
 
 @kernel

@@ -161,7 +161,7 @@ def _objection(
     if len(touches.visited):
         inside = candidate.distance(parameters, touches.visited) < touches.radius - 3.0 * tolerance
         if np.mean(inside) > 0.002:
-            return f"the sphere passed freely through {100 * np.mean(inside):.1f} % of its way inside it"
+            return f"the sphere passed freely through {100 * np.mean(inside):.1f} % of its path inside it"
     return ""
 
 
@@ -260,7 +260,7 @@ def _box(centres: np.ndarray, normals: np.ndarray, touches: Touches, pitch: floa
 
 
 def _end(direction: np.ndarray, touches: Touches, pitch: float) -> tuple[float, float]:
-    """Where the object ends along `direction`: middle and standard deviation of what contacts and free way allow."""
+    """Where the object ends along `direction`: middle and standard deviation of what contacts and free path allow."""
     last = float(np.percentile(touches.points @ direction, 99.5))
     aside = np.array([-direction[1], direction[0], 0.0])
     lower, upper = np.percentile(touches.points @ aside, [5.0, 95.0])

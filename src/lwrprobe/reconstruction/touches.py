@@ -26,7 +26,7 @@ class Touches:
     points, normals : (n, 3) m and unit
     confidence : (n,) 0..1
     radius : m, of the sphere, or of the virtual one where the record has none
-    visited : (k, 3) m, where the sphere's centre has been without touching, dense along its way
+    visited : (k, 3) m, where the sphere's centre has been without touching, dense along its path
     table : m, or None when the object is seen from below as well
     lowest : m, lowest centre
     noise, normal_noise : m and rad, standard deviations of a point along its normal, and of the normal

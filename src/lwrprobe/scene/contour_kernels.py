@@ -17,7 +17,7 @@ _ALTERNATIONS = 20  # between an edge and a cell, towards a point of both
 
 @kernel
 def crossings(numbers, indices, begin, end, begins_inside, points):
-    """By bisection, where the way from begin (n, 3) to end (n, 3) passes through the surface, into points (n, 3)."""
+    """By bisection, where the path from begin (n, 3) to end (n, 3) passes through the surface, into points (n, 3)."""
     for n in range(begin.shape[0]):
         low, high = 0.0, 1.0
         for _ in range(_HALVINGS):

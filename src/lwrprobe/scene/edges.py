@@ -407,11 +407,11 @@ def _net(surface: Surface, box: np.ndarray) -> np.ndarray:
         tilt = np.linspace(0.0, np.pi, len(turns) // 2)
         along = _spread(0.0, surface.l) if surface.l else np.zeros(1)
         lower = int(np.count_nonzero(tilt >= np.pi / 2))
-        rim = np.concatenate([np.zeros(lower), along, np.full(len(tilt) - lower, surface.l)])
+        ends = np.concatenate([np.zeros(lower), along, np.full(len(tilt) - lower, surface.l)])
         lean = np.concatenate(
             [tilt[tilt >= np.pi / 2][::-1], np.full(len(along), np.pi / 2), tilt[tilt < np.pi / 2][::-1]]
         )
-        turn, height = np.meshgrid(turns, rim + surface.r * np.cos(lean), indexing="ij")
+        turn, height = np.meshgrid(turns, ends + surface.r * np.cos(lean), indexing="ij")
         across = np.broadcast_to(surface.r * np.sin(lean), turn.shape)
     ring = np.cos(turn)[..., None] * e1 + np.sin(turn)[..., None] * e2
     return surface.a + across[..., None] * ring + height[..., None] * axis

@@ -27,7 +27,7 @@ from lwrprobe.scene.program import (
     MESHES,
 )
 
-_STACK_SIZE = 64  # nodes of a tree on the way
+_STACK_SIZE = 64  # nodes of a tree on the path
 _SAME_DIRECTION = 0.966  # cosine of 15 degrees: facets of one smooth hollow count as one contact
 
 

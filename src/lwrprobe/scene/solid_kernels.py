@@ -68,9 +68,9 @@ def nearest(numbers, indices, x, y, z):
     """
     inside = contains(numbers, indices, x, y, z)
     best, bx, by, bz, part = _nearest_face(numbers, indices, x, y, z)
-    best, bx, by, bz, part = _nearest_edge(numbers, indices, x, y, z, best, bx, by, bz, part)
+    best, bx, by, bz, part = _nearest_edge(numbers, indices, (x, y, z), (best, bx, by, bz, part))
     sign = -1.0 if inside else 1.0
-    nx, ny, nz = _away(numbers, indices, x, y, z, bx, by, bz, sign, best, part)
+    nx, ny, nz = _away(numbers, indices, (x, y, z), (bx, by, bz), sign, best, part)
     best *= sign
     part = surface_part(numbers, part) if part >= 0 else -1
     for m in range(indices[MESHES]):
@@ -202,7 +202,7 @@ def _edge_contacts(numbers, indices, centre, radius, contacts, count):
                 continue
             dx, dy, dz = dx / distance, dy / distance, dz / distance
             part = surface_part(numbers, i)
-            if _in_cone(numbers, indices, i, j, indices[row + 4], indices[row + 5], px, py, pz, dx, dy, dz):
+            if _in_cone(numbers, (i, j), (indices[row + 4], indices[row + 5]), (px, py, pz), (dx, dy, dz)):
                 count = _add(centre, (px, py, pz), (dx, dy, dz), radius, part, contacts, count)
     return count
 
@@ -218,7 +218,7 @@ def _corner_contacts(numbers, indices, centre, radius, contacts, count):
         if distance >= radius or distance < 1e-12:
             continue
         dx, dy, dz = dx / distance, dy / distance, dz / distance
-        if _corner_faces(numbers, indices, v, px, py, pz, dx, dy, dz):
+        if _corner_faces(numbers, indices, v, (px, py, pz), (dx, dy, dz)):
             first = indices[indices[VERTICES + 2] + VERTEX_INDICES * v]
             part = surface_part(numbers, indices[indices[INCIDENCE + 2] + first])
             count = _add(centre, (px, py, pz), (dx, dy, dz), radius, part, contacts, count)
@@ -250,7 +250,7 @@ def _nearest_face(numbers, indices, x, y, z):
         if abs(surface_value(numbers, k, x, y, z)) >= best:
             continue
         if surface_kind(numbers, k) == BLEND:
-            best, bx, by, bz, part = _nearest_on_blend(numbers, indices, k, x, y, z, best, bx, by, bz, part)
+            best, bx, by, bz, part = _nearest_on_blend(numbers, indices, k, (x, y, z), (best, bx, by, bz, part))
             continue
         px, py, pz, _ = surface_nearest(numbers, k, x, y, z)
         gx, gy, gz = _unit_gradient(numbers, k, px, py, pz)
@@ -268,8 +268,9 @@ def _nearest_face(numbers, indices, x, y, z):
 
 
 @kernel
-def _nearest_on_blend(numbers, indices, k, x, y, z, best, bx, by, bz, part):
+def _nearest_on_blend(numbers, indices, k, place, found_before):
     """As `_nearest_face`: the search starts from the point itself and from its feet on all balls."""
+    (x, y, z), (best, bx, by, bz, part) = place, found_before
     first, last = blend_rows(numbers, k)
     swell = numbers[SURFACE_NUMBERS * k + 6] * np.log((last - first) / BALL_NUMBERS)
     for row in range(first - BALL_NUMBERS, last, BALL_NUMBERS):
@@ -291,7 +292,8 @@ def _nearest_on_blend(numbers, indices, k, x, y, z, best, bx, by, bz, part):
 
 
 @kernel
-def _nearest_edge(numbers, indices, x, y, z, best, bx, by, bz, part):
+def _nearest_edge(numbers, indices, place, found_before):
+    (x, y, z), (best, bx, by, bz, part) = place, found_before
     for chain in range(indices[CHAINS]):
         if chain_bound(numbers, indices, chain, x, y, z) >= best:
             continue
@@ -368,8 +370,9 @@ def _turned(numbers, k, x, y, z, turn):
 
 
 @kernel
-def _in_cone(numbers, indices, i, j, sign_i, sign_j, px, py, pz, dx, dy, dz):
-    """Whether d is a combination of both faces' outward normals with no negative part."""
+def _in_cone(numbers, faces, signs, point, direction):
+    """Whether a direction is a combination of both faces' outward normals at a point with no negative part."""
+    (i, j), (sign_i, sign_j), (px, py, pz), (dx, dy, dz) = faces, signs, point, direction
     ax, ay, az = _unit_gradient(numbers, i, px, py, pz)
     bx, by, bz = _unit_gradient(numbers, j, px, py, pz)
     ab = (ax * bx + ay * by + az * bz) * sign_i * sign_j
@@ -378,11 +381,13 @@ def _in_cone(numbers, indices, i, j, sign_i, sign_j, px, py, pz, dx, dy, dz):
 
 
 @kernel
-def _corner_faces(numbers, indices, v, px, py, pz, dx, dy, dz):
-    """Whether no way along the solid at a corner leads nearer to a point in direction d.
+def _corner_faces(numbers, indices, v, corner, direction):
+    """Whether no path along the solid at a corner leads nearer to a point in a direction.
 
-    The steepest ways are d itself, its shadows on the surfaces that meet there, and the curves in which those meet.
+    The steepest are the direction itself, its shadows on the surfaces that meet there, and the curves in which those
+    meet.
     """
+    (px, py, pz), (dx, dy, dz) = corner, direction
     reach = 1e-6
     if contains(numbers, indices, px + reach * dx, py + reach * dy, pz + reach * dz):
         return False
@@ -392,7 +397,7 @@ def _corner_faces(numbers, indices, v, px, py, pz, dx, dy, dz):
         ax, ay, az = _unit_gradient(numbers, indices[m], px, py, pz)
         across = ax * dx + ay * dy + az * dz
         sx, sy, sz = dx - across * ax, dy - across * ay, dz - across * az
-        if _leads_on(numbers, indices, px, py, pz, sx, sy, sz, ax, ay, az, 0.0, 0.0, 0.0):
+        if _leads_on(numbers, indices, corner, (sx, sy, sz), (ax, ay, az), (0.0, 0.0, 0.0)):
             return False
         for n in range(m + 1, first + indices[row + 1]):
             bx, by, bz = _unit_gradient(numbers, indices[n], px, py, pz)
@@ -401,14 +406,15 @@ def _corner_faces(numbers, indices, v, px, py, pz, dx, dy, dz):
             tx, ty, tz = toward * tx, toward * ty, toward * tz
             if tx * dx + ty * dy + tz * dz < 1e-6:
                 continue
-            if _leads_on(numbers, indices, px, py, pz, tx, ty, tz, ax, ay, az, bx, by, bz):
+            if _leads_on(numbers, indices, corner, (tx, ty, tz), (ax, ay, az), (bx, by, bz)):
                 return False
     return True
 
 
 @kernel
-def _leads_on(numbers, indices, px, py, pz, sx, sy, sz, ax, ay, az, bx, by, bz):
-    """Whether a small step from p along s, a hair to either side along a and b, arrives in the solid."""
+def _leads_on(numbers, indices, point, along, a, b):
+    """Whether a small step from a point, a hair to either side along a and b, arrives in the solid."""
+    (px, py, pz), (sx, sy, sz), (ax, ay, az), (bx, by, bz) = point, along, a, b
     length = np.sqrt(sx * sx + sy * sy + sz * sz)
     if length < 1e-6:
         return False
@@ -422,8 +428,9 @@ def _leads_on(numbers, indices, px, py, pz, sx, sy, sz, ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _away(numbers, indices, x, y, z, bx, by, bz, sign, distance, k):
-    """Unit vector out of the solid from the nearest point b towards c (or away from it, inside)."""
+def _away(numbers, indices, place, nearest_point, sign, distance, k):
+    """Unit vector out of the solid from the nearest point towards a place (or away from it, inside)."""
+    (x, y, z), (bx, by, bz) = place, nearest_point
     if distance > 1e-9 and distance < np.inf:
         return sign * (x - bx) / distance, sign * (y - by) / distance, sign * (z - bz) / distance
     if k < 0:

@@ -181,10 +181,9 @@ def blend_nearest(numbers, k, x, y, z, px, py, pz):
     m = ((x - px) * gx + (y - py) * gy + (z - pz) * gz) / max(gx * gx + gy * gy + gz * gz, 1e-12)
     for _ in range(_NEWTON_STEPS):
         hxx, hxy, hxz, hyy, hyz, hzz = _blend_hessian(numbers, k, px, py, pz)
-        sx, sy, sz, sm = _kkt_step(
-            1.0 + m * hxx, m * hxy, m * hxz, 1.0 + m * hyy, m * hyz, 1.0 + m * hzz,
-            gx, gy, gz, px - x + m * gx, py - y + m * gy, pz - z + m * gz, value,
-        )  # fmt: skip
+        matrix = (1.0 + m * hxx, m * hxy, m * hxz, 1.0 + m * hyy, m * hyz, 1.0 + m * hzz)
+        rest = (px - x + m * gx, py - y + m * gy, pz - z + m * gz)
+        sx, sy, sz, sm = _kkt_step(matrix, (gx, gy, gz), rest, value)
         size = np.sqrt(sx * sx + sy * sy + sz * sz)
         shrink = min(1.0, 0.003 / max(size, 1e-30))
         px, py, pz, m = px + shrink * sx, py + shrink * sy, pz + shrink * sz, m + shrink * sm
@@ -195,8 +194,9 @@ def blend_nearest(numbers, k, x, y, z, px, py, pz):
 
 
 @kernel
-def _kkt_step(a, b, c, d, e, f, gx, gy, gz, rx, ry, rz, value):
+def _kkt_step(matrix, g, r, value):
     """Solve [[A, g], [g', 0]] (s, t) = -(r, value) with A = [[a, b, c], [b, d, e], [c, e, f]] by cofactors."""
+    (a, b, c, d, e, f), (gx, gy, gz), (rx, ry, rz) = matrix, g, r
     cxx, cxy, cxz = d * f - e * e, c * e - b * f, b * e - c * d
     cyy, cyz, czz = a * f - c * c, b * c - a * e, a * d - b * b
     determinant = a * cxx + b * cxy + c * cxz

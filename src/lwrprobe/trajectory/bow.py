@@ -24,8 +24,8 @@ class Bow:
     Attributes
     ----------
     distance : m, from the line segment
-    turn : rad, largest angle between the tip's orientation and the one slerp would have at the same share of the way
-    at : share of the way, 0 .. 1, of the largest distance
+    turn : rad, largest angle between the tip's orientation and the one slerp would have at the same share of the path
+    at : share of the path, 0 .. 1, of the largest distance
     point : (3,) m, the tip there
     length : m, of the straight line
     """
@@ -40,7 +40,7 @@ class Bow:
 def bow(arm: Arm, start: np.ndarray, end: np.ndarray, samples: int = 201) -> Bow:
     """Measure the bow of the straight joint-space move from `start` to `end` (n,), which `JointTrajectory` makes.
 
-    The way is sampled and the largest distance refined by a parabola through its neighbours; the error is of the
+    The path is sampled and the largest distance refined by a parabola through its neighbours; the error is of the
     order (distance / samples^2). Raises InputError.
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)

@@ -30,8 +30,8 @@ class CartesianTrajectory:
     """Online generator of the tip's pose.
 
     From rest to a goal the tip moves on the straight line while the orientation turns about one axis (slerp), both
-    phase-synchronised. When the goal changes in motion, the part of the motion across the new way dies out as fast
-    as its share of the limits allows, then the rest is straight; a motion that does not fit the new way at all (a
+    phase-synchronised. When the goal changes in motion, the part of the motion across the new path dies out as fast
+    as its share of the limits allows, then the rest is straight; a motion that does not fit the new path at all (a
     sharp turn at full speed) is slowed first. All limits hold on Euclidean norms at every instant. Nothing in `step`
     raises; where the planner fails the tip stops, jerk-limited.
 
@@ -299,7 +299,7 @@ class CartesianTrajectory:
         self._braking = braking
         too_fast, _, self._duration, bend, fast = self._facts.tolist()
         event = min(self._hold, self._duration)
-        if bend > 0.0:  # what is left of the bend leaves ever more of the limits to the way along
+        if bend > 0.0:  # what is left of the bend leaves ever more of the limits to the path along
             event = min(event, max(0.25 * bend, min(bend, REFRESH * self.cycle)))
         if fast > 0.0:
             event = min(event, fast)

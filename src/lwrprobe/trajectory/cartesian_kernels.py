@@ -1,7 +1,7 @@
 """The Cartesian generator's kernels: from state and aim to a request for the planner, and from a plan to a pose.
 
 Position and orientation are two groups of three axes. Each group is planned in a frame of its own whose first axis
-lies along the way that is left, so that a straight move uses one axis and may use the limits in full. Where the
+lies along the path that is left, so that a straight move uses one axis and may use the limits in full. Where the
 motion does not point along that way, the group's limits (on norms) are shared out among the axes as a box inside
 the ball: sum of squares of the axis limits = square of the limit.
 """
@@ -67,7 +67,7 @@ TO_GOAL, VELOCITY, VELOCITY_AND_TURN = 0, 1, 2
 SETTLED, STRAIGHT, BENT, UNFIT = 0, 1, 2, 3
 
 SHARES = (0.1, 0.2, 0.35, 0.5, 0.7071, 0.85, 0.95)
-"""Shares of the limits offered to the axes across the way, smallest first."""
+"""Shares of the limits offered to the axes across the path, smallest first."""
 TURN_RESERVE = 0.8
 """Share of the turning limits used while the turning axis changes: the rest is a margin for omitted terms."""
 FARTHEST = 1e6
@@ -94,20 +94,20 @@ def prepare(state, aim, mode, plan, request, facts, handed):
 
 @kernel
 def keep_in_phase(request):
-    """Give both groups of a straight move limits in the ratio of their ways, if their motions are in it too.
+    """Give both groups of a straight move limits in the ratio of their paths, if their motions are in it too.
 
     Then one profile serves both; with limits of their own the planner may find none and only end them together.
     """
-    way, turn = request[TARGET, 0], request[TARGET, 3]
-    if request[MOVES, 0] != TO_POSITION or request[MOVES, 3] != TO_POSITION or way == 0.0 or turn == 0.0:
+    distance, turn = request[TARGET, 0], request[TARGET, 3]
+    if request[MOVES, 0] != TO_POSITION or request[MOVES, 3] != TO_POSITION or distance == 0.0 or turn == 0.0:
         return
     for line in (RATE, SECOND):
-        along, about = request[line, 0] * turn, request[line, 3] * way
+        along, about = request[line, 0] * turn, request[line, 3] * distance
         if abs(along - about) > 1e-9 * max(abs(along), abs(about)):
             return
     for line in (MAX_RATE, MAX_SECOND, MAX_JERK):
-        least = min(request[line, 0] / abs(way), request[line, 3] / abs(turn))
-        request[line, 0], request[line, 3] = least * abs(way), least * abs(turn)
+        least = min(request[line, 0] / abs(distance), request[line, 3] / abs(turn))
+        request[line, 0], request[line, 3] = least * abs(distance), least * abs(turn)
 
 
 @kernel
@@ -137,14 +137,14 @@ def fit(state, aim, to_goal, group, plan, request, facts):
     """One group to its goal, or to a velocity: frame, state in it and axis limits; returns the kind."""
     at = AIM_LIMITS + group
     speed, accel, jerk = aim[at], aim[at + 1], aim[at + 2]
-    way = state[STATE_SCRATCH : STATE_SCRATCH + 9].reshape(3, 3)
-    remaining_motion(state, aim, to_goal, group, plan, way)
+    motion = state[STATE_SCRATCH : STATE_SCRATCH + 9].reshape(3, 3)
+    remaining_motion(state, aim, to_goal, group, plan, motion)
     frame = frame_of(plan, group)
-    align(way, to_goal, speed, accel, frame)
+    align(motion, to_goal, speed, accel, frame)
     for line in range(3):
         for i in range(3):
-            way_along = frame[0, i] * way[line, 0] + frame[1, i] * way[line, 1] + frame[2, i] * way[line, 2]
-            request[line, group + i] = way_along
+            along = frame[0, i] * motion[line, 0] + frame[1, i] * motion[line, 1] + frame[2, i] * motion[line, 2]
+            request[line, group + i] = along
     moving = settle(request, group, group + 3, TO_POSITION if to_goal else TO_VELOCITY, speed, accel)
     for i in range(group, group + 3):
         request[MAX_RATE, i] = speed if to_goal else 1e3 * speed
@@ -162,26 +162,26 @@ def fit(state, aim, to_goal, group, plan, request, facts):
 
 
 @kernel
-def remaining_motion(state, aim, to_goal, group, plan, way):
-    """Rows of `way`: what is left (way or change of velocity), velocity, acceleration."""
+def remaining_motion(state, aim, to_goal, group, plan, motion):
+    """Rows of `motion`: what is left (path or change of velocity), velocity, acceleration."""
     at = STATE_MOTION + 2 * group
     for i in range(3):
-        way[1, i], way[2, i] = state[at + i], state[at + 3 + i]
+        motion[1, i], motion[2, i] = state[at + i], state[at + 3 + i]
     if group == 0:
         for i in range(3):
-            way[0, i] = aim[4 * i + 3] - state[4 * i + 3] if to_goal else aim[AIM_VELOCITY + i] - way[1, i]
+            motion[0, i] = aim[4 * i + 3] - state[4 * i + 3] if to_goal else aim[AIM_VELOCITY + i] - motion[1, i]
     elif to_goal:
-        rotation_between(reference_of(plan), aim[0:16].reshape(4, 4), way[0])
+        rotation_between(reference_of(plan), aim[0:16].reshape(4, 4), motion[0])
     else:
         for i in range(3):
-            way[0, i] = -way[1, i]
+            motion[0, i] = -motion[1, i]
 
 
 @kernel
-def align(way, to_goal, speed, accel, frame):
-    """Frame with its first axis along the first row of `way` that is something, the second towards the next.
+def align(motion, to_goal, speed, accel, frame):
+    """Frame with its first axis along the first row of `motion` that is something, the second towards the next.
 
-    On the way to a velocity the present one does not matter.
+    On the path to a velocity the present one does not matter.
     """
     first = second = False
     for line in range(3):
@@ -191,9 +191,9 @@ def align(way, to_goal, speed, accel, frame):
         if line == 0 and to_goal:
             small = NEAR
         if not first:
-            first = unit(way, line, small, frame)
+            first = unit(motion, line, small, frame)
         elif not second:
-            second = unit_across(way, line, small, frame)
+            second = unit_across(motion, line, small, frame)
     if not first:
         frame[0, 0], frame[1, 0], frame[2, 0] = 1.0, 0.0, 0.0
     if not second:
@@ -204,20 +204,20 @@ def align(way, to_goal, speed, accel, frame):
 
 
 @kernel
-def unit(way, line, small, frame):
-    n = sqrt(way[line, 0] ** 2 + way[line, 1] ** 2 + way[line, 2] ** 2)
+def unit(motion, line, small, frame):
+    n = sqrt(motion[line, 0] ** 2 + motion[line, 1] ** 2 + motion[line, 2] ** 2)
     if n <= small:
         return False
     for i in range(3):
-        frame[i, 0] = way[line, i] / n
+        frame[i, 0] = motion[line, i] / n
     return True
 
 
 @kernel
-def unit_across(way, line, small, frame):
+def unit_across(motion, line, small, frame):
     """Second axis along the part of a row across the first; projected twice, since once leaves cancelled digits."""
     for i in range(3):
-        frame[i, 1] = way[line, i]
+        frame[i, 1] = motion[line, i]
     n = 0.0
     for _ in range(2):
         along = frame[0, 0] * frame[0, 1] + frame[1, 0] * frame[1, 1] + frame[2, 0] * frame[2, 1]
@@ -256,9 +256,9 @@ def turn_reserve(speed, accel, jerk, to_goal):
 
 @kernel
 def bend(request, group, to_goal, speed, accel, jerk):
-    """Share the limits out among the axes of a motion that is not along the way; UNFIT where no share serves.
+    """Share the limits out among the axes of a motion that is not along the path; UNFIT where no share serves.
 
-    On the way to a goal the share with the least estimated time is taken, to a velocity the smallest that fits.
+    On the path to a goal the share with the least estimated time is taken, to a velocity the smallest that fits.
     """
     best, least = 0.0, inf
     for share in SHARES:
@@ -280,9 +280,9 @@ def bend(request, group, to_goal, speed, accel, jerk):
 
 @kernel
 def time_needed(request, group):
-    """Estimate [s] of a bent move: the way along, or the longest way out and back across.
+    """Estimate [s] of a bent move: the path along, or the longest path out and back across.
 
-    The latter counts half again: a straight rest of the way is worth some time.
+    The latter counts half again: a straight rest of the path is worth some time.
     """
     longest = across = 0.0
     for i in range(group, group + 3):
@@ -290,9 +290,9 @@ def time_needed(request, group):
             accel, jerk = request[MAX_SECOND, i], request[MAX_JERK, i]
             speed = axis_need(request, i, jerk)
             stop = ramp_time(speed, accel, jerk)
-            way = abs(request[TARGET, i] - 0.5 * stop * request[RATE, i])
-            back = 2.0 * ramp_time(min(request[MAX_RATE, i], sqrt(way * accel)), accel, jerk)
-            time = stop + max(back, way / request[MAX_RATE, i])
+            distance = abs(request[TARGET, i] - 0.5 * stop * request[RATE, i])
+            back = 2.0 * ramp_time(min(request[MAX_RATE, i], sqrt(distance * accel)), accel, jerk)
+            time = stop + max(back, distance / request[MAX_RATE, i])
             longest = max(longest, time)
             if i > group:
                 across = max(across, time)
@@ -336,7 +336,7 @@ def share_box(request, group, share, accel, jerk):
 
 @kernel
 def share_out(request, group, speed):
-    """Speed limits of a group on its way to a goal; False where the present motion does not fit into them."""
+    """Speed limits of a group on its path to a goal; False where the present motion does not fit into them."""
     left = speed * speed
     for i in range(group + 1, group + 3):
         if request[MOVES, i] != STAYS:
@@ -351,7 +351,7 @@ def share_out(request, group, speed):
 
 @kernel
 def corners_fit(request, group, speed):
-    """Whether all corners of the velocities a group can pass on its way to a velocity are inside the ball."""
+    """Whether all corners of the velocities a group can pass on its path to a velocity are inside the ball."""
     corner = now = 0.0
     for i in range(group, group + 3):
         w = max(axis_need(request, i, request[MAX_JERK, i]), abs(request[TARGET, i]))

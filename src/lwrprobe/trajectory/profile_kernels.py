@@ -94,18 +94,18 @@ def natural_units(request):
         j, second = request[MAX_JERK, i], abs(request[SECOND, i])
         time = longest_time(request, i) / LONGEST
         if request[MOVES, i] == TO_POSITION:
-            way = longest_path(request, i)
-            time = max(time, (way / j) ** (1.0 / 3.0))
+            distance = longest_path(request, i)
+            time = max(time, (distance / j) ** (1.0 / 3.0))
         else:
             change = abs(request[TARGET, i] - request[RATE, i]) + second**2 / j
             time = max(time, (change / j) ** 0.5)
-            way = change * time
-        request[TIME, i], request[LENGTH, i] = ldexp(1.0, frexp(time)[1]), ldexp(1.0, frexp(way)[1])
+            distance = change * time
+        request[TIME, i], request[LENGTH, i] = ldexp(1.0, frexp(time)[1]), ldexp(1.0, frexp(distance)[1])
 
 
 @kernel
 def longest_path(request, i):
-    """Upper bound of the order of the way to a position and of the detour that the present motion makes."""
+    """Upper bound of the order of the path to a position and of the detour that the present motion makes."""
     a, j, rate = request[MAX_SECOND, i], request[MAX_JERK, i], abs(request[RATE, i])
     return abs(request[TARGET, i]) + rate * (rate / a + (rate / j) ** 0.5) + abs(request[SECOND, i]) ** 3 / j**2
 
@@ -119,8 +119,8 @@ def longest_time(request, i):
         rate += abs(request[TARGET, i])
     time = second / j + rate / a + 2.0 * (rate / j) ** 0.5
     if request[MOVES, i] == TO_POSITION:
-        way = longest_path(request, i)
-        time += way / v + 2.0 * (way / a) ** 0.5 + 4.0 * (way / j) ** (1.0 / 3.0)
+        distance = longest_path(request, i)
+        time += distance / v + 2.0 * (distance / a) ** 0.5 + 4.0 * (distance / j) ** (1.0 / 3.0)
     return time
 
 

@@ -11,7 +11,7 @@ class TrajectoryStatus(IntEnum):
     RESTING = 0
     """No motion: at the goal (`arrived`), or after a stop."""
     MOVING = 1
-    """On the way to the goal."""
+    """On the path to the goal."""
     TRACKING_VELOCITY = 2
     """Keeping, or turning to, the velocity fed."""
     STOPPING = 3

@@ -28,7 +28,7 @@ from lwrprobe.views.playback import Playback, body, playback, posed
 ENDINGS = (".gif", ".mp4", ".webm")
 WIDTH, HEIGHT = 640, 360
 MESHES = 8
-"""How often the mesh is made on the way."""
+"""How often the mesh is made during the run."""
 LAST = 1.5
 """s for which the last picture stands still."""
 FEWEST = 40

@@ -10,11 +10,11 @@ from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 ADVANCE = 0.001
 """m further along the line than ever before, which is progress."""
 SPARE = 0.05
-"""m of way beyond that down a wall as high as the area and up the next one."""
+"""m of path beyond that down a wall as high as the area and up the next one."""
 
 
 class CirclingWatch:
-    """Measures the way along contours since a line has last led further. One object serves one line.
+    """Measures the path along contours since a line has last led further. One object serves one line.
 
     Parameters
     ----------
@@ -24,12 +24,12 @@ class CirclingWatch:
     def __init__(self, area: Area) -> None:
         dx, dy, dz = (area.upper - area.lower).tolist()
         self._upright, self._level = 2.0 * dz + SPARE, 2.0 * (dx + dy)
-        self._farthest, self._way = -np.inf, 0.0
+        self._farthest, self._path = -np.inf, 0.0
 
-    def circles(self, frame: TrackingFrame, here: np.ndarray, way: float) -> bool:
-        """Whether the contour leads nowhere; `here` (3,) is the tip, `way` m since the last call."""
-        self._way += way
+    def circles(self, frame: TrackingFrame, here: np.ndarray, step: float) -> bool:
+        """Whether the contour leads nowhere; `here` (3,) is the tip, `step` m since the last call."""
+        self._path += step
         along = frame.line.sign * float(here[frame.line.axis])
         if not frame.level and along > self._farthest + ADVANCE:
-            self._farthest, self._way = along, 0.0
-        return self._way > (self._level if frame.level else self._upright)
+            self._farthest, self._path = along, 0.0
+        return self._path > (self._level if frame.level else self._upright)

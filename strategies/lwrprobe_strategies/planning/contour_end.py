@@ -1,4 +1,4 @@
-"""Where a contour has nothing more to give: at an end of the object, at the table, under an edge, on the way back."""
+"""Where a contour has nothing more to give: at an end of the object, at the table, under an edge, on the return."""
 
 from __future__ import annotations
 

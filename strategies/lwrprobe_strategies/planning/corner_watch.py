@@ -9,7 +9,7 @@ import numpy as np
 TURN = cos(radians(40.0))
 """Cosine of the turn of the normal, from which on a corner is rounded: the stick meets what is flush at 66 degrees."""
 BEYOND = 0.005
-"""m along the contour, after which a corner has been rounded: a quarter turn of the sphere, and its way off an edge."""
+"""m along the contour, after which a corner has been rounded: a quarter turn of the sphere, its path off an edge."""
 
 
 class CornerWatch:

@@ -22,7 +22,7 @@ SIDE = 0.0026
 left is met by the sphere's flank, across the stick, where the probe gives way."""
 COLUMN = 0.0005
 """m sideways from where the sphere came down, within which it goes up again and meets nothing with its flank either: as
-far as a way back leads that ends in going up as fast as the probe can."""
+far as a return path leads that ends in going up as fast as the probe can."""
 GAP = 0.004
 """m in height between two places of the sphere, up to which nothing fits in between (the waist of two spheres)."""
 LIFT = 0.001
@@ -32,9 +32,9 @@ CHORD, TURN = 0.0003, 0.05
 BROKEN = 0.01
 """m between two places in a row, above which nobody saw how the probe came from one to the other."""
 SHORT = 0.15
-"""m along the axes, as far as the way back may be the quicker one."""
+"""m along the axes, as far as the return path may be the quicker one."""
 HOLLOW = 0.3 * LIFT * SPACING
-"""m^2, change of the place off the surface against the way: there the surface is hollow."""
+"""m^2, change of the place off the surface against the path: there the surface is hollow."""
 FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
 BORDER = 0.001
@@ -113,21 +113,21 @@ class FreeSpace:
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,)."""
-        way = end - begin
-        length = float(np.sqrt(way @ way))
+        motion = end - begin
+        length = float(np.sqrt(motion @ motion))
         if length < SPACING:
             return True
         rows = self._table()
         rows = rows[rows[:, 10] > 0.0, :3] - begin
-        along = rows @ (way / length)
-        beside = rows - along[:, None] * (way / length)
+        along = rows @ (motion / length)
+        beside = rows - along[:, None] * (motion / length)
         near = np.abs(beside).max(axis=1) < SPACING
         places = np.sort(along[near & (along > -GAP) & (along < length + GAP)])
         steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
         return bool(len(places) and steps.max() <= GAP)
 
     def return_path(self, distance: float = np.inf) -> list[Pose] | None:
-        """Back the way the probe came: for `distance` m, or to where it came down; None where that is too far.
+        """Back on the probe's path: for `distance` m, or to where it came down; None where that is too far.
 
         Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
         """
@@ -149,10 +149,10 @@ class FreeSpace:
         return self._along(places)
 
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
-        """Back the way the upright probe came, to the latest place as high as `place` (3,) within `reach` m of it.
+        """Back on the upright probe's path, to the latest place as high as `place` (3,) within `reach` m of it.
 
-        None where the probe leans or has leaned, where that is too far back, where a piece of the way is not known, and
-        where it leads through an inner edge: off one of its faces the sphere still touches the other.
+        None where the probe leans or has leaned, where that is too far back, where a piece of the path is not known,
+        and where it leads through an inner edge: off one of its faces the sphere still touches the other.
         """
         rows = self._table()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
@@ -160,13 +160,13 @@ class FreeSpace:
         found = np.flatnonzero(near)
         if not len(found):
             return None
-        way = rows[found[-1] :]
-        steps = np.diff(way[:, :3], axis=0)
-        if not way[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
+        path = rows[found[-1] :]
+        steps = np.diff(path[:, :3], axis=0)
+        if not path[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
             return None
-        off = way[:, 3:6] - way[:, :3]
+        off = path[:, 3:6] - path[:, :3]
         touching = off.any(axis=1)  # a contact may be lost for a moment just at the edge
-        bends = (np.diff(off[touching], axis=0) * np.diff(way[touching, :3], axis=0)).sum(axis=1)
+        bends = (np.diff(off[touching], axis=0) * np.diff(path[touching, :3], axis=0)).sum(axis=1)
         if len(bends) and bends.min() < -HOLLOW:
             return None
         first = len(self._rows) - len(rows)

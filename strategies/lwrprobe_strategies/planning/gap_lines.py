@@ -18,7 +18,7 @@ from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.lines import Line
 
 ROUGH = 0.002
-"""m, by which the way from contact to contact between two lines may exceed the lines' distance."""
+"""m, by which the path from contact to contact between two lines may exceed the lines' distance."""
 NEAR = 0.0015
 """m, within which a touch of a line along y counts for a line across."""
 OVER = 0.8

@@ -9,15 +9,15 @@ import numpy as np
 CLOSED = 0.004
 """m from its beginning, within which an outline has come around."""
 FAR = 0.04
-"""m of way after which it may have."""
+"""m of path after which it may have."""
 OVERHANG = -0.15
 """Share of the normal along z, below which the surface stands out over the sphere: the stick is about to touch it."""
 BENEATH = 0.006
-"""m of way under it, or without a reliable contact, after which the outline is given up."""
+"""m of path under it, or without a reliable contact, after which the outline is given up."""
 
 
 class OutlineWatch:
-    """Measures the way along one outline. One object serves one outline.
+    """Measures the path along one outline. One object serves one outline.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class OutlineWatch:
         self.closed = False
         self._begin: np.ndarray | None = None
         self._last: np.ndarray | None = None
-        self._way = self._beneath = 0.0
+        self._path = self._beneath = 0.0
 
     def ends(self, here: np.ndarray, normal: np.ndarray, reliable: bool) -> bool:
         """Whether the outline ends with the tip at `here` (3,); called with every sample.
@@ -39,11 +39,11 @@ class OutlineWatch:
             self._begin = self._last = here.copy()
             return False
         step = here - self._last
-        way = hypot(*step.tolist())
-        self._way += way
+        length = hypot(*step.tolist())
+        self._path += length
         under = normal.item(2) < OVERHANG or not reliable
-        self._beneath = self._beneath + way if under else 0.0
+        self._beneath = self._beneath + length if under else 0.0
         self._last = here.copy()
         away = here - self._begin
-        self.closed = self._way > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
+        self.closed = self._path > FAR and hypot(float(away[0]), float(away[1])) < CLOSED
         return self.closed or self._beneath > BENEATH

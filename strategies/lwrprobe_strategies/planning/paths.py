@@ -22,7 +22,7 @@ OFF = 0.002
 OWN_COLUMN = 0.0025
 """m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
 BESIDE = 0.02
-"""m from a place on the way back to the start of a line at the same height, up to which that is a way to it."""
+"""m from a place on the return path to the start of a line at the same height, up to which that is a path to it."""
 STOP = 0.15
 """s, that a stop between two pieces of a path costs: braking and accelerating at the limits."""
 NEARER = 0.0005
@@ -38,7 +38,7 @@ HOVER = 0.0005
 
 
 Clear = Callable[[np.ndarray, np.ndarray], bool]
-"""Whether an upright probe comes near nothing that was touched on the straight way between two places (3,)."""
+"""Whether an upright probe comes near nothing that was touched on the straight path between two places (3,)."""
 
 
 class SpeedLimit(Enum):

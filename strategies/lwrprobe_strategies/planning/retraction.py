@@ -10,7 +10,7 @@ from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.paths import HELD, OFF, SpeedLimit, Waypoint
 
 OWN_COLUMN = 0.9
-"""Share of the way off a surface along the stick, from which on the way is free: the probe itself fills it."""
+"""Share of the path off a surface along the stick, from which on the path is free: the probe itself fills it."""
 UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 
@@ -18,7 +18,7 @@ UNDER = -0.05
 def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[Waypoint]:
     """A place off the surface touched, from which an upright probe may go up.
 
-    `normal` (3,) is the surface's; `distance` m is the way off a contact that is not reliable.
+    `normal` (3,) is the surface's; `distance` m is the path off a contact that is not reliable.
     """
     if seen.contact is None:
         return []
@@ -29,12 +29,12 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[
 
 
 def return_path(seen: Observation, free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
-    """Back the way the probe came: for `distance` m, or to where the way up is free."""
+    """Back on the probe's path: for `distance` m, or to where the path up is free."""
     return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance) or []]
 
 
 def goes_up(seen: Observation, normal: np.ndarray, upright: np.ndarray) -> bool:
-    """Whether the way up from here may be taken: an upright probe that is under nothing and comes near nothing.
+    """Whether the path up from here may be taken: an upright probe that is under nothing and comes near nothing.
 
     `normal` (3,) of the surface followed last, `upright` (3, 3).
     """

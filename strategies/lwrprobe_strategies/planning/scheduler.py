@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Task
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
 from lwrprobe_strategies.planning.lines import Grid, Line, Y, Z
@@ -27,26 +28,13 @@ class LineScheduler:
     ----------
     task : the area, the probe and where it stands
     memory : the contacts so far; read when the grid is done
-    spacing : m, between two lines
-    first_line : `border` or `middle`
-    low, near_sides, across, ends : which lines follow those of the grid
+    options : how far lines are apart, which one is first, and which follow those of the grid
     """
 
-    def __init__(
-        self,
-        task: Task,
-        memory: ContactMemory,
-        spacing: float,
-        first_line: str,
-        *,
-        low: bool = True,
-        near_sides: bool = True,
-        across: bool = True,
-        ends: bool = True,
-    ) -> None:
-        self._task, self._area, self._memory, self._spacing = task, task.area, memory, spacing
-        first = None if first_line == "border" else float(task.start[0])
-        self.grid = Grid.over(task.area, spacing, first, task.probe.radius)
+    def __init__(self, task: Task, memory: ContactMemory, options: CoverageConfig) -> None:
+        self._task, self._area, self._memory, self._spacing = task, task.area, memory, options.step
+        first = None if options.first_line == "border" else float(task.start[0])
+        self.grid = Grid.over(task.area, options.step, first, task.probe.radius)
         self.height = line_height(task)
         self._number = self._driven = -1  # of the present line of the grid; of lines done
         self._inserted: Line | None = None
@@ -54,7 +42,8 @@ class LineScheduler:
         self._given_up: list[Line] = []
         self._raised: list[Line] = []
         gaps = (
-            (near_sides, self._near_sides), (low, self._low_lines), (across, self._lines_across), (ends, self._outlines)
+            (options.near_sides, self._near_sides), (options.low_lines, self._low_lines),
+            (options.across, self._lines_across), (options.find_ends, self._outlines),
         )  # fmt: skip
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
 

@@ -24,11 +24,11 @@ def stretch(line: Line, here: np.ndarray, memory: ContactMemory, beside: float) 
 
     `beside` m is the distance across the line, within which what was driven and touched matters.
     """
-    way = line.sign * float(here[line.axis])
+    reached = line.sign * float(here[line.axis])
     begin, end = _careful(line, memory, beside)
-    if end < way + THERE:
+    if end < reached + THERE:
         return line.end, False
-    if begin <= way + THERE:
+    if begin <= reached + THERE:
         return line.sign * min(end, line.sign * line.end), True
     return line.sign * min(begin, line.sign * line.end), False
 

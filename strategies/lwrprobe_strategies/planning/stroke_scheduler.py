@@ -16,7 +16,7 @@ from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 
 SHORTLIST = 12
-"""Strokes whose way to the start is computed: those with the best scores without it."""
+"""Strokes whose path to the start is computed: those with the best scores without it."""
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -81,8 +81,8 @@ class StrokeScheduler(LineScheduler):
         timed = []
         for stroke in strokes:
             if not stroke.chained:
-                way = path_to(stroke.line, here, turn, self._task.area, self._free, self._speeds)
-                stroke = replace(stroke, seconds=stroke.seconds + seconds(way, here, self._speeds))
+                path = path_to(stroke.line, here, turn, self._task.area, self._free, self._speeds)
+                stroke = replace(stroke, seconds=stroke.seconds + seconds(path, here, self._speeds))
             timed.append(stroke)
         return max(timed, key=lambda stroke: stroke.score, default=None)
 

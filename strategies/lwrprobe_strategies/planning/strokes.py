@@ -51,7 +51,7 @@ class Stroke:
     ----------
     line : to drive
     gain : m^3, expected error removed, integrated over the surface
-    seconds : of the stroke, without the way to its start
+    seconds : of the stroke, without the path to its start
     chained : it begins where the last one has ended, in contact
     """
 
@@ -75,7 +75,7 @@ class Profile:
     along : (n,) m, of the faces within reach, on the line's axis
     removed : (n,) m^3, of each of them by a stroke along the whole line
     wall : (n,) -1 and +1 for faces of the walls that look along the axis towards - and +, else 0
-    path_along, lengths : (k,) m, of the faces under the line and how much of its way each is
+    path_along, lengths : (k,) m, of the faces under the line and how much of its path each is
     path_wall : (k,) -1 and +1 on these walls, else 0
     """
 
@@ -103,7 +103,7 @@ class Profile:
         return (float(over.min()), float(over.max())) if len(over) else None
 
     def clipped(self, begin: float, end: float) -> tuple[float, float]:
-        """m, `begin` and `end` on the axis without what is not worth the way at either end."""
+        """m, `begin` and `end` on the axis without what is not worth its time at either end."""
         low, high = min(begin, end), max(begin, end)
         inside = (self.along >= low) & (self.along <= high) & (self.wall == 0)
         worth, along = self.removed[inside], self.along[inside]

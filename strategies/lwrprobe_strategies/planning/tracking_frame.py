@@ -1,4 +1,4 @@
-"""The frame in which a contour is followed: its plane, the way onward, where it ends."""
+"""The frame in which a contour is followed: its plane, the direction onward, where it ends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lwrprobe_strategies.planning.lines import AT_END, Line, X, Y, Z
 GAIN = 2.0
 """1/s, of the return of a probe that was pushed off its line."""
 MAX_RETURN = 0.005
-"""m/s, of that return: slow beside the sliding speed, so that the surface decides the way."""
+"""m/s, of that return: slow beside the sliding speed, so that the surface decides the path."""
 AT_TABLE = 1e-5
 """m above the area's floor, within which the table height is reached."""
 
@@ -41,6 +41,7 @@ class TrackingFrame:
     sense : +1 or -1, the sense in which a horizontal contour runs around the object
     height : m, of a horizontal contour, None where it may drift
     binormal : unit normal of the plane, signed so that the tangent (contact normal x binormal) leads onward
+    grid_x : m, x of the grid line on which a contact lies; NaN off the grid
     """
 
     line: Line
@@ -49,10 +50,17 @@ class TrackingFrame:
     sense: float = 1.0
     height: float | None = None
     binormal: Vector = field(init=False)
+    grid_x: float = field(init=False)
+    _low: list[float] = field(init=False, repr=False, compare=False)
+    _high: list[float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         upright = (self.line.sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -self.line.sign, 0.0)
         object.__setattr__(self, "binormal", (0.0, 0.0, self.sense) if self.level else upright)
+        object.__setattr__(self, "grid_x", nan if self.level else self.line.grid_x)
+        # Asked for with every sample.
+        object.__setattr__(self, "_low", self.area.lower.tolist())
+        object.__setattr__(self, "_high", self.area.upper.tolist())
 
     @classmethod
     def around(cls, area: Area, sense: float, height: float | None = None) -> TrackingFrame:
@@ -79,44 +87,40 @@ class TrackingFrame:
         """The source's motion state."""
         return Plane.X_Y if self.level else Plane.Z_Y if self.line.axis == Y else Plane.Z_X
 
-    @property
-    def grid_x(self) -> float:
-        """m, x of the grid line on which a contact lies; NaN off the grid."""
-        return nan if self.level else self.line.grid_x
-
     def past_end(self, place: np.ndarray) -> bool:
         """Whether the line's end is reached at a place (3,); a horizontal contour ends at the area's border."""
         line, here = self.line, place.item(self.line.axis)
         if self.level:
-            low, high = self.area.lower.item(line.axis), self.area.upper.item(line.axis)
-            return here >= high - AT_END or here <= low + AT_END
+            return here >= self._high[line.axis] - AT_END or here <= self._low[line.axis] + AT_END
         return (here - line.end) * line.sign >= -AT_END
 
     def at_table(self, place: np.ndarray) -> bool:
         """Whether a place (3,) is as low as the tip may be."""
-        return place.item(Z) <= self.area.lower.item(Z) + AT_TABLE
+        return place.item(Z) <= self._low[Z] + AT_TABLE
 
     def at_ceiling(self, place: np.ndarray) -> bool:
         """Whether a place (3,) is as high as the tip may be."""
-        return place.item(Z) >= self.area.upper.item(Z)
+        return place.item(Z) >= self._high[Z]
 
-    def back(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """(3,) m/s within the surface towards the plane, for a probe at `place` (3,) that was pushed off it.
+    def guided(self, place: np.ndarray, velocity: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """`velocity` (3,) m/s, with the return to the plane of a probe at `place` (3,) that was pushed off it; bounded.
 
-        `normal` (3,) is the surface's.
+        The return is along the surface with this `normal` (3,).
         """
-        nx, ny, nz = normal.tolist()
+        if self.level and self.height is None:
+            return self.bounded(place, velocity)
+        (vx, vy, vz), (nx, ny, nz), here = velocity.tolist(), normal.tolist(), place.tolist()
         pull = [0.0, 0.0, 0.0]
-        if not self.level:
-            pull[self.line.aside] = _pull(self.line.place - place.item(self.line.aside))
-        elif self.height is not None:
-            pull[Z] = _pull(self.height - place.item(Z))
+        axis, wanted = (Z, self.height) if self.level else (self.line.aside, self.line.place)
+        assert wanted is not None
+        pull[axis] = min(max(GAIN * (wanted - here[axis]), -MAX_RETURN), MAX_RETURN)
         out = pull[X] * nx + pull[Y] * ny + pull[Z] * nz
-        return np.array((pull[X] - out * nx, pull[Y] - out * ny, pull[Z] - out * nz))
+        back = pull[X] - out * nx, pull[Y] - out * ny, pull[Z] - out * nz
+        return self.bounded(place, np.array((vx + back[X], vy + back[Y], vz + back[Z])))
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` (3,) without what leads out of the area; changed in place. Past the end of a line a skill ends."""
-        (x, y, z), low, high = place.tolist(), self.area.lower.tolist(), self.area.upper.tolist()
+        (x, y, z), low, high = place.tolist(), self._low, self._high
         if low[X] < x < high[X] and low[Y] < y < high[Y] and low[Z] < z < high[Z]:
             return velocity  # as with nearly every sample
         for axis, here in enumerate((x, y, z)):
@@ -124,7 +128,3 @@ class TrackingFrame:
             if (onward > 0.0 and here >= high[axis]) or (onward < 0.0 and here <= low[axis]):
                 velocity[axis] = 0.0
         return velocity
-
-
-def _pull(off: float) -> float:
-    return min(max(GAIN * off, -MAX_RETURN), MAX_RETURN)

@@ -23,7 +23,7 @@ def find_edge(tip: Tip, axis: int, sign: float, bend: float = BEND, distance: fl
     axis : 0 along x, 1 along y
     sign : +1 or -1, of the motion
     bend : share of the normal along the motion that makes an edge
-    distance : m of way, after which a lost contact is given up
+    distance : m of path, after which a lost contact is given up
 
     Returns
     -------

@@ -20,7 +20,7 @@ def follow_and_regain(
     Parameters
     ----------
     frame, until : as of `follow_contour`
-    distance : m of way, after which a lost contact is given up
+    distance : m of path, after which a lost contact is given up
 
     Returns
     -------

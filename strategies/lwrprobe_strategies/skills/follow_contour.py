@@ -39,7 +39,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
         met = edge.normal(seen)
         normal = tip.normal() if met is None else met
         contact = seen.contact
-        if contact is not None and contact.confidence is not Confidence.NONE:
+        if contact is not None and (tip.reliable or contact.confidence is not Confidence.NONE):
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
@@ -57,7 +57,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
             continue
         if frame.past_end(tip.here):
             return Ended.LINE_END
-        if leaves_upwards(tip, frame, motion):
+        if frame.at_ceiling(tip.here) and leaves_upwards(tip, frame, motion):
             return Ended.CEILING
         outcome = until()
         if outcome is not None:
@@ -67,9 +67,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
 
 
 def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> bool:
-    """Whether the surface leads up and out of the area, and what is left of the motion does not lead onward."""
-    if not frame.at_ceiling(tip.here):
-        return False
+    """Whether the surface leads up, and what is left of the motion at the area's ceiling does not lead onward."""
     tangent = tip.control.tangent(frame.binormal)
     return tangent[Z] > 0.0 and float(motion.velocity @ tangent) <= 0.0
 
@@ -79,7 +77,7 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     seen, task = tip.seen, tip.task
     here, held = tip.here, seen.pose[:3, :3]
     sliding_speed = task.contour_speed
-    if seen.contact is None or seen.contact.confidence is not Confidence.RELIABLE:
+    if not tip.reliable:
         # The stick may be what touches, and above the sphere nothing is known then.
         sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
     if careful:
@@ -89,5 +87,5 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
         sliding_speed = min(sliding_speed, tip.stick_limit(np.array(tip.control.tangent(binormal))))
     force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
-    velocity += frame.back(here, tip.control.normal)
-    return VelocityCommand(frame.bounded(here, velocity), reason=reason, pose=tip.turn())
+    velocity = frame.guided(here, velocity, tip.control.normal)
+    return VelocityCommand(velocity, reason=reason, pose=tip.turn())

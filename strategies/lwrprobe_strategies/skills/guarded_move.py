@@ -33,7 +33,7 @@ def guarded_move(
     grid_x: float = nan,
     rest: bool = False,
 ) -> Procedure:
-    """Go straight to a place, no faster than a contact on the way allows.
+    """Go straight to a place, no faster than a contact on the path allows.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def guarded_move(
     Ended.CONTACT, Ended.SHAFT_CONTACT where the stick touches and not the sphere, or Ended.NO_CONTACT at the end
     """
     if ahead is None:
-        way = end - tip.here
-        ahead = way / max(float(np.sqrt(way @ way)), 1e-9)
+        motion = end - tip.here
+        ahead = motion / max(float(np.sqrt(motion @ motion)), 1e-9)
     goal: Goal | None = None
     speed = 0.0
     doubt = StickDoubt(rest)

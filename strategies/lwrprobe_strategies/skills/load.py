@@ -24,7 +24,7 @@ MIN_PATH = 2e-5
 
 @skill(Blocked)
 def rest(tip: Tip, seconds: float) -> Procedure:
-    """Stand still in free space; the run follows the sensor's zero meanwhile, as on every way to a goal.
+    """Stand still in free space; the run follows the sensor's zero meanwhile, as on every path to a goal.
 
     Returns
     -------
@@ -77,14 +77,14 @@ def load(tip: Tip, normal: np.ndarray, force: float, seconds: float) -> Procedur
 
 
 @skill(Blocked, seeks_contact=True)
-def unload(tip: Tip, normal: np.ndarray, way: float, seconds: float) -> Procedure:
-    """Move out along a normal (3,) at the speed that takes back a load over a way [m] within `seconds`.
+def unload(tip: Tip, normal: np.ndarray, distance: float, seconds: float) -> Procedure:
+    """Move out along a normal (3,) at the speed that takes back a load over a distance [m] within `seconds`.
 
     Returns
     -------
     Ended.RELEASED
     """
-    speed = max(way, MIN_PATH) / seconds
+    speed = max(distance, MIN_PATH) / seconds
     for _ in _until(tip, MAX_TIME):
         if float(tip.seen.force @ normal) < FREE:
             break

@@ -26,7 +26,7 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
     ----------
     frame : of the contour that was lost
     point : (3,) m, on the surface touched last
-    distance : m of way, after which the contact is given up
+    distance : m of path, after which the contact is given up
 
     Returns
     -------
@@ -37,11 +37,13 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
         here, control = tip.here, tip.control
         around = rolling(here, point, control.normal)
         control.normal = around
-        way = ONWARD * np.array(control.tangent(frame.binormal)) - INWARD * around
-        way /= np.sqrt(way @ way)
-        speed = min(control.return_speed(way, tip.seen.pose[:3, :3]), tip.task.contour_speed, tip.stick_limit(way))
+        onward = ONWARD * np.array(control.tangent(frame.binormal)) - INWARD * around
+        onward /= np.sqrt(onward @ onward)
+        speed = min(
+            control.return_speed(onward, tip.seen.pose[:3, :3]), tip.task.contour_speed, tip.stick_limit(onward)
+        )
         try:
-            yield VelocityCommand(frame.bounded(here, speed * way), reason=reapproach.name)
+            yield VelocityCommand(frame.bounded(here, speed * onward), reason=reapproach.name)
         finally:
             tip.memory.passed(tip.here, frame.line.grid_x)
         if tip.seen.contact is not None:

@@ -28,7 +28,7 @@ def release(tip: Tip, frame: TrackingFrame) -> Procedure:
 
     Returns
     -------
-    Ended.RELEASED, Ended.LINE_END where the line ends on the way, or Ended.CEILING where only a motion upwards out of
+    Ended.RELEASED, Ended.LINE_END where the line ends on the path, or Ended.CEILING where only a motion upwards out of
     the area would release the force
     """
     while True:

@@ -27,7 +27,7 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
     """Circle about an axis and sink, from where the tip is; then once around at the lowest height.
 
     The stick goes where the sphere was a turn before, so it meets nothing higher than the pitch above the sphere. The
-    pitch is the one with which the way down takes least.
+    pitch is the one with which the descent takes least.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class StickDoubt:
         return self._unexplained >= DECIDED or (self._count >= DECIDED and clear)
 
     def velocity(self, tip: Tip, ahead: np.ndarray) -> np.ndarray:
-        """(3,) m/s, on the way `ahead` (3,) unit, until it is decided."""
+        """(3,) m/s, in the direction `ahead` (3,) unit, until it is decided."""
         contact = tip.seen.contact
         resting = tip.seen.time - self._since > SETTLED * tip.task.delay
         if not resting or contact is None or contact.confidence is not Confidence.DOUBTFUL:

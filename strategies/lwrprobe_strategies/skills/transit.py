@@ -15,14 +15,14 @@ from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
 YIELDS = 0.7
-"""Share of a way along the force, from which on it yields to that force."""
+"""Share of a path along the force, from which on it yields to that force."""
 
 
 @skill(Overload, Blocked, seeks_contact=True)
 def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = None) -> Procedure:
     """Go through the waypoints in turn, each on a straight, jerk-limited line.
 
-    A contact that is being left when the transit begins does not end it, nor does its force on a way that yields to it.
+    A contact that is being left when the transit begins does not end it, nor does its force on a path yielding to it.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
 
     Returns
     -------
-    Ended.ARRIVED, or Ended.CONTACT where something is touched on the way
+    Ended.ARRIVED, or Ended.CONTACT where something is touched on the path
     """
     rotation = tip.rotation if rotation is None else rotation
     if not path:
@@ -61,21 +61,21 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
 
 
 def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
-    """m/s on the way to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
+    """m/s on the path to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
     along = direction(tip.here, waypoint.place)
     return min(tip.speeds(turn).at(waypoint.speed_limit, along) for turn in (tip.seen.pose[:3, :3], rotation))
 
 
 def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """(3,) unit, from one place (3,) to another; downwards where they are the same."""
-    way = there - here
-    size = float(np.sqrt(way @ way))
-    return way / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
+    motion = there - here
+    size = float(np.sqrt(motion @ motion))
+    return motion / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
 
 
 def yields(tip: Tip, waypoint: Waypoint) -> bool:
-    """Whether the way leaves what is touched along the force: there is no better answer to it."""
+    """Whether the path leaves what is touched along the force: there is no better answer to it."""
     if not tip.leaving:
         return False
-    way, force = waypoint.place - tip.here, tip.seen.force
-    return float(way @ force) > YIELDS * hypot(*way.tolist()) * hypot(*force.tolist())
+    motion, force = waypoint.place - tip.here, tip.seen.force
+    return float(motion @ force) > YIELDS * hypot(*motion.tolist()) * hypot(*force.tolist())

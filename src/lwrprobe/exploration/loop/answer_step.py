@@ -4,44 +4,23 @@ from __future__ import annotations
 
 from lwrprobe.contact import Wrench
 from lwrprobe.contracts import Motion, Observation, PluginError, StorageError
-from lwrprobe.exploration.loop.arm_motion import ArmMotion
-from lwrprobe.exploration.loop.motion_request import MotionRequest
-from lwrprobe.exploration.loop.stage_clock import StageClock
-from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.safety.force_guard import ForceGuard
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.scene import Scene
 
 
 class AnswerStep:
     """Asks the strategy and hands its motion on, limited by the force stage and overridden by the force guard.
-
-    Parameters
-    ----------
-    scene : force limits, the strategy's name
-    pipeline : strategy and force stage
-    arm : its time
-    request : takes the motion
-    clock : takes the time of each stage
-    confirm : asks the operator for the first motions, None = does not ask
 
     Attributes
     ----------
     force_guard : how often it took over
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        pipeline: Pipeline,
-        arm: ArmMotion,
-        request: MotionRequest,
-        clock: StageClock,
-        confirm: Confirm | None,
-    ) -> None:
-        self._pipeline, self._arm, self._request = pipeline, arm, request
-        self._clock, self._confirm, self._strategy_name = clock, confirm, scene.strategy.name
-        contact, torque = scene.contact, scene.safety.torque_share * pipeline.probe.torque_range
+    def __init__(self, parts: LoopParts) -> None:
+        scene = parts.scene
+        self._pipeline, self._arm, self._request = parts.pipeline, parts.arm, parts.request
+        self._clock, self._confirm, self._strategy_name = parts.clock, parts.confirm, scene.strategy.name
+        contact, torque = scene.contact, scene.safety.torque_share * parts.pipeline.probe.torque_range
         self.force_guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
 
     def answer(self, seen: Observation, wrench: Wrench, confirmed: bool) -> None:

@@ -148,7 +148,7 @@ class ArmMotion:
         governor.watch(q, cycles)
         if governor.blocked_in < np.inf and not self.blocked:
             # It looks as far ahead as a stop takes: now the tip still stops within its limits.
-            self.blocked = "out of reach: ahead on the way"
+            self.blocked = "out of reach: ahead on the path"
             self._trajectory.stop()
         self._clock.lap("governor")
 

@@ -8,11 +8,7 @@ import numpy as np
 
 from lwrprobe.contact import RELIABLE_FROM, Wrench, stick_contact
 from lwrprobe.contracts import Contact, Doubt, WrenchSample
-from lwrprobe.exploration.loop.arm_motion import ArmMotion
-from lwrprobe.exploration.loop.stage_clock import StageClock
-from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.scene import Scene
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 
 FORGET = 0.5
 """s without a touch, after which the surface is another one for the contact estimator."""
@@ -26,19 +22,11 @@ SETTLED = 3
 
 
 class ContactStep:
-    """Estimates the contact of a sample; without one the sphere's way is recorded as free space.
+    """Estimates the contact of a sample; without one the sphere's path is recorded as free space."""
 
-    Parameters
-    ----------
-    scene : contact settings
-    pipeline : deflection, estimator, map
-    arm : how fast the tip was at the sample's instant
-    recorder : takes the contacts
-    clock : takes the time of each stage
-    """
-
-    def __init__(self, scene: Scene, pipeline: Pipeline, arm: ArmMotion, recorder: Recorder, clock: StageClock) -> None:
-        self._pipeline, self._arm, self._recorder, self._clock = pipeline, arm, recorder, clock
+    def __init__(self, parts: LoopParts) -> None:
+        scene = parts.scene
+        self._pipeline, self._arm, self._recorder, self._clock = parts.pipeline, parts.arm, parts.recorder, parts.clock
         self._threshold, self._light = float(scene.contact.threshold), 0.5 * scene.contact.target
         self._missed = MISSED / scene.sensor.rate
         self._last_touch, self._touch_age = -np.inf, 0

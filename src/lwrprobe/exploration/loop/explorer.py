@@ -25,8 +25,8 @@ from lwrprobe.contracts import (
 from lwrprobe.exploration.loop.answer_step import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.loop.motion_request import MotionRequest
-from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.recovery import Recovery
 from lwrprobe.exploration.loop.run_record import RunRecord
 from lwrprobe.exploration.loop.sample_step import SampleStep
@@ -160,15 +160,12 @@ class Explorer:
         self.arm = ArmMotion(scene, pipeline, devices, self._clock, self._silence)
         self.start_up = StartUp(pipeline, devices, self.arm, recorder, scene.motion.approach_speed, confirm)
         self._request = MotionRequest(pipeline, self.arm)
-        stiffness, threshold = scene.contact.stiffness, scene.contact.threshold
-        self._record = RunRecord(recorder, pipeline.strategy, pipeline.probe, stiffness, threshold)
-        self._sample = SampleStep(
+        self._record = RunRecord(scene, pipeline, recorder)
+        parts = LoopParts(
             scene, pipeline, self.arm, self._request, recorder, self._record, self._clock, self._silence, confirm
         )
-        paused = PausedStrategy(pipeline, recorder, self._record, self._sample, threshold)
-        self.recovery = Recovery(
-            scene, pipeline, devices, self.arm, self._sample, paused, self._silence, confirm, message
-        )
+        self._sample = SampleStep(parts)
+        self.recovery = Recovery(parts, devices, self._sample, message)
         self.outcome: Outcome | None = None
         self._until = StopRules(scene.run.until, recorder, pipeline)
 

@@ -8,10 +8,8 @@ import numpy as np
 
 from lwrprobe.contact import BiasOutcome, Wrench
 from lwrprobe.contracts import WrenchSample
-from lwrprobe.exploration.loop.run_record import RunRecord
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.loop.sample_step import SampleStep
-from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.stages.pipeline import Pipeline
 
 
 class PausedStrategy:
@@ -19,17 +17,13 @@ class PausedStrategy:
 
     Parameters
     ----------
-    pipeline : conditioner and free space
-    recorder, record : of the run
+    parts : of the loop
     sample : the step that the strategy's samples take
-    threshold : N, of a contact
     """
 
-    def __init__(
-        self, pipeline: Pipeline, recorder: Recorder, record: RunRecord, sample: SampleStep, threshold: float
-    ) -> None:
-        self._pipeline, self._bag, self._record, self._sample = pipeline, recorder.bag, record, sample
-        self._threshold = float(threshold)
+    def __init__(self, parts: LoopParts, sample: SampleStep) -> None:
+        self._pipeline, self._bag, self._record = parts.pipeline, parts.recorder.bag, parts.record
+        self._sample, self._threshold = sample, float(parts.scene.contact.threshold)
 
     def interrupt(self, why: str) -> None:
         """The strategy has to wait."""

@@ -15,14 +15,11 @@ import numpy as np
 
 from lwrprobe.contact import Wrench
 from lwrprobe.contracts import DriverError, MotionInterrupted, RestartableArm, SafetyStop, WrenchSample
-from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.sample_step import SampleStep
-from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.scene import Scene
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent
 
 LOOK = 0.1
 """s at rest, over which the force is looked at before anything moves."""
@@ -35,7 +32,7 @@ TRIES = 3
 RISE = 0.5
 """N by which a force above the limit may rise while the probe begins to leave it."""
 LEG_TIME = 20.0
-"""s for one leg of the way back at most."""
+"""s for one leg of the return path at most."""
 _PAUSE = 0.05  # s
 
 
@@ -62,14 +59,9 @@ class Recovery:
 
     Parameters
     ----------
-    scene : safety, contact and motion settings
-    pipeline : generator, wrench conditioner
+    parts : of the loop
     devices : arm and sensor
-    arm : its motion
     sample : what the strategy was shown last, and where the tip was free
-    paused : takes the samples that the strategy is not shown
-    silence : the guard of the sensor
-    confirm : asks the operator, None = nobody can be asked
     message : called with a sentence for the operator
 
     Attributes
@@ -77,24 +69,14 @@ class Recovery:
     interruptions : those that were survived, oldest first
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        pipeline: Pipeline,
-        devices: Devices,
-        arm: ArmMotion,
-        sample: SampleStep,
-        paused: PausedStrategy,
-        silence: SilenceGuard,
-        confirm: Confirm | None,
-        message: Callable[[str], None],
-    ) -> None:
+    def __init__(self, parts: LoopParts, devices: Devices, sample: SampleStep, message: Callable[[str], None]) -> None:
+        scene = parts.scene
         self._safety, self._threshold = scene.safety, float(scene.contact.threshold)
         self._limit, self._speed = float(scene.contact.limit), float(scene.motion.approach_speed)
-        self._pipeline, self._devices, self._arm = pipeline, devices, arm
-        self._sample, self._paused, self._silence = sample, paused, silence
-        self._confirm, self._message = confirm, message
-        self._way: list[np.ndarray] = []
+        self._pipeline, self._devices, self._arm = parts.pipeline, devices, parts.arm
+        self._sample, self._paused, self._silence = sample, PausedStrategy(parts, sample), parts.silence
+        self._confirm, self._message = parts.confirm, message
+        self._return_path: list[np.ndarray] = []
         self._received = 0.0
         self._attempts = 0
         self.interruptions: list[Interruption] = []
@@ -109,7 +91,7 @@ class Recovery:
         return [asdict(one) for one in self.interruptions]
 
     def after_stop(self, cause: MotionInterrupted) -> None:
-        """Set an arm in motion that has stopped by itself, also where it does so once more on the way back.
+        """Set an arm in motion that has stopped by itself, also where it does so once more on the return path.
 
         Raises what ends the run where that may not or cannot be.
         """
@@ -199,8 +181,8 @@ class Recovery:
         size = float(np.linalg.norm(force))
         if size > 0.5 * self._threshold:
             self._sample.retreat.note(self._tip, force / size)
-            self._way = []
-        if self._sample.retreat.normal is not None and not self._way:
+            self._return_path = []
+        if self._sample.retreat.normal is not None and not self._return_path:
             self._retreat(self._safety.lift)
 
     def _check_zero(self) -> None:
@@ -221,13 +203,13 @@ class Recovery:
         """Off the surface and back on the tip's own path, which was free a moment ago."""
         places = self._sample.retreat.places(self._tip, length)
         for place in places:
-            self._way.append(self._tip)
+            self._return_path.append(self._tip)
             self._leg(place, self._pipeline.trajectory.pose, touch=False)
 
     def _return(self, pose: np.ndarray) -> None:
         """Back on the same places, and to the pose (4, 4); the first touch ends it."""
-        way, self._way = self._way, []
-        for place in reversed(way[1:]):
+        path, self._return_path = self._return_path, []
+        for place in reversed(path[1:]):
             if self._leg(place, pose, touch=True):
                 return
         self._leg(pose[:3, 3], pose, touch=True, speed=min(self._speed, self._pipeline.force.touch_speed))
@@ -253,7 +235,7 @@ class Recovery:
                 # What presses at the beginning is being left.
                 most = max(most, wrench.magnitude + RISE) if arm.time < begin + LOOK else most
                 if wrench.magnitude > most:
-                    raise SafetyStop(f"force {wrench.magnitude:.2f} N on the way back after an interruption")
+                    raise SafetyStop(f"force {wrench.magnitude:.2f} N on the return path after an interruption")
             arm.move()
             if arm.blocked:
                 raise SafetyStop(f"no way back after an interruption: {arm.blocked}")

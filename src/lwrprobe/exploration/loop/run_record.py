@@ -8,8 +8,10 @@ from operator import sub
 import numpy as np
 
 from lwrprobe.contact import Wrench
-from lwrprobe.contracts import Observation, Probe, Strategy
+from lwrprobe.contracts import Observation
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.scene import Scene
 
 TRACE_EVERY = 5
 """Samples between two rows of the path."""
@@ -20,11 +22,9 @@ class RunRecord:
 
     Parameters
     ----------
+    scene : force of a contact, stiffness of object and arm
+    pipeline : the strategy whose trace is recorded; the sensor's range and the stick's compliance
     recorder : of the run folder
-    strategy : whose trace is recorded
-    probe : the sensor's range, the stick's compliance
-    stiffness : N/m, of object and arm, as far as known an upper bound
-    threshold : N, of a contact
 
     Attributes
     ----------
@@ -35,12 +35,11 @@ class RunRecord:
     range_used : largest share of the sensor's range so far
     """
 
-    def __init__(
-        self, recorder: Recorder, strategy: Strategy, probe: Probe, stiffness: float, threshold: float
-    ) -> None:
-        self._recorder, self._strategy = recorder, strategy
+    def __init__(self, scene: Scene, pipeline: Pipeline, recorder: Recorder) -> None:
+        self._recorder, self._strategy = recorder, pipeline.strategy
+        probe, self._threshold = pipeline.probe, scene.contact.threshold
         self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
-        self._compliance, self._soft, self._threshold = probe.compliance.tolist(), 1.0 / stiffness, threshold
+        self._compliance, self._soft = probe.compliance.tolist(), 1.0 / scene.contact.stiffness
         self.path = self.contact_path = self.peak_force = self.force = self.range_used = self.peak_bound = 0.0
         self._last: list[float] | None = None
         self._normal: np.ndarray | None = None
@@ -64,10 +63,10 @@ class RunRecord:
         self._recorder.swept.interrupt()
 
     def _bound(self, seen: Observation, tip: list[float], force: float) -> None:
-        """What no sample shows: a force rises no faster on the way than the stiffness in its direction allows.
+        """What no sample shows: a force rises no faster on the path than the stiffness in its direction allows.
 
-        From F1 over a way s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the way that leaves what
-        is touched does not count.
+        From F1 over a path s to F2 it can have been (F1 + F2 + K s) / 2 in between. The part of the path that leaves
+        what is touched does not count.
         """
         if seen.contact is not None:
             self._normal = seen.contact.normal

@@ -7,19 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contact import UNCONFIRMED, Wrench
-from lwrprobe.contracts import Confidence, Contact, Observation, VelocityCommand, WrenchSample
+from lwrprobe.contracts import Contact, Observation, VelocityCommand, WrenchSample
 from lwrprobe.exploration.loop.answer_step import AnswerStep
-from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.contact_step import ContactStep
-from lwrprobe.exploration.loop.motion_request import MotionRequest
-from lwrprobe.exploration.loop.run_record import RunRecord
-from lwrprobe.exploration.loop.stage_clock import StageClock
-from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.safety.confirm import Confirm
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.safety.retreat import Retreat
-from lwrprobe.exploration.safety.silence_guard import SensorLost, SilenceGuard
-from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.scene import Scene
+from lwrprobe.exploration.safety.silence_guard import SensorLost
 
 DISAGREEING = 3.0
 """Ratio of found to expected disagreement of torque and force from which on presses are not relied on."""
@@ -28,18 +21,7 @@ GIVE_WAY = 0.001
 
 
 class SampleStep:
-    """Takes one wrench sample through the pipeline; `process` is the way of a sample.
-
-    Parameters
-    ----------
-    scene : contact and motion settings
-    pipeline : its stages
-    arm : where the tip was at the sample's instant
-    request : takes the strategy's motion
-    recorder, record : contacts go to the one, path and forces to the other
-    clock : takes the time of each stage
-    silence : counts usable samples
-    confirm : asks the operator for the first motions, None = does not ask
+    """Takes one wrench sample through the pipeline, in `process`.
 
     Attributes
     ----------
@@ -49,24 +31,14 @@ class SampleStep:
     retreat : where the tip was
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        pipeline: Pipeline,
-        arm: ArmMotion,
-        request: MotionRequest,
-        recorder: Recorder,
-        record: RunRecord,
-        clock: StageClock,
-        silence: SilenceGuard,
-        confirm: Confirm | None,
-    ) -> None:
-        self._pipeline, self._arm, self._request = pipeline, arm, request
-        self._bag, self._record, self._clock, self._silence = recorder.bag, record, clock, silence
-        self._contact = ContactStep(scene, pipeline, arm, recorder, clock)
-        self._answer = AnswerStep(scene, pipeline, arm, request, clock, confirm)
-        self._light, self._way_speed = 0.5 * scene.contact.target, scene.motion.contour_speed
-        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / self._way_speed, "sensor silent")
+    def __init__(self, parts: LoopParts) -> None:
+        scene = parts.scene
+        self._pipeline, self._arm, self._request = parts.pipeline, parts.arm, parts.request
+        self._bag, self._record, self._clock = parts.recorder.bag, parts.record, parts.clock
+        self._silence = parts.silence
+        self._contact, self._answer = ContactStep(parts), AnswerStep(parts)
+        self._light, self._give_way_speed = 0.5 * scene.contact.target, scene.motion.contour_speed
+        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / self._give_way_speed, "sensor silent")
         self.force_guard = self._answer.force_guard
         self.retreat = Retreat(scene.safety.lift, float(scene.area.lower[2]))
         self.zero_time = 0.0
@@ -107,7 +79,7 @@ class SampleStep:
     def give_way(self) -> None:
         """Samples are missing: leave what was touched last, a little, and stand still."""
         normal = self.retreat.normal
-        velocity = np.zeros(3) if normal is None else self._way_speed * normal
+        velocity = np.zeros(3) if normal is None else self._give_way_speed * normal
         self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
 
     def resume(self, pause: float) -> None:
@@ -124,9 +96,7 @@ class SampleStep:
         arm, bag = self._arm, self._bag
         pose, velocity = arm.history.tip_at(sample.time)
         if bag is not None:
-            arrived, blocked = (self._pipeline.trajectory.arrived, arm.blocked) if shown else (False, "")
-            measured, gain = arm.history.measured_velocity(sample.time), arm.history.acceleration
-            bag.sample(sample, arm.time, gain, arrived, blocked, pose, velocity, measured, arm.history.q, shown=shown)
+            bag.sample(sample, arm, self._pipeline.trajectory.arrived, pose, velocity, shown)
             if shown:
                 self._clock.lap("bag")
         return pose, velocity
@@ -152,16 +122,11 @@ class SampleStep:
             pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:
-        """What the run adds up, and the way back."""
+        """What the run adds up, and the return path."""
         pipeline, contact, size = self._pipeline, seen.contact, wrench.magnitude
         if size > self._light:
             self._record.note_range(wrench)
-        normal = None
-        if contact is not None:
-            # Where the stick touches, the force alone tells the way off.
-            explained = contact.confidence is not Confidence.NONE
-            normal = contact.normal if explained else wrench.world_force / max(size, 1e-9)
-        self.retreat.note(place, normal)
+        self.retreat.note(place, None if contact is None else contact.normal)
         self._record.note(seen, place, size)
         self._clock.lap("record")
         if self._bag is not None:

@@ -151,7 +151,7 @@ Lean = tuple[float, float, float]
 def feasible_leans(scene: Scene) -> list[Lean]:
     """Tilt, direction of the tilt and turn about the stick [rad] of orientations at the sphere, in the order to take.
 
-    The arm keeps away from joint limits and singularities in each of them and on the way between two. Raises
+    The arm keeps away from joint limits and singularities in each of them and on the path between two. Raises
     InputError where there are fewer than four.
     """
     robot = robot_of(scene)
@@ -191,14 +191,14 @@ def _swing(
     axis = Rotation.from_matrix(turn).as_rotvec() / max(angle, 1e-9)
     path = np.tile(pose, (2 + int(angle / 0.05), 1, 1))
     path[:, :3, :3] = rotations(axis, np.linspace(0.0, angle, len(path))) @ begin if angle > 1e-9 else begin
-    way = follow(robot, path, q)
+    followed = follow(robot, path, q)
     safe = (
-        way.complete
-        and way.limit_margin.min() > LIMIT_MARGIN
-        and way.manipulability.min() > least
-        and np.abs(np.diff(way.q, axis=0)).max(initial=0.0) < JOINT_STEP
+        followed.complete
+        and followed.limit_margin.min() > LIMIT_MARGIN
+        and followed.manipulability.min() > least
+        and np.abs(np.diff(followed.q, axis=0)).max(initial=0.0) < JOINT_STEP
     )
-    return way.q[-1] if safe else None
+    return followed.q[-1] if safe else None
 
 
 def _leaned(upright: np.ndarray, tilt: float, side: float, spin: float) -> np.ndarray:

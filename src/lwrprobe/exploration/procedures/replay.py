@@ -32,6 +32,7 @@ from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.loop.answer_step import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.explorer import STAGES, Outcome, make_task
+from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.loop.motion_request import MotionRequest
 from lwrprobe.exploration.loop.paused_strategy import PausedStrategy
 from lwrprobe.exploration.loop.run_record import RunRecord
@@ -199,17 +200,17 @@ class Replay:
             write_scene(scene, out / "scene.toml")
         self._arm = RecordedArm(recording, pipeline.robot)
         self._clock = StageClock(STAGES)
-        self._record = RunRecord(
-            self.recorder, pipeline.strategy, pipeline.probe, scene.contact.stiffness, scene.contact.threshold
-        )
+        self._record = RunRecord(scene, pipeline, self.recorder)
         known = recording.answers if same and recording.own else None
         self._request = RecordedRequest(pipeline, self._arm, known)
-        self._sample = SampleStep(
+        silence = SilenceGuard(np.inf, recording.cycle, 1.0 / recording.rate)
+        parts = LoopParts(
             scene, pipeline, cast(ArmMotion, self._arm), self._request, self.recorder, self._record, self._clock,
-            SilenceGuard(np.inf, recording.cycle, 1.0 / recording.rate), None,
+            silence, None,
         )  # fmt: skip
+        self._sample = SampleStep(parts)
         self._sample.zero_time = recording.zero
-        self._paused = PausedStrategy(pipeline, self.recorder, self._record, self._sample, scene.contact.threshold)
+        self._paused = PausedStrategy(parts, self._sample)
         self.outcome: Outcome | None = None
 
     def run(self) -> Outcome:

@@ -154,7 +154,7 @@ def _of_normal(
     plane = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn") / size
     aside = np.cross(normals, paths)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
-    for sigma, way in ((np.hypot(turning, ALONG * axis), paths), (np.hypot(plane, ASIDE * axis), aside)):
-        covariance += sigma[:, None, None] ** 2 * way[:, :, None] * way[:, None, :]
+    for sigma, motions in ((np.hypot(turning, ALONG * axis), paths), (np.hypot(plane, ASIDE * axis), aside)):
+        covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]
     turned = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
     return radius**2 * covariance, radius * turned * aside[:, None]

@@ -145,13 +145,13 @@ def _pieces(touches: Touches, waves: float) -> Iterator[Piece]:
     """The smooth pieces of the path, each without its parabola."""
     centres, normals = touches.centres, touches.normals
     for run in np.split(np.arange(len(centres)), np.flatnonzero(np.diff(touches.times) > GAP) + 1):
-        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres[run], axis=0), axis=1))])
-        count = round(float(way[-1]) / LENGTH)
+        travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres[run], axis=0), axis=1))])
+        count = round(float(travel[-1]) / LENGTH)
         if count < 1:
             continue
-        ends = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
+        ends = np.searchsorted(travel, np.linspace(0.0, travel[-1], count + 1))
         for begin, end in pairwise(ends.tolist()):
-            piece, along = run[begin:end], way[begin:end]
+            piece, along = run[begin:end], travel[begin:end]
             if len(piece) < FEWEST or along[-1] <= along[0]:
                 continue
             normal = normals[piece].mean(axis=0)

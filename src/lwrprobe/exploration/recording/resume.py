@@ -3,7 +3,7 @@
 The strategy is shown what it had been shown until then, and so knows what it knew. Map, contacts, what presses have
 shown of the stiffness, and the memory of where the sphere has been are restored the same way: an object that was moved
 in the meantime is noticed at the first touch that contradicts. The probe goes over the top of the area, comes down
-where it was before and nothing stands above it, and drives on the way it came, off the surface; then the strategy
+where it was before and nothing stands above it, and drives on the path it came, off the surface; then the strategy
 continues as after a contact that was lost for a moment.
 """
 
@@ -30,7 +30,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.exploration.recording.logbook import ANSWER, SEEN, Logbook, Logged, Past, Question
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.return_path import Leg, Speeds, return_path
+from lwrprobe.exploration.recording.return_path import Leg, ReturnSpeeds, return_path
 from lwrprobe.exploration.stages.pipeline import Pipeline
 
 ARRIVED = 2e-4
@@ -98,7 +98,7 @@ class Resumed(Logged):
             raise PluginError("the strategy does not do again what it did: it has come to an end")
         self._recalling = False
         self._old_steps = len(super().trace)
-        speeds = Speeds(task.free_speed, task.approach_speed, pipeline.force.touch_speed)
+        speeds = ReturnSpeeds(task.free_speed, task.approach_speed, pipeline.force.touch_speed)
         self._path = return_path(past, task.area, task.probe.radius, speeds)
         self._touched = np.array([contact.point for contact in recorder.contacts]).reshape(-1, 3)
 

@@ -27,7 +27,7 @@ AXIS = [5, 8, 11]
 
 
 @dataclass(slots=True, frozen=True)
-class Speeds:
+class ReturnSpeeds:
     """m/s: where nothing can be touched, where something may be touched, and where that would be along the stick."""
 
     free: float
@@ -37,13 +37,13 @@ class Speeds:
 
 @dataclass(slots=True, frozen=True)
 class Leg:
-    """A straight piece of the return: the pose (4, 4) where it ends and the speed [m/s] on the way there."""
+    """A straight piece of the return: the pose (4, 4) where it ends and the speed [m/s] on the path there."""
 
     pose: np.ndarray
     speed: float
 
 
-def return_path(past: Past, area: Area, radius: float, speeds: Speeds) -> list[Leg]:
+def return_path(past: Past, area: Area, radius: float, speeds: ReturnSpeeds) -> list[Leg]:
     """Over the area, down to a place of the path that was driven, and along that path; loops are cut.
 
     The probe comes down where the return takes the shortest time. There the stick stood already, and no contact was
@@ -77,7 +77,7 @@ def return_path(past: Past, area: Area, radius: float, speeds: Speeds) -> list[L
     return legs + [Leg(_pose(row), speed) for row, speed in along]
 
 
-def _allowed(rows: np.ndarray, speeds: Speeds) -> np.ndarray:
+def _allowed(rows: np.ndarray, speeds: ReturnSpeeds) -> np.ndarray:
     """m/s on the steps between the rows (n, 12): slower where the probe moves towards its tip, where it is stiff."""
     steps = np.diff(rows[:, :3], axis=0)
     dives = (steps * rows[:-1, AXIS]).sum(axis=1) > DIVE * np.linalg.norm(steps, axis=1)
@@ -93,7 +93,7 @@ def _stands_above(row: np.ndarray, touched: np.ndarray, radius: float) -> bool:
 
 
 def _without_loops(rows: np.ndarray) -> np.ndarray:
-    """Rows (n, 12: place and rotation) from the first to the last; where they come back to a place, the shorter way."""
+    """Rows (n, 12: place and rotation) from the first to the last; where they come back to a place, the shorter one."""
     kept, k = [0], 0
     while k < len(rows) - 1:
         near = np.abs(rows[k + 1 :, :3] - rows[k, :3]).max(axis=1) < CUT

@@ -18,6 +18,7 @@ import numpy as np
 from lwrprobe.bags import messages
 from lwrprobe.bags.bag_writer import BagWriter
 from lwrprobe.contracts import Clearance, Contact, Goal, Motion, Observation, Progress, Sensor, Task, WrenchSample
+from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.kinematics import Robot
 from lwrprobe.mapping import VoxelMap
 
@@ -83,7 +84,7 @@ class RunBag:
         """The samples of a pause in which the bias is taken, with the joints at q (n,)."""
         self._at_rest += 1
         for sample in samples:
-            self._row(self._at_rest, sample, 0.0, 0.0, False, "", (0.0,) * 6, q)
+            self._row(self._at_rest, sample, (0.0,) * 10, q)
 
     def begin(self, zero: float, elapsed: float, start: np.ndarray, task: Task) -> None:
         """The strategy takes over at a tip pose (4, 4): time `zero` on the arm's clock is 0 s of the run.
@@ -101,31 +102,23 @@ class RunBag:
     def sample(
         self,
         sample: WrenchSample,
-        arm_time: float,
-        acceleration: float,
+        arm: ArmMotion,
         arrived: bool,
-        blocked: str,
         pose: np.ndarray,
         velocity: np.ndarray,
-        measured: np.ndarray,
-        q: np.ndarray,
         shown: bool = True,
     ) -> None:
-        """One wrench sample with the joints q (n,) and the tip's pose (4, 4) at its instant.
+        """One wrench sample; the tip had `arrived`, its pose (4, 4) and commanded velocity (3,) m/s are of its instant.
 
-        Velocities of the tip (3,) m/s are the commanded and the measured one; `shown` is False for a sample that the
-        strategy is not shown, because the run is interrupted.
+        `shown` is False for a sample that the strategy is not shown, because the run is interrupted.
         """
-        self._row(
-            0 if shown else -1,
-            sample,
-            arm_time,
-            acceleration,
-            arrived,
-            blocked,
-            velocity.tolist() + measured.tolist(),
-            q,
-        )
+        history = arm.history
+        q, measured = history.q, history.measured_velocity(sample.time)
+        blocked = self._code(arm.blocked) if shown and arm.blocked else 0.0
+        state = (
+            arm.time, history.acceleration, shown and arrived, blocked, *velocity.tolist(), *measured.tolist()
+        )  # fmt: skip
+        self._row(0 if shown else -1, sample, state, q)
         self._now = now = sample.time - self._zero
         if now < self._stream_due:
             return
@@ -210,22 +203,11 @@ class RunBag:
         """ns since the epoch of the robot's present."""
         return (self._epoch or time_ns()) + int(1e9 * self._now)
 
-    def _row(
-        self,
-        listening: int,
-        sample: WrenchSample,
-        arm_time: float,
-        acceleration: float,
-        arrived: bool,
-        blocked: str,
-        velocity: Sequence[float],
-        q: np.ndarray,
-    ) -> None:
+    def _row(self, listening: int, sample: WrenchSample, state: Sequence[float], q: np.ndarray) -> None:
         row = [listening, sample.time, sample.sequence, int(sample.status)]
         row += sample.force.tolist()
         row += sample.torque.tolist()
-        row += (arm_time, acceleration, arrived, self._code(blocked) if blocked else 0.0)
-        row += velocity
+        row += state
         row += q.tolist()
         self._rows.append(row)
         self._count += 1

@@ -103,7 +103,7 @@ def summarise(
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
-        **_against_truth(scene, truth, recorder, pipeline, points, normals, pitch, surface, budget),
+        **_against_truth(scene, truth, recorder, pipeline, surface, budget),
         **_certified(scene, truth, recorder, certified),
         truth=truth.differences if truth is not None else None,
         cycle_us=outcome.cycle_us,
@@ -130,9 +130,6 @@ def _against_truth(
     truth: GroundTruth[Scene] | None,
     recorder: Recorder,
     pipeline: Pipeline,
-    points: np.ndarray,
-    normals: np.ndarray,
-    pitch: float,
     surface: Reconstruction | None,
     budget: ErrorBudget | None,
 ) -> dict[str, Any]:
@@ -145,6 +142,7 @@ def _against_truth(
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
         return found
+    points, normals, pitch = recorder.points(), recorder.normals(), pipeline.line_spacing or DEFAULT_SPACING
     actual, lowest, area = truth.scene, scene.area.lower[2], scene.area.as_area()
     solid: Solid = actual.solid()
     radius = actual.probe.radius

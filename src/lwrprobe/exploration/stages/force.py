@@ -175,11 +175,11 @@ class ForceStage:
             self._judge_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force swings; and on the way to a goal the sensor's zero is followed.
+        """The motion, slowed while the force swings; and on the path to a goal the sensor's zero is followed.
 
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
-        touch on the way is found by the force.
+        touch on the path is found by the force.
         """
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
         if self._drift.ready:

@@ -74,7 +74,7 @@ class ObjectMotionMonitor:
         self._count = self._agreed = 0
         self._last = [inf] * 3
         self._before: tuple[float, list[float], tuple[float, float, float]] | None = None
-        self._pushed = self._against_force = self._way = self._inward = 0.0
+        self._pushed = self._against_force = self._path = self._inward = 0.0
         self._disagreement = 0.0
         self._let_go = 0
         self._stick = False
@@ -164,16 +164,16 @@ class ObjectMotionMonitor:
         out = 0.5 * ((x - x0) * (mx + nx) + (y - y0) * (my + ny) + (z - z0) * (mz + nz))
         self._pushed = max(0.0, self._pushed - out - slope * dist(here, before[1]))
         self._max_pushed = max(self._max_pushed, self._pushed)
-        (fx, fy, fz), way = force.tolist(), dist(here, before[1])
+        (fx, fy, fz), step = force.tolist(), dist(here, before[1])
         back = ((x - x0) * fx + (y - y0) * fy + (z - z0) * fz) / size
-        self._against_force = max(0.0, self._against_force - back - FRICTION * way)
-        self._way, self._inward = (self._way + way, self._inward - out) if self._pushed > 0.0 else (0.0, 0.0)
+        self._against_force = max(0.0, self._against_force - back - FRICTION * step)
+        self._path, self._inward = (self._path + step, self._inward - out) if self._pushed > 0.0 else (0.0, 0.0)
         allowed = GIVES_WAY + 2.0 * compliance * size
         if self._pushed <= allowed:
             return
         if self._against_force <= CONFIRMED * allowed:
-            if self._way > 0.0:
-                self._disagreement = max(self._disagreement, self._inward / self._way)
+            if self._path > 0.0:
+                self._disagreement = max(self._disagreement, self._inward / self._path)
         else:
             what = f"it gave way at {_coordinates(place)} m, under a force of {size:.2g} N"
             self._moved(what, self._push_began)

@@ -48,7 +48,7 @@ UNNOTICED = 0.001
 SURFACE = 0.0005
 """m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
 NULL_SPACE_ACCELERATION = 20.0
-"""rad/s^2, of the joints, when the way off a joint limit begins."""
+"""rad/s^2, of the joints, when the motion off a joint limit begins."""
 
 
 @dataclass(slots=True)

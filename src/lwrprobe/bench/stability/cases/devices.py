@@ -68,7 +68,7 @@ def _frozen(quick: bool) -> list[Finding]:
     touching = np.flatnonzero(clean.touching)
     if len(touching) < 40:
         return [Finding("a run without faults", f"{clean.describe()}: too short to freeze in", False)]
-    # The way, noted at every fifth sample, counts from where the strategy took over, the freeze from where the world
+    # The path, noted at every fifth sample, counts from where the strategy took over, the freeze from where the world
     # began: a run that freezes in the air tells the difference, to the length of the silence.
     early = _run(f"drivers.sim.freeze_at={_EARLY}", "drivers.sim.freeze_for=1000.0")
     noted = 5.0 / clean.scene.sensor.rate
