@@ -32,23 +32,10 @@ TOP = [
 """Keeps pace with the clock, and touches after a second: the area is the top of the sphere alone."""
 
 
-def explore(out: Path, *more: str) -> subprocess.Popen:
-    command = [
-        sys.executable,
-        "-c",
-        START,
-        "explore",
-        "sphere",
-        "--quiet",
-        "--seed",
-        "5",
-        "--set",
-        "truth.profile=ideal",
-        "--record",
-        "--out",
-        str(out),
-    ]
-    return subprocess.Popen([*command, *more], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+def explore(out: Path, *more: str, scene: str = "sphere") -> subprocess.Popen:
+    settings = ["--quiet", "--seed", "5", "--set", "truth.profile=ideal", "--record", "--out", str(out)]
+    command = [sys.executable, "-c", START, "explore", scene, *settings, *more]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
 def wait_for(condition, process: subprocess.Popen, seconds: float = 120.0) -> None:
@@ -151,8 +138,9 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
 
 def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, monkeypatch):
     run, whole = tmp_path / "run", tmp_path / "whole"
-    settings = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0, "strategy.step": 0.02}
-    process = explore(run, *(word for name, value in settings.items() for word in ("--set", f"{name}={value}")))
+    settings = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0, "strategy.step": 0.03}
+    words = [word for name, value in settings.items() for word in ("--set", f"{name}={value}")]
+    process = explore(run, *words, scene="cylinder_vertical")
     wait_for(lambda: lines(run / "contacts.csv") > 600, process)
     process.kill()
     process.communicate()
@@ -165,9 +153,9 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, mon
     again = resume(run)
     assert again["status"] == "done", again["reason"]
     assert returning[-1] - returning[0] < 10.0
-    # With noise, another one after the cut, unbroken runs of this sphere differ by 13 s and by 0.06 in coverage.
+    # With noise, another one after the cut, unbroken runs of a sphere differ by 13 s and by 0.06 in coverage.
     settings["truth.profile"] = "ideal"
-    unbroken = lp.explore("sphere", seed=5, settings=settings, out=whole, progress=False).summary
+    unbroken = lp.explore("cylinder_vertical", seed=5, settings=settings, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
     assert again["coverage"] > unbroken.coverage - 0.05
     assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
@@ -188,8 +176,8 @@ def time_of_return(monkeypatch) -> list[float]:
 
 
 def test_kills_at_random_times_leave_readable_folders_and_lose_next_to_nothing(tmp_path):
-    coarse = write_scene(load_scene("block", ["strategy.step=0.03"]), tmp_path / "coarse.toml")
-    report = kills.run(False, {"count": "3", "resumed": "1", "scene": str(coarse)})
+    write_scene(load_scene("block", ["strategy.step=0.03"]), tmp_path / "coarse.toml")
+    report = kills.run(False, {"count": "3", "resumed": "1", "scene": str(tmp_path / "coarse.toml")})
     held = {verdict.requirement: verdict for verdict in report.verdicts}
     for requirement in ("no folder is unreadable", "at most 0.2 s of contacts are not in contacts.csv"):
         assert held[requirement].held, held[requirement].measured
