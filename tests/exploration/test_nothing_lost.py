@@ -176,7 +176,7 @@ def time_of_return(monkeypatch) -> list[float]:
 
 
 def test_kills_at_random_times_leave_readable_folders_and_lose_next_to_nothing(tmp_path):
-    write_scene(load_scene("block", ["strategy.step=0.03"]), tmp_path / "coarse.toml")
+    write_scene(load_scene("cylinder_vertical", ["strategy.step=0.03"]), tmp_path / "coarse.toml")
     report = kills.run(False, {"count": "3", "resumed": "1", "scene": str(tmp_path / "coarse.toml")})
     held = {verdict.requirement: verdict for verdict in report.verdicts}
     for requirement in ("no folder is unreadable", "at most 0.2 s of contacts are not in contacts.csv"):
