@@ -8,8 +8,8 @@ figure = Figure(figsize=(6, 4), layout="constrained")
 axes = figure.add_subplot()
 for strategy in ("grid_version", "orientation_change"):
     times, errors = [], []
-    for step in (0.04, 0.025):  # m between two lines
-        run = lp.explore("sphere", strategy=strategy, seed=7, settings={"strategy.step": step})
+    for step in (0.03, 0.02):  # m between two lines
+        run = lp.explore("cylinder_vertical", strategy=strategy, seed=7, settings={"strategy.step": step})
         times.append(run.summary.sim_time_s)
         errors.append(run.summary.mesh_error_mm["mean"])
         print(f"{strategy:18} lines {1e3 * step:.0f} mm apart: {times[-1]:4.0f} s, mean error {errors[-1]:.3f} mm")

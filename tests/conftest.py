@@ -5,6 +5,7 @@ two of them compete for the processor: sockets, signals and loops that keep up w
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -45,18 +46,34 @@ def pytest_collection_modifyitems(config, items):
 
 
 @pytest.fixture(scope="session")
-def recorded_sphere(tmp_path_factory, request) -> Path:
-    """The folder of a short run with a bag, made once for all processes; nobody changes it."""
-    import lwrprobe as lp
-
+def made_once(tmp_path_factory, request):
+    """Gives the folder of a name that `make(folder)` fills, once for all processes; nobody changes it afterwards."""
     base = tmp_path_factory.getbasetemp()
     base = base.parent if hasattr(request.config, "workerinput") else base
-    folder = base / "recorded_sphere"
-    with FileLock(base / "recorded_sphere.lock"):
-        if not (folder / "summary.json").exists():
-            settings = {"strategy.step": 0.04, "truth.profile": "ideal"}
-            lp.explore("sphere", seed=5, settings=settings, out=folder, record=True, progress=False)
-    return folder
+
+    def folder_of(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = base / name, base / f"{name}.done"
+        with FileLock(base / f"{name}.lock"):
+            if not done.exists():
+                make(folder)
+                done.touch()
+        return folder
+
+    return folder_of
+
+
+@pytest.fixture(scope="session")
+def recorded_cylinder(made_once) -> Path:
+    """The folder of a short run with a bag."""
+    import lwrprobe as lp
+
+    settings = {"strategy.step": 0.03, "truth.profile": "ideal"}
+    return made_once(
+        "recorded_cylinder",
+        lambda folder: lp.explore(
+            "cylinder_vertical", seed=5, settings=settings, out=folder, record=True, progress=False
+        ),
+    )
 
 
 def _group(items):

@@ -30,8 +30,8 @@ TOPICS = {
 
 
 @pytest.fixture(scope="module")
-def run(recorded_sphere) -> Path:
-    return recorded_sphere
+def run(recorded_cylinder) -> Path:
+    return recorded_cylinder
 
 
 @pytest.fixture(scope="module")

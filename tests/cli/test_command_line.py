@@ -80,76 +80,94 @@ def test_help_of_emulate_names_the_emulators():
         assert "ATI Wireless F/T" in answer.stdout + answer.stderr
 
 
+WRONG_NAMES = [
+    ("explore blok", ["'blok'", "did you mean 'block'", "lwrprobe list scenes"]),
+    ("explore nowhere.toml", ["nowhere.toml", "existing"]),
+    ("explore block --arm ur", ["driver", "'ur'", "fri, mujoco, sim", "lwrprobe list drivers"]),
+    ("explore block --sensor simm", ["driver", "did you mean 'sim'"]),
+    ("explore block --strategy x", ["strategy", "'x'", "grid_version", "lwrprobe list strategies"]),
+    ("explore block --strategy grid", ["strategy", "did you mean 'grid_version'"]),
+    ("explore block --profile these", ["profile", "did you mean 'thesis'", "lwrprobe list profiles"]),
+    ("explore block --set arm.robot=lwr", ["robot", "did you mean 'lwr4'", "lwrprobe list robots"]),
+    ("explore block --set reconstruction.method=poison", ["reconstructor", "did you mean 'poisson'"]),
+    ("explore block --set contact.estimator=fuse", ["contact.estimator", "'fuse'", "'fused'"]),
+    ("explore block --out file/run", ["--out", "file is a file"]),
+    ("explore block --dry-run --arm ur", ["driver", "'ur'"]),
+    ("resume nowhere", ["run", "nowhere", "existing"]),
+    ("resume folder", ["run", "folder", "lwrprobe explore"]),
+    ("report folder", ["folder", "lwrprobe explore"]),
+    ("merge folder folder --out x", ["folder", "lwrprobe explore"]),
+    ("merge folder --out x", ["two run folders"]),
+    ("reconstruct nowhere.ply", ["source", "nowhere.ply"]),
+    ("reconstruct folder --method hull", ["reconstructor", "hull", "lwrprobe list reconstructors"]),
+    ("reconstruct folder --out mesh.xyz", ["--out", "mesh.xyz", ".stl"]),
+    ("fit nowhere.ply", ["source", "nowhere.ply"]),
+    ("evaluate nowhere.stl --truth block", ["subject", "nowhere.stl"]),
+    ("evaluate file", ["--truth", "scene"]),
+    ("calibrate bloc --reference-sphere 0.03", ["did you mean 'block'"]),
+    ("calibrate block --reference-sphere 0.03 --arm ur", ["driver", "'ur'"]),
+    ("repeat bloc", ["did you mean 'block'"]),
+    ("repeat block --arm ur", ["driver", "'ur'"]),
+    ("doctor --arm ur", ["driver", "'ur'", "lwrprobe list drivers"]),
+    ("list scene", ["kind", "did you mean 'scenes'"]),
+    ("list drivers --pictures x", ["--pictures", "scenes"]),
+    ("list scenes --pictures file/x", ["--pictures", "file is a file"]),
+    ("bench kin", ["bench", "did you mean 'kinematics'", "lwrprobe list benches"]),
+    ("bench kinematics --out file", ["--out", "file is a file"]),
+    ("bench kinematics --json folder", ["--json", "this is a folder"]),
+    ("emulate fro", ["emulator", "did you mean 'fri'", "lwrprobe list emulators"]),
+    ("map info nowhere.bt", ["nowhere.bt", "existing"]),
+    ("map cloud nowhere.bt --out x.ply", ["nowhere.bt", "existing"]),
+]
+
 WITHOUT_KERNELS = """
-import atexit, resource, sys
+import io, json, os, sys, time
+from contextlib import redirect_stderr
 
-def account():
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    loaded = [name for name in ("numba", "scipy", "spatialmath", "trimesh") if name in sys.modules]
-    print(loaded, used.ru_utime + used.ru_stime, file=sys.stderr)
-
-atexit.register(account)
+began = time.process_time()
 from lwrprobe.cli.app import main
-main()
+
+for number, words in enumerate(json.loads(sys.argv[1])):
+    folder = f"{number}"
+    os.makedirs(f"{folder}/folder")
+    open(f"{folder}/file", "w").close()
+    os.chdir(folder)
+    sys.argv, said, code = ["lwrprobe", *words], io.StringIO(), 0
+    with redirect_stderr(said):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+    used, began = time.process_time() - began, time.process_time()
+    loaded = [name for name in ("numba", "scipy", "spatialmath", "trimesh") if name in sys.modules]
+    print(json.dumps([code, said.getvalue(), loaded, used, sorted(os.listdir())]), file=sys.__stdout__, flush=True)
+    os.chdir("..")
 """
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ("explore blok", ["'blok'", "did you mean 'block'", "lwrprobe list scenes"]),
-        ("explore nowhere.toml", ["nowhere.toml", "existing"]),
-        ("explore block --arm ur", ["driver", "'ur'", "fri, mujoco, sim", "lwrprobe list drivers"]),
-        ("explore block --sensor simm", ["driver", "did you mean 'sim'"]),
-        ("explore block --strategy x", ["strategy", "'x'", "grid_version", "lwrprobe list strategies"]),
-        ("explore block --strategy grid", ["strategy", "did you mean 'grid_version'"]),
-        ("explore block --profile these", ["profile", "did you mean 'thesis'", "lwrprobe list profiles"]),
-        ("explore block --set arm.robot=lwr", ["robot", "did you mean 'lwr4'", "lwrprobe list robots"]),
-        ("explore block --set reconstruction.method=poison", ["reconstructor", "did you mean 'poisson'"]),
-        ("explore block --set contact.estimator=fuse", ["contact.estimator", "'fuse'", "'fused'"]),
-        ("explore block --out file/run", ["--out", "file is a file"]),
-        ("explore block --dry-run --arm ur", ["driver", "'ur'"]),
-        ("resume nowhere", ["run", "nowhere", "existing"]),
-        ("resume folder", ["run", "folder", "lwrprobe explore"]),
-        ("report folder", ["folder", "lwrprobe explore"]),
-        ("merge folder folder --out x", ["folder", "lwrprobe explore"]),
-        ("merge folder --out x", ["two run folders"]),
-        ("reconstruct nowhere.ply", ["source", "nowhere.ply"]),
-        ("reconstruct folder --method hull", ["reconstructor", "hull", "lwrprobe list reconstructors"]),
-        ("reconstruct folder --out mesh.xyz", ["--out", "mesh.xyz", ".stl"]),
-        ("fit nowhere.ply", ["source", "nowhere.ply"]),
-        ("evaluate nowhere.stl --truth block", ["subject", "nowhere.stl"]),
-        ("evaluate file", ["--truth", "scene"]),
-        ("calibrate bloc --reference-sphere 0.03", ["did you mean 'block'"]),
-        ("calibrate block --reference-sphere 0.03 --arm ur", ["driver", "'ur'"]),
-        ("repeat bloc", ["did you mean 'block'"]),
-        ("repeat block --arm ur", ["driver", "'ur'"]),
-        ("doctor --arm ur", ["driver", "'ur'", "lwrprobe list drivers"]),
-        ("list scene", ["kind", "did you mean 'scenes'"]),
-        ("list drivers --pictures x", ["--pictures", "scenes"]),
-        ("list scenes --pictures file/x", ["--pictures", "file is a file"]),
-        ("bench kin", ["bench", "did you mean 'kinematics'", "lwrprobe list benches"]),
-        ("bench kinematics --out file", ["--out", "file is a file"]),
-        ("bench kinematics --json folder", ["--json", "this is a folder"]),
-        ("emulate fro", ["emulator", "did you mean 'fri'", "lwrprobe list emulators"]),
-        ("map info nowhere.bt", ["nowhere.bt", "existing"]),
-        ("map cloud nowhere.bt --out x.ply", ["nowhere.bt", "existing"]),
-    ],
-)
-def test_a_wrong_name_is_told_at_once_and_with_what_to_do(arguments, words, tmp_path):
-    (tmp_path / "file").write_text("")
-    (tmp_path / "folder").mkdir()
-    command = [sys.executable, "-c", WITHOUT_KERNELS, *arguments.split()]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    *_, sentence, account = done.stderr.strip().splitlines()
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """What each wrong line is answered, one after the other in one process; the first pays for the imports."""
+    lines = [arguments.split() for arguments, _ in WRONG_NAMES]
+    command = [sys.executable, "-c", WITHOUT_KERNELS, json.dumps(lines)]
+    folder = tmp_path_factory.mktemp("told")
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    answers = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    return dict(zip([arguments for arguments, _ in WRONG_NAMES], answers, strict=True))
+
+
+@pytest.mark.parametrize(("arguments", "words"), WRONG_NAMES)
+def test_a_wrong_name_is_told_at_once_and_with_what_to_do(told, arguments, words):
+    code, said, loaded, seconds, files = told[arguments]
+    assert code == 2, said
+    assert "Traceback" not in said
+    sentence = said.strip().splitlines()[-1]
     for word in words:
         assert word in sentence
-    loaded, seconds = account.rsplit(" ", 1)
-    assert loaded == "[]"
-    assert float(seconds) < 1.5
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+    assert loaded == []
+    assert seconds < 1.5
+    assert files == ["file", "folder"]
 
 
 def test_the_scene_names_the_estimators_that_there_are():

@@ -12,35 +12,24 @@ from lwrprobe.compiled import kernel
 from lwrprobe.compiled.disk_cache import is_stored, make_safe
 from lwrprobe.exploration.procedures import compile_ahead
 from lwrprobe.exploration.procedures.compile_ahead import CompileAhead, compile_late_kernels
+from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.scene import load_scene, write_scene
 
 pytestmark = pytest.mark.slow
 
-SCRIPT = """
-import json, sys
-from pathlib import Path
-from lwrprobe.compiled.pipeline import on_compilation
-from lwrprobe.exploration.procedures import compile_ahead
-from lwrprobe.runs.explore import explore
 
-mode, folder, out = sys.argv[1:]
-names = []
-if mode != "alone":
-    compile_ahead.is_stored = lambda kernel: False  # the cache is never full enough
-    compile_ahead.cores = lambda: 2
-    make = compile_ahead.CompileAhead.where_it_pays.__func__
-    started = []
+def explored(folder):
+    area = ["area.lower=[-0.012, 0.0, 0.030]", "area.upper=[0.012, 0.045, 0.058]", "run.time_limit=15.0"]
+    explore(load_scene("cylinder_vertical", ["run.seed=11", "truth.profile=ideal", *area]), folder)
+    return (folder / "contacts.csv").read_bytes()
 
-    def where_it_pays(scene):
-        started.append(make(compile_ahead.CompileAhead, scene))
-        if mode == "killed":
-            started[0].process.kill()
-        return started[0]
 
-    compile_ahead.CompileAhead.where_it_pays = where_it_pays
-run = explore("block", seed=7, out=out, progress=False, settings={"run.time_limit": 2.0})
-print(json.dumps([run.summary.contacts, mode == "alone" or started[0].process.poll() is not None]))
-"""
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """The contacts of a run without a second process."""
+    contacts = explored(tmp_path_factory.mktemp("alone"))
+    assert contacts.count(b"\n") > 20
+    return contacts
 
 
 @pytest.fixture
@@ -121,15 +110,21 @@ def test_no_process_where_none_can_be_started(scene, monkeypatch):
     assert CompileAhead.where_it_pays(scene) is None
 
 
-def test_a_run_is_the_same_beside_a_second_process_and_beside_a_killed_one(tmp_path):
-    contacts = {}
-    for mode in ("alone", "beside", "killed"):
-        command = [sys.executable, "-c", SCRIPT, mode, str(tmp_path), str(tmp_path / mode)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.splitlines()[-1].endswith("true]")
-        contacts[mode] = (tmp_path / mode / "contacts.csv").read_bytes()
-    assert contacts["beside"] == contacts["alone"] == contacts["killed"]
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_run_is_the_same_beside_a_second_process_and_beside_a_killed_one(alone, killed, tmp_path, monkeypatch):
+    monkeypatch.setattr(compile_ahead, "is_stored", lambda kernel: False)  # the cache is never full enough
+    monkeypatch.setattr(compile_ahead, "cores", lambda: 2)
+    make, started = CompileAhead.where_it_pays, []
+
+    def where_it_pays(scene):
+        started.append(make(scene))
+        if killed:
+            started[0].process.kill()
+        return started[0]
+
+    monkeypatch.setattr(CompileAhead, "where_it_pays", where_it_pays)
+    assert explored(tmp_path) == alone
+    assert started[0].process.poll() is not None
 
 
 def test_a_kernel_counts_as_stored_from_its_first_specialisation_on(tmp_path, monkeypatch):

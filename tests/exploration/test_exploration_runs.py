@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.explore import Exploration, RunOptions, explore
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.meshes import read_mesh
@@ -96,7 +96,10 @@ SHORT = ["truth.profile=ideal", "run.seed=11", "area.lower=[-0.012, 0.0, 0.030]"
 
 def test_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     def contacts(name, *settings):
-        explore(load_scene("cylinder_vertical", [*SHORT, *settings]), tmp_path / name)
+        scene = load_scene("cylinder_vertical", [*SHORT, *settings])
+        with Exploration(scene, RunOptions(out=tmp_path / name)) as exploration:
+            for _ in exploration:
+                pass
         return (tmp_path / name / "contacts.csv").read_bytes()
 
     first = contacts("first")
@@ -112,7 +115,7 @@ def stacked(tmp_path_factory):
     @cache
     def run(strategy):
         folder = tmp_path_factory.mktemp(strategy)
-        area = ["area.lower=[0.03, -0.06, 0.006]", "area.upper=[0.07, 0.06, 0.108]"]
+        area = ["area.lower=[0.03, -0.06, 0.006]", "area.upper=[0.07, 0.06, 0.108]", "strategy.step=0.02"]
         scene = load_scene(
             "stacked_blocks", [f"strategy.name='{strategy}'", "run.time_limit=600.0", "truth.profile=ideal", *area]
         )

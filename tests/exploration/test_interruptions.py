@@ -16,9 +16,9 @@ from lwrprobe.scene import load_scene
 
 SMALL = [
     "truth.profile='ideal'",
-    "area.lower=[-0.012, -0.045, 0.006]",
+    "area.lower=[-0.012, 0.0, 0.006]",
     "area.upper=[0.012, 0.045, 0.06]",
-    "strategy.step=0.01",
+    "strategy.step=0.02",
 ]
 
 
@@ -168,7 +168,7 @@ def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("milliseconds", "per_minute"), [(40, 20), (80, 20), (300, 6)])
+@pytest.mark.parametrize(("milliseconds", "per_minute"), [(40, 20), (300, 10)])
 def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute):
     burst = [f"truth.loss_burst_ms={milliseconds}", f"truth.loss_bursts_per_min={per_minute}"]
     scene = load_scene("cylinder_vertical", [*SMALL, *burst])
@@ -180,7 +180,7 @@ def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute)
     assert summary.true_peak_force_n < 3.0
     assert summary.true_peak_force_n <= summary.peak_force_bound_n
     assert summary.sensor_gaps > 3
-    assert milliseconds == 80 or bool(summary.interruptions) == (milliseconds > 100)
+    assert bool(summary.interruptions) == (milliseconds > 100)
     assert {one["device"] for one in summary.interruptions} <= {"sensor"}
     assert summary.reentries == 0
     assert summary.contact_error_mm["median"] < 0.06

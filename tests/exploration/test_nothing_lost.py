@@ -32,23 +32,10 @@ TOP = [
 """Keeps pace with the clock, and touches after a second: the area is the top of the sphere alone."""
 
 
-def explore(out: Path, *more: str) -> subprocess.Popen:
-    command = [
-        sys.executable,
-        "-c",
-        START,
-        "explore",
-        "sphere",
-        "--quiet",
-        "--seed",
-        "5",
-        "--set",
-        "truth.profile=ideal",
-        "--record",
-        "--out",
-        str(out),
-    ]
-    return subprocess.Popen([*command, *more], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+def explore(out: Path, *more: str, scene: str = "sphere") -> subprocess.Popen:
+    settings = ["--quiet", "--seed", "5", "--set", "truth.profile=ideal", "--record", "--out", str(out)]
+    command = [sys.executable, "-c", START, "explore", scene, *settings, *more]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
 def wait_for(condition, process: subprocess.Popen, seconds: float = 120.0) -> None:
@@ -87,22 +74,6 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_there(small_disk):
     assert found.contacts > 50
     assert lp.open_run(small_disk / "run").mesh is not None
     assert sum(1 for _ in read_bag(small_disk / "run")) > 1000
-
-
-def test_a_disk_that_turns_read_only_ends_the_run(small_disk):
-    run = small_disk / "run"
-    subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
-    process = explore(run, *TOP)
-    wait_for(lambda: lines(run / "contacts.csv") > 20, process)
-    done = subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], capture_output=True, text=True)
-    if done.returncode:  # tmpfs refuses while a file is open for writing: what is asked here cannot happen to it
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=300)
-        assert "busy" in done.stderr
-        return
-    _, said = process.communicate(timeout=300)
-    assert process.returncode == 1
-    assert "Read-only" in said
 
 
 def test_a_file_too_large_is_one_sentence(tmp_path):
@@ -167,8 +138,9 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
 
 def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, monkeypatch):
     run, whole = tmp_path / "run", tmp_path / "whole"
-    without_noise = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0, "truth.profile": "ideal"}
-    process = explore(run, "--set", "drivers.sim.noise_force=0.0", "--set", "drivers.sim.noise_torque=0.0")
+    settings = {"drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0, "strategy.step": 0.03}
+    words = [word for name, value in settings.items() for word in ("--set", f"{name}={value}")]
+    process = explore(run, *words, scene="cylinder_vertical")
     wait_for(lambda: lines(run / "contacts.csv") > 600, process)
     process.kill()
     process.communicate()
@@ -181,8 +153,9 @@ def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, mon
     again = resume(run)
     assert again["status"] == "done", again["reason"]
     assert returning[-1] - returning[0] < 10.0
-    # With noise, another one after the cut, unbroken runs of this sphere differ by 13 s and by 0.06 in coverage.
-    unbroken = lp.explore("sphere", seed=5, settings=without_noise, out=whole, progress=False).summary
+    # With noise, another one after the cut, unbroken runs of a sphere differ by 13 s and by 0.06 in coverage.
+    settings["truth.profile"] = "ideal"
+    unbroken = lp.explore("cylinder_vertical", seed=5, settings=settings, out=whole, progress=False).summary
     assert again["surface_error_mm"]["median"] < unbroken.surface_error_mm["median"] + 0.02
     assert again["coverage"] > unbroken.coverage - 0.05
     assert again["sim_time_s"] < unbroken.sim_time_s + 10.0
@@ -202,8 +175,9 @@ def time_of_return(monkeypatch) -> list[float]:
     return times
 
 
-def test_kills_at_random_times_leave_readable_folders_and_lose_next_to_nothing():
-    report = kills.run(False, {"count": "3", "resumed": "1"})
+def test_kills_at_random_times_leave_readable_folders_and_lose_next_to_nothing(tmp_path):
+    write_scene(load_scene("cylinder_vertical", ["strategy.step=0.03"]), tmp_path / "coarse.toml")
+    report = kills.run(False, {"count": "3", "resumed": "1", "scene": str(tmp_path / "coarse.toml")})
     held = {verdict.requirement: verdict for verdict in report.verdicts}
     for requirement in ("no folder is unreadable", "at most 0.2 s of contacts are not in contacts.csv"):
         assert held[requirement].held, held[requirement].measured

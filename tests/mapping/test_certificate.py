@@ -38,6 +38,20 @@ def test_distances_from_a_path_are_those_of_the_naive_twin(seed):
     np.testing.assert_allclose(values.ravel(), wanted, atol=1e-12)
 
 
+def test_squares_of_the_distances_from_points_are_those_of_the_naive_twin():
+    points = ORIGIN + np.random.default_rng(5).uniform(-0.01, 0.04, (20, 3))
+    points[0] = ORIGIN - 1.0  # too far away to matter
+    reach = 0.009
+    squares = np.full(SHAPE, 0.012**2)
+    kernels.lower_to_points(squares, ORIGIN, EDGE, points, reach)
+    wanted = naive.lowered_to_path(points_of_grid(), 0.012, points, np.zeros(20, bool), 0.0)
+    near, found = wanted < reach, np.sqrt(squares.ravel())
+    assert near.any()
+    assert not near.all()
+    np.testing.assert_allclose(found[near], wanted[near], atol=1e-12)
+    assert (found[~near] >= wanted[~near] - 1e-12).all()  # beyond the reach too large at most
+
+
 @pytest.mark.parametrize("kind", ["cylinder", "box", "capsule"])
 def test_distances_from_a_link_are_those_of_the_naive_twin(kind):
     rng = np.random.default_rng(7)

@@ -495,10 +495,10 @@ def test_the_documented_figures_are_those_of_the_profiles():
     assert rows == known
 
 
-@pytest.mark.parametrize("scene", ["block", "cylinder_vertical", "jaw_chuck"])
-def test_an_object_that_may_be_anywhere_stays_off_the_border_and_the_area_says_nothing_of_it(scene):
+@pytest.mark.parametrize(("scene", "draws"), [("block", 30), ("polystyrene_1", 30), ("jaw_chuck", 8)])
+def test_an_object_that_may_be_anywhere_stays_off_the_border_and_the_area_says_nothing_of_it(scene, draws):
     area, middles = load_scene(scene, profile="blind").area, []
-    for seed in range(30):
+    for seed in range(draws):
         world = load_scene(scene, [f"run.seed={seed}"], "blind")
         assert world.area == area
         assert (world.area.lower, world.area.upper) == ((-0.12, -0.1, 0.006), (0.12, 0.1, 0.13))

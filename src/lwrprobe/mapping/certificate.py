@@ -105,7 +105,7 @@ class Certificate:
         shape = tuple(np.ceil(extent / edge).astype(np.int64))
         self._origin = 0.5 * (area.lower + area.upper - edge * (np.array(shape) - 1))
         self._gap = np.full(shape, BAND)
-        self._near = np.full(shape, self._cover + 2.0 * edge)
+        self._near2 = np.full(shape, (self._cover + 2.0 * edge) ** 2)
         self._depth = radius - self._outside_area()
 
     def sweep(self, centres: np.ndarray, joined: np.ndarray | None = None, poses: np.ndarray | None = None) -> None:
@@ -136,9 +136,7 @@ class Certificate:
     def touch(self, points: np.ndarray) -> None:
         """Add contacts (n, 3) m."""
         points = _rows(points, "points", (3,))
-        kernels.lower_to_path(
-            self._near, self._origin, self.edge, points, np.zeros(len(points), bool), 0.0, self._cover + self.edge
-        )
+        kernels.lower_to_points(self._near2, self._origin, self.edge, points, self._cover + self.edge)
 
     def hiding(self) -> Hiding:
         """What can still hide now."""
@@ -166,7 +164,7 @@ class Certificate:
 
     def _within_reach(self, slack: float) -> np.ndarray:
         """Grid points that the covering ball may cover, in any place that its centre may have about a grid point."""
-        fits = self._near >= self._cover - slack - self._tolerance
+        fits = self._near2 >= max(self._cover - slack - self._tolerance, 0.0) ** 2
         half = 0.5 * self.edge
         beside = np.full(3, half + min(self._cover - self._radius, self._radius))
         below = np.array([beside[0], beside[1], half])  # under the lowest contacts it would get into the object

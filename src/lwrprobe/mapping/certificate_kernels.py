@@ -65,6 +65,31 @@ def lower_to_path(values, origin, edge, centres, joined, radius, band):
 
 
 @kernel
+def lower_to_points(squares, origin, edge, points, reach):
+    """Squares of the distances from points (n, 3), up to `reach`."""
+    nx, ny, nz = squares.shape
+    reach2 = reach * reach
+    above2 = np.empty(nz)
+    for row in range(points.shape[0]):
+        px, py, pz = points[row, 0], points[row, 1], points[row, 2]
+        first = first_index(pz - reach, origin[2], edge)
+        count = last_index(pz + reach, origin[2], edge, nz) + 1 - first
+        for k in range(count):
+            z = origin[2] + (first + k) * edge - pz
+            above2[k] = z * z
+        for i in range(first_index(px - reach, origin[0], edge), last_index(px + reach, origin[0], edge, nx) + 1):
+            x = origin[0] + i * edge - px
+            for j in range(first_index(py - reach, origin[1], edge), last_index(py + reach, origin[1], edge, ny) + 1):
+                y = origin[1] + j * edge - py
+                beside = x * x + y * y
+                if beside > reach2:
+                    continue
+                column = squares[i, j, first : first + count]
+                for k in range(count):  # without a root and a branch: the processor does several of them at once
+                    column[k] = min(column[k], beside + above2[k])
+
+
+@kernel
 def link_distance(x, y, z, kind, size):
     """Distance of a point in the link's own frame from it; 0 inside."""
     if kind == BOX:
