@@ -286,7 +286,7 @@ class FriArm:
         self.cycle = self.delay = cycle
 
     def _adopt_mass(self, matrix: np.ndarray) -> None:
-        """An emulated arm without mass says so; any other controller is not believed that its arm has none."""
+        """An emulated arm without mass says so; the arm of any other controller has mass."""
         if self.config.mass < 0.0:
             host, _ = as_address(self.config.remote, "drivers.fri.remote")
             self.mass = 0.0 if is_loopback(host) and not matrix.any() else LWR4_MASS

@@ -41,7 +41,7 @@ X, Y, Z = np.eye(3)
 
 @dataclass(slots=True, frozen=True)
 class Track:
-    """True course of the sphere: centres, normals and velocities, (n, 3) each, world frame, one row a sample."""
+    """True path of the sphere: centres, normals and velocities, (n, 3) each, world frame, one row a sample."""
 
     name: str
     centres: np.ndarray

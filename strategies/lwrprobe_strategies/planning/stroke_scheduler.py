@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import P95, SurfaceEstimate
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line
@@ -25,7 +26,8 @@ class StrokeScheduler(LineScheduler):
 
     Parameters
     ----------
-    task, memory, spacing : as of `LineScheduler`
+    task, memory : as of `LineScheduler`
+    spacing : m, between two lines, as long as nothing is touched
     estimate : of the surface and its error
     free : what the probe has shown to be free
     speeds : how fast a motion of the upright probe may be
@@ -42,7 +44,7 @@ class StrokeScheduler(LineScheduler):
         speeds: Speeds,
         aim: float,
     ) -> None:
-        super().__init__(task, memory, spacing, "middle", low=False, near_sides=False, across=False, ends=False)
+        super().__init__(task, memory, CoverageConfig(spacing, near_sides=False, across=False, find_ends=False))
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
         self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE))
         self.touched: np.ndarray | None = None

@@ -17,9 +17,9 @@ STILL = 0.25
 AT_ONCE = 1.5
 """s between the two touches: a probe between two walls needs a moment to leave."""
 BEFORE = 0.0015
-"""m of the centre's path before a leap, on which a rim shows: the sphere pivots about it, and the contact stays."""
+"""m of the centre's path before a leap, on which an edge shows: the sphere pivots about it, and the contact stays."""
 PIVOT = 0.5
-"""Share of that path by which the contact on a rim moves at most."""
+"""Share of that path by which the contact on an edge moves at most."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -79,7 +79,7 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
 def _classified(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, float]:
     """What was passed over between contacts i and i + 1, and how wide it is, m.
 
-    A gap where the contact stood still on a rim before the leap or after it: on a wall it moves with the centre.
+    A gap where the contact stood still on an edge before the leap or after it: on a wall it moves with the centre.
     Between the rims two contacts at once may be taken for one in the middle: those a moment away tell the width.
     """
     pivots, ends = False, []
