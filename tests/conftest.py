@@ -4,6 +4,7 @@ A file's tests stay together, since they share its fixtures. Those marked `realt
 two of them compete for the processor: sockets, signals and loops that keep up with a clock.
 """
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,11 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
+
+# There are as many test processes as cores: more threads in each of them spin beside one another, which multiplied the
+# processor time of a decomposition by six. numpy reads these when it is loaded; what tests start inherits them.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 # Hypothesis also draws constants that it reads in the source of loaded modules. What is loaded depends on which tests
 # ran before, and reading takes seconds. A version without this function is not changed by the assignment.

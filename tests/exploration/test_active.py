@@ -6,6 +6,8 @@ import pytest
 
 import lwrprobe as lp
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = {"truth.profile": "ideal"}
 
 

@@ -13,6 +13,7 @@ def by_name(found):
     return {reading.name: reading for reading in found.readings}
 
 
+@pytest.mark.slow
 def test_real_scene_is_driven_in_the_simulator_at_the_arms_own_cycle():
     found = dry_run(load_scene("empty", [*SMALL, *REAL, "run.time_limit=600.0"]))
     lines = by_name(found)

@@ -36,6 +36,7 @@ def test_three_seeds_of_both_profiles_are_the_default(report):
     assert {row[3] for row in rows} == {1, 2, 3}
 
 
+@pytest.mark.slow
 def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path):
     table = report.tables[-1]
     assert len(table.rows) == 2 * 5

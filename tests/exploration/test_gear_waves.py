@@ -62,6 +62,7 @@ def errors(recorder, true):
     return ((recorder.points() - points) * recorder.normals()).sum(axis=1)
 
 
+@pytest.mark.slow
 def test_waves_that_the_contacts_show_are_taken_off_and_the_rest_is_left_as_it_is():
     recorder, true = touched(AMPLITUDE, noise=2e-6)
     measured, before = recorder.contacts.copy(), errors(recorder, true)

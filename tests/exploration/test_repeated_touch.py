@@ -23,6 +23,7 @@ def test_statistics_against_the_naive():
     assert slow["sigma_across_mm"] == pytest.approx(1e3 * np.std([t.aside[0] for t in touches[:20]], ddof=1))
 
 
+@pytest.mark.slow
 def test_top_of_the_block_repeats():
     plan = Plan(above=np.array([0.0, 0.0, 0.056]), count=3)
     found = repeat(load_scene("block", ["truth.profile=ideal"]), plan)

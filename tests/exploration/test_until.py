@@ -22,6 +22,7 @@ def stopped(tmp_path_factory):
     return lp.explore("block", seed=7, settings=settings, out=folder, progress=False)
 
 
+@pytest.mark.slow
 def test_the_time_ends_the_run_with_its_data_kept(stopped):
     s = stopped.summary
     assert (s.status, s.stopped_by) == ("done", "time")
@@ -30,6 +31,7 @@ def test_the_time_ends_the_run_with_its_data_kept(stopped):
     assert not (stopped.folder / "observations.f64").exists()
 
 
+@pytest.mark.slow
 def test_certificate_and_errors_over_time_are_written(stopped):
     s = Summary.read(stopped.folder / "summary.json")
     times, diameters = np.array([[row["time_s"], row["certified_mm"]] for row in s.error_against_time]).T
