@@ -29,6 +29,8 @@ SIDEWAYS = 0.1
 UNEXPECTED = 3.0
 """Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
 then gives about 1.5 times the force limit, near its middle no more than the limit."""
+UPWARDS = 0.7
+"""Share of a motion along z, from which on it leads up a wall, and under what stands out from it."""
 NEAR = 0.0015
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
 reaches 3 mm further out, would have met a plain wall before."""
@@ -147,6 +149,14 @@ class Tip:
             if reach > self.task.probe.radius and closing > TOWARDS * side:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
+
+    def climb_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
+        where it does not go up or where what is above is known.
+        """
+        if along[2] < UPWARDS or not self.overhangs.above(self.here):
+            return inf
+        return self.control.column_speed / float(along[2])
 
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""
