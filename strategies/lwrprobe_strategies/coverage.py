@@ -16,6 +16,7 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from math import hypot
 from typing import ClassVar
 
@@ -23,7 +24,17 @@ import numpy as np
 
 from lwrprobe.contracts import Done, Progress
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.outcomes import (
+    Blocked,
+    CollisionThreat,
+    Ended,
+    Jammed,
+    Lost,
+    Outcome,
+    Overload,
+    UnknownSpace,
+)
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
@@ -35,8 +46,22 @@ from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface,
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, reapproach, release, reorient, transit
+from lwrprobe_strategies.skills import (
+    Procedure,
+    follow_contour,
+    guarded_move,
+    reapproach,
+    release,
+    reorient,
+    retract,
+    transit,
+)
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
+
+NEAR_SIDE = -0.3
+"""Share of the normal along the line, below which the line leads into the object."""
+ONWARD = 0.2
+"""Share of a retraction along the line: the grid's direction is kept."""
 
 
 class Coverage(SkillStrategy):
@@ -55,8 +80,10 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        self.lines = self.scheduler()
         self.upright = self.tip.rotation
+        body = BodySpace(self.task, self.options.step)
+        self.tip.body = body if body.needed else None
+        self.lines = self.scheduler()
         self.rest, self.back = False, np.inf
         self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
@@ -73,6 +100,7 @@ class Coverage(SkillStrategy):
         return LineScheduler(
             self.task, self.tip.memory, options.step, options.first_line, low=options.low_lines,
             near_sides=options.near_sides, across=options.across, ends=options.find_ends,
+            body=self.tip.body, leans=self.leans,
         )  # fmt: skip
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
@@ -87,6 +115,8 @@ class Coverage(SkillStrategy):
                 skill = release(self.tip, self.frame)
             except CollisionThreat:
                 skill = self.answer_threat()
+            except UnknownSpace:
+                skill = self.answer_unknown()
             except (Blocked, Jammed):
                 skill = self.give_up()
         return outcome
@@ -125,7 +155,11 @@ class Coverage(SkillStrategy):
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and the orientation (3, 3) of the tip at its beginning."""
-        return line, self.upright
+        return line, self.upright if line.rotation is None else line.rotation
+
+    def leans(self, away: np.ndarray) -> Sequence[np.ndarray]:
+        """Orientations (3, 3) in which a side may be touched that faces along a horizontal unit vector (3,)."""
+        return (self.upright,)
 
     def leaves_descents(self, line: Line) -> bool:
         """Whether a wall down which the line leads may be climbed from its other end instead."""
@@ -147,12 +181,15 @@ class Coverage(SkillStrategy):
         self.threats, self.circling = 0, CirclingWatch(self.task.area)
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
+        if tip.body is not None:
+            tip.body.survey()
         line, tip.rotation = self.prepared(line, start)
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
+        allows = tip.body.allows if tip.body is not None else (lambda begin, end: True)
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, allows)
         return transit(tip, retraction + path, before)
 
     def along_line(self) -> Procedure:
@@ -179,7 +216,7 @@ class Coverage(SkillStrategy):
 
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
-        descent = DescentWatch(self.task, self.tip.control, self.tip.memory, self.tip.free)
+        descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
 
         def until() -> Outcome | None:
             turn = self.turn_wanted()
@@ -196,6 +233,8 @@ class Coverage(SkillStrategy):
                     return Ended.NEXT_LINE
                 onward = self.lines.towards_next()
                 return Ended.LINE_END if turned_back(self.tip.control, self.frame, onward) else None
+            if self.tip.here[Z] > self.frame.line.ceiling and self.tip.control.tangent(self.frame.binormal)[Z] > 0.0:
+                return Ended.LINE_END
             if at_table(self.tip.control, self.frame, self.tip.here):
                 return Ended.TABLE
             upright = self.tip.rotation is self.upright
@@ -228,6 +267,17 @@ class Coverage(SkillStrategy):
             return self.raise_line()
         self.threats += 1
         return self.avoid()
+
+    def answer_unknown(self) -> Procedure | None:
+        """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
+        self.threats += 1
+        return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
+
+    def retract_onward(self) -> Procedure:
+        """Off the surface, and on along the line."""
+        away = self.tip.control.normal.copy()
+        away[Z] = max(away[Z], 0.0)
+        return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
     def give_up(self) -> Procedure | None:
         """Leave the line where it is; its fallback comes next, or the next line."""

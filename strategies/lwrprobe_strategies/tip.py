@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, Observation, Task
 from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
@@ -53,6 +54,7 @@ class Tip:
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
     overhangs : where the stick may be met before the sphere
+    body : where the body behind the stick may go, None where it is above all that may be there, or nobody asks
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
     """
@@ -67,6 +69,7 @@ class Tip:
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
         self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.body: BodySpace | None = None
         self.leaving = False
         self.trace = Trace()
         self._samples = 0
@@ -86,6 +89,7 @@ class Tip:
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, min(wide, default=inf))
         self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.body = None
 
     def observe(self, seen: Observation) -> None:
         """Take over a sample."""
@@ -100,6 +104,8 @@ class Tip:
         reliable = contact is not None and contact.confidence is Confidence.RELIABLE
         self.free.note(seen.pose, contact.normal if contact is not None and reliable else None)
         self.overhangs.note(seen.pose, contact)
+        if self.body is not None:
+            self.body.note(seen.pose, contact is not None)
         if contact is None:
             self.leaving = False
 

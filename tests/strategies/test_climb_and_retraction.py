@@ -36,7 +36,7 @@ def descend(height, travel=1.0, known=True, normal=None, first=0.0):
     if known:
         stand(free, *([-0.01, travel * BORDER, z] for z in np.arange(0.06, 0.006, -0.001)))
     control = ContourControl(t)
-    watch = DescentWatch(t, control, ContactMemory(), free)
+    watch = DescentWatch(t, control, lambda line: float(t.area.lower[2]), free)
     line = Line(1, 0.0, -travel * BORDER, travel * BORDER, 0.006, free_end=True)
     frame = TrackingFrame(line, AREA)
     wall = np.array([0.0, travel, 0.0]) if normal is None else normal
