@@ -42,7 +42,7 @@ from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
-from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, return_path
+from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -60,6 +60,10 @@ from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
 NEAR_SIDE = -0.3
 """Share of the normal along the line, below which the line leads into the object."""
+BESIDE_LINE = 0.002
+"""m across a line, from which on what is touched is not on it."""
+MAX_DETOURS = 2
+"""Times that the way to one line is begun again."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -105,6 +109,7 @@ class Coverage(SkillStrategy):
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the way to it, along it, and along whatever it meets, until it is done or given up."""
+        self.detours = 0
         skill: Procedure | None = self.approach(line, retraction)
         outcome: Outcome = Ended.ARRIVED
         while skill is not None:
@@ -129,6 +134,8 @@ class Coverage(SkillStrategy):
             case Ended.TABLE:
                 self.tip.leave()
                 return self.along_line()
+            case Ended.CONTACT if self._on_the_way():
+                return self.approach_again()
             case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
                 return self.along_surface()
             case Ended.TURNED:
@@ -191,6 +198,14 @@ class Coverage(SkillStrategy):
         allows = tip.body.allows if tip.body is not None else (lambda begin, end: True)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, allows)
         return transit(tip, retraction + path, before)
+
+    def approach_again(self) -> Procedure | None:
+        """Back from what stood in the way to the beginning of the line, and there by what is known now."""
+        self.detours += 1
+        if self.detours > MAX_DETOURS:
+            return self.give_up()
+        self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
+        return self.approach(self.frame.line, self.retraction())
 
     def along_line(self) -> Procedure:
         """On along the line until something is touched."""
@@ -312,10 +327,15 @@ class Coverage(SkillStrategy):
         tip.leave()
         back, self.back = self.back, np.inf
         if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):
-            return return_path(tip.seen, tip.free, back)
+            return return_path(tip.seen, tip.free, back) or out_from_under(tip.seen, normal, self.task.probe.radius)
         if tip.trace.ended is guarded_move and not tip.leaving:
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
+
+    def _on_the_way(self) -> bool:
+        """Whether what is touched stands beside the line, on the way to its beginning."""
+        line = self.frame.line
+        return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
 
     def _beneath(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""

@@ -6,15 +6,19 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.coverage import MAX_DETOURS
+from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import COLUMN, LIFT, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
-from lwrprobe_strategies.planning.retraction import goes_up, off_surface, return_path
+from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import transit
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
@@ -180,3 +184,33 @@ def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
     path = return_path(seen([0.0, 0.01, 0.006], rotation=leaning), free)
     assert np.allclose(path[0].rotation, leaning)
     assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"
+
+
+def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():
+    place, normal = [0.01, 0.0, 0.03], np.array([0.6, 0.0, -0.8])
+    (out,) = out_from_under(seen(place, 1.0), normal, 0.005)
+    edge = np.array(place) - 0.005 * normal
+    assert out.speed_limit is SpeedLimit.GUARDED
+    assert out.place[2] == pytest.approx(place[2])
+    assert out.place[0] - edge[0] == pytest.approx(0.006), "past the edge by a millimetre"
+    assert out_from_under(seen(place, 1.0), np.array([0.0, 0.2, -0.98]), 0.005) == [], "right under it is no way out"
+    assert out_from_under(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.005) == []
+    assert out_from_under(seen(place), normal, 0.005) == []
+
+
+def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_the_line():
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    line = strategy.frame.line
+    strategy.tip.trace.running.clear()
+    strategy.tip.trace.ended = transit
+    for aside, expected in ((0.0, "contour"), (0.01, "way")):
+        place = line.start
+        place[line.aside] += aside
+        strategy.tip.observe(seen(place, 1.0))
+        strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
+        next(strategy.following(Ended.CONTACT))
+        assert (strategy.tip.trace.running[-1] is transit) == (expected == "way")
+        strategy.tip.trace.running.clear()
+    strategy.detours = MAX_DETOURS
+    assert strategy.following(Ended.CONTACT) is None, "not for ever"
