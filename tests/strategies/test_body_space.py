@@ -160,3 +160,15 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert low_sides(touched(z_low=0.008), Y, xs, AREA, PITCH, found, leans, lambda line: True) == []
     ends = low_sides(touched(), X, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
     assert ends == [], "no touch faces along x"
+
+
+def test_the_body_may_come_back_the_way_it_went_whatever_is_known_beside_it():
+    found = space()
+    way = [pose(0.0, y, 0.0075, leaning(20.0)) for y in np.arange(-0.055, -0.0349, 0.001)]
+    assert not found.allows(pose(0.0, -0.055, 0.1), way[-1])
+    for there in way:
+        found.note(there, False)
+    found.survey()
+    assert found.depth(np.array(way)).max() <= 0.002
+    assert found.allows(way[-1], way[0])
+    assert not found.allows(way[-1], pose(0.0, -0.02, 0.0075, leaning(20.0)))

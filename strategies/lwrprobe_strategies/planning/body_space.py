@@ -2,13 +2,14 @@
 
 Nothing is above the tallest that the area may hold, on the area's border, and beyond it. Where the upright stick stood
 nothing is above the sphere. Between two lines, no farther apart than the spacing, the object is taken to be no taller
-than on either of them, half a spacing to both sides. Everything else counts as full up to the tallest.
+than on either of them, half a spacing to both sides. Where the body itself has been it may come back. Everything else
+counts as full up to the tallest.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter
 
 from lwrprobe.contracts import LinkShape, Task
 from lwrprobe.kinematics import straight_line
@@ -26,6 +27,8 @@ BELOW = 0.8
 """Of the sphere's radius, as far below its centre nothing is in the squares around, where it touches nothing."""
 WORSE = 0.001
 """m by which the body may be deeper than it may go: a surface is left with a motion that is not quite level."""
+WIDER = 2
+"""Squares to all sides of where the body was, in which it may be again."""
 STILL = 1e-5
 """m of depth that is no change."""
 LOW = -1.0
@@ -55,6 +58,7 @@ class BodySpace:
         self._points: np.ndarray = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
         self._column: tuple[int, int, float] = (-1, -1, np.inf)
         self._changed = True
+        self._swept, self._last_swept = np.full(shape, np.inf), np.zeros((4, 4))
         self._height = np.full(shape, self._top)
         self._rotation, self._turned, self._lowest = np.zeros((3, 3)), self._points, 0.0
 
@@ -66,6 +70,7 @@ class BodySpace:
 
     def note(self, pose: np.ndarray, touches: bool) -> None:
         """The tip is at a pose (4, 4), and touches something or nothing; called with every sample."""
+        self._sweep(pose)
         if -pose.item(2, 2) <= UPRIGHT:
             return
         x, y, z = pose[:3, 3].tolist()
@@ -86,7 +91,24 @@ class BodySpace:
         stood[[0, -1], :], stood[:, [0, -1]] = -np.inf, -np.inf
         known = stood < self._top
         between = np.minimum(_between(stood, known, self._spacing), _between(stood.T, known.T, self._spacing).T)
-        self._height = np.minimum(np.where(known, stood, between), self._top)
+        swept = minimum_filter(self._swept, 2 * WIDER + 1) + WORSE
+        self._height = np.minimum(np.minimum(np.where(known, stood, between), swept), self._top)
+
+    def _sweep(self, pose: np.ndarray) -> None:
+        """The body is there itself, so nothing else is: it may come back."""
+        points = self._at(pose[:3, :3])
+        if pose.item(2, 3) + self._lowest >= self._top or np.abs(pose - self._last_swept)[:3].max() < GRAIN / 3.0:
+            return
+        self._last_swept, self._changed = pose.copy(), True
+        i, j, z, inside = self._cells_of(points, pose)
+        np.minimum.at(self._swept, (i, j), z[inside])
+
+    def _cells_of(self, points: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Squares (k,) and (k,) of the points inside the area, heights (n,) m of all, and which are inside (n,)."""
+        cells = np.round((points[:, :2] + (pose[:2, 3] - self._low)) / CELL).astype(np.int64)
+        inside = ((cells > 0) & (cells < self._last)).all(axis=1)
+        i, j = cells[inside].T
+        return i, j, points[:, Z] + pose[2, 3], inside
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
         """(n,) m, how far the body is at tip poses (n, 4, 4) in what is not known to be free; negative above it."""
@@ -95,11 +117,9 @@ class BodySpace:
             points = self._at(pose[:3, :3])
             if pose[2, 3] + self._lowest >= self._top:
                 continue
-            cells = np.round((points[:, :2] + (pose[:2, 3] - self._low)) / CELL).astype(np.int64)
-            inside = ((cells > 0) & (cells < self._last)).all(axis=1)
+            i, j, z, inside = self._cells_of(points, pose)
             if inside.any():
-                i, j = cells[inside].T
-                depths[k] = (self._height[i, j] - points[inside, Z]).max() - pose[2, 3]
+                depths[k] = (self._height[i, j] - z[inside]).max()
         return depths
 
     def allows(self, begin: np.ndarray, end: np.ndarray) -> bool:
