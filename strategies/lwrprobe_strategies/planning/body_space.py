@@ -106,7 +106,7 @@ class BodySpace:
     def _cells_of(self, points: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Squares (k,) and (k,) of the points inside the area, heights (n,) m of all, and which are inside (n,)."""
         cells = np.round((points[:, :2] + (pose[:2, 3] - self._low)) / CELL).astype(np.int64)
-        inside = ((cells > 0) & (cells < self._last)).all(axis=1)
+        inside: np.ndarray = np.logical_and.reduce((cells > 0) & (cells < self._last), axis=1)
         i, j = cells[inside].T
         return i, j, points[:, Z] + pose[2, 3], inside
 
