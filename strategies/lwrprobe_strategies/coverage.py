@@ -212,11 +212,11 @@ class Coverage(SkillStrategy):
         self.frame = self.frame.upright()
         line = self.frame.line
 
-        def piece(here: np.ndarray) -> tuple[np.ndarray, bool]:
-            end, careful = stretch(line, here, self.tip.memory, self.beside)
+        def piece(here: np.ndarray) -> tuple[np.ndarray, float]:
+            end, times = stretch(line, here, self.tip.memory, self.beside)
             target = line.at(end)
             target[Z] = here[Z]
-            return target, careful
+            return target, times
 
         rest, self.rest = self.rest, False
         return guarded_move(self.tip, line.at(line.end), line.ahead, piece, line.grid_x, rest)

@@ -13,6 +13,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds, body
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
@@ -27,9 +28,6 @@ STICK = "stick"
 """Name of the stick among the probe's links."""
 SIDEWAYS = 0.1
 """Share of a motion across the stick, up to which the stick goes where it has been."""
-UNEXPECTED = 3.0
-"""Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
-then gives about 1.5 times the force limit, near its middle no more than the limit."""
 UPWARDS = 0.7
 """Share of a motion along z, from which on it leads up a wall, and under what stands out from it."""
 NEAR = 0.0015

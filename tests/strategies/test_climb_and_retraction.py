@@ -16,7 +16,7 @@ from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
-from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, stretch
+from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import transit
 from strategy_task import AREA, DOWN, task
@@ -90,12 +90,12 @@ def wall(y, x=0.0, normal=(0.0, -1.0, 0.0)):
 
 
 def pieces(line, touched):
-    """(begin, end, whether with care) of all pieces in which a line is driven."""
+    """(begin, end, times the stick's speed) of all pieces in which a line is driven."""
     here, found = line.start, []
     while abs(here[line.axis] - line.end) > 1e-9:
-        end, careful = stretch(line, here, touched, 0.015)
+        end, times = stretch(line, here, touched, 0.015)
         assert line.sign * (end - here[line.axis]) > 1e-4, "each piece leads on"
-        found.append((float(here[line.axis]), end, careful))
+        found.append((float(here[line.axis]), end, times))
         here = line.at(end)
         assert len(found) < 6
     return found
@@ -105,18 +105,25 @@ LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
 
 
 def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
-    assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, True)]
+    assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, 1.0)]
     passed = ContactMemory()
     passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
-    assert pieces(LINE, passed) == [(-BORDER, BORDER, False)], "the line beside met nothing"
-    assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2], "too far beside"
+    assert pieces(LINE, passed) == [(-BORDER, BORDER, np.inf)], "the line beside met nothing"
+    assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2] == 1.0, "too far beside"
 
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
-    first, second, third = pieces(LINE, wall(-0.03, 0.01))
-    assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), False)
-    assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), True)
-    assert third[1:] == (BORDER, False)
+    touched = wall(-0.03, 0.01)
+    first, second, third = pieces(LINE, touched)
+    assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), np.inf)
+    assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), 1.0)
+    assert third[1:] == (BORDER, np.inf)
+    up = np.array([0.0, 0.0, 1.0])
+    for y in (-0.02, 0.025):
+        touched.add(np.array([0.01, y, 0.04]), np.array([0.01, y, 0.035]), up, 0.01)
+    *_, third, fourth = pieces(LINE, touched)
+    assert third[1:] == (pytest.approx(0.025), UNEXPECTED), "where the line beside went over it something may stand out"
+    assert fourth[1:] == (BORDER, np.inf)
 
 
 def seen(place, confidence=None, rotation=DOWN, clearance=None):
