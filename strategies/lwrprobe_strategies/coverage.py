@@ -16,6 +16,7 @@ Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from math import hypot
 from typing import ClassVar
 
@@ -23,7 +24,17 @@ import numpy as np
 
 from lwrprobe.contracts import Done, Progress
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.outcomes import (
+    Blocked,
+    CollisionThreat,
+    Ended,
+    Jammed,
+    Lost,
+    Outcome,
+    Overload,
+    UnknownSpace,
+)
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
@@ -31,12 +42,30 @@ from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
-from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, return_path
+from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills import Procedure, follow_contour, guarded_move, reapproach, release, reorient, transit
+from lwrprobe_strategies.skills import (
+    Procedure,
+    follow_contour,
+    guarded_move,
+    reapproach,
+    release,
+    reorient,
+    retract,
+    transit,
+)
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
+
+NEAR_SIDE = -0.3
+"""Share of the normal along the line, below which the line leads into the object."""
+BESIDE_LINE = 0.002
+"""m across a line, from which on what is touched is not on it."""
+MAX_DETOURS = 2
+"""Times that the way to one line is begun again."""
+ONWARD = 0.2
+"""Share of a retraction along the line: the grid's direction is kept."""
 
 
 class Coverage(SkillStrategy):
@@ -55,8 +84,10 @@ class Coverage(SkillStrategy):
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
-        self.lines = self.scheduler()
         self.upright = self.tip.rotation
+        body = BodySpace(self.task, self.options.step)
+        self.tip.body = body if body.needed else None
+        self.lines = self.scheduler()
         self.rest, self.back = False, np.inf
         self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
@@ -69,10 +100,11 @@ class Coverage(SkillStrategy):
 
     def scheduler(self) -> LineScheduler:
         """Which line comes next."""
-        return LineScheduler(self.task, self.tip.memory, self.options)
+        return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.leans)
 
     def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
+        self.detours = 0
         skill: Procedure | None = self.approach(line, retraction)
         outcome: Outcome = Ended.ARRIVED
         while skill is not None:
@@ -83,6 +115,8 @@ class Coverage(SkillStrategy):
                 skill = release(self.tip, self.frame)
             except CollisionThreat:
                 skill = self.answer_threat()
+            except UnknownSpace:
+                skill = self.answer_unknown()
             except (Blocked, Jammed):
                 skill = self.give_up()
         return outcome
@@ -95,6 +129,8 @@ class Coverage(SkillStrategy):
             case Ended.TABLE:
                 self.tip.leave()
                 return self.along_line()
+            case Ended.CONTACT if self._on_the_way():
+                return self.approach_again()
             case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
                 return self.along_surface()
             case Ended.TURNED:
@@ -121,7 +157,11 @@ class Coverage(SkillStrategy):
 
     def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
         """The line as it is to be driven, and the orientation (3, 3) of the tip at its beginning."""
-        return line, self.upright
+        return line, self.upright if line.rotation is None else line.rotation
+
+    def leans(self, away: np.ndarray) -> Sequence[np.ndarray]:
+        """Orientations (3, 3) in which a side may be touched that faces along a horizontal unit vector (3,)."""
+        return (self.upright,)
 
     def leaves_descents(self, line: Line) -> bool:
         """Whether a wall down which the line leads may be climbed from its other end instead."""
@@ -143,24 +183,35 @@ class Coverage(SkillStrategy):
         self.threats, self.circling = 0, CirclingWatch(self.task.area)
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
+        if tip.body is not None:
+            tip.body.survey()
         line, tip.rotation = self.prepared(line, start)
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear)
+        allows = tip.body.allows if tip.body is not None else (lambda begin, end: True)
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, allows)
         return transit(tip, retraction + path, before)
+
+    def approach_again(self) -> Procedure | None:
+        """Back from what stood in the way to the beginning of the line, and there by what is known now."""
+        self.detours += 1
+        if self.detours > MAX_DETOURS:
+            return self.give_up()
+        self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
+        return self.approach(self.frame.line, self.retraction())
 
     def along_line(self) -> Procedure:
         """On along the line until something is touched."""
         self.frame = self.frame.upright()
         line = self.frame.line
 
-        def piece(here: np.ndarray) -> tuple[np.ndarray, bool]:
-            end, careful = stretch(line, here, self.tip.memory, self.beside)
+        def piece(here: np.ndarray) -> tuple[np.ndarray, float]:
+            end, times = stretch(line, here, self.tip.memory, self.beside)
             target = line.at(end)
             target[Z] = here[Z]
-            return target, careful
+            return target, times
 
         rest, self.rest = self.rest, False
         return guarded_move(self.tip, line.at(line.end), line.ahead, piece, line.grid_x, rest)
@@ -175,7 +226,7 @@ class Coverage(SkillStrategy):
 
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
-        descent = DescentWatch(self.task, self.tip.control, self.tip.memory, self.tip.free)
+        descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
 
         def until() -> Outcome | None:
             turn = self.turn_wanted()
@@ -192,6 +243,8 @@ class Coverage(SkillStrategy):
                     return Ended.NEXT_LINE
                 onward = self.lines.towards_next()
                 return Ended.LINE_END if turned_back(self.tip.control, self.frame, onward) else None
+            if self.tip.here[Z] > self.frame.line.ceiling and self.tip.control.tangent(self.frame.binormal)[Z] > 0.0:
+                return Ended.LINE_END
             if at_table(self.tip.control, self.frame, self.tip.here):
                 return Ended.TABLE
             upright = self.tip.rotation is self.upright
@@ -224,6 +277,17 @@ class Coverage(SkillStrategy):
             return self.raise_line()
         self.threats += 1
         return self.avoid()
+
+    def answer_unknown(self) -> Procedure | None:
+        """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
+        self.threats += 1
+        return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
+
+    def retract_onward(self) -> Procedure:
+        """Off the surface, and on along the line."""
+        away = self.tip.control.normal.copy()
+        away[Z] = max(away[Z], 0.0)
+        return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
     def give_up(self) -> Procedure | None:
         """Leave the line where it is; its fallback comes next, or the next line."""
@@ -258,10 +322,15 @@ class Coverage(SkillStrategy):
         tip.leave()
         back, self.back = self.back, np.inf
         if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):
-            return return_path(tip.seen, tip.free, back)
+            return return_path(tip.seen, tip.free, back) or out_from_under(tip.seen, normal, self.task.probe.radius)
         if tip.trace.ended is guarded_move and not tip.leaving:
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
+
+    def _on_the_way(self) -> bool:
+        """Whether what is touched stands beside the line, on the way to its beginning."""
+        line = self.frame.line
+        return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
 
     def _beneath(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""

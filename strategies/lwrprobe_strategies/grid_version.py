@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from lwrprobe_strategies.coverage import Coverage
-from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.skills import Procedure, retract
+from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
+from lwrprobe_strategies.skills import Procedure
 
 MAX_THREATS = 2
 """On one line; what still comes near after as many is given up."""
-NEAR_SIDE = -0.3
-"""Share of the normal along the line, below which the line leads into the object."""
-ONWARD = 0.2
-"""Share of the retraction along the line: the grid's direction is kept."""
 
 
 class GridVersion(Coverage):
@@ -23,8 +18,7 @@ class GridVersion(Coverage):
         Before an object's near side the line leads into the object: there, and after a second threat on the same
         line, the line is given up and the next one begins from above.
         """
-        line, away = self.frame.line, self.tip.control.normal.copy()
-        if self.threats > MAX_THREATS or away @ line.ahead < NEAR_SIDE or line.outline:
+        line = self.frame.line
+        if self.threats > MAX_THREATS or self.tip.control.normal @ line.ahead < NEAR_SIDE or line.outline:
             return self.give_up()
-        away[Z] = max(away[Z], 0.0)
-        return retract(self.tip, self.frame, away + ONWARD * line.ahead, self.options.retreat)
+        return self.retract_onward()

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import InputError
-from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
-from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, Y, Z
-from lwrprobe_strategies.planning.paths import BORDER
+from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.skills import Procedure, follow_contour
 from lwrprobe_strategies.supervisor import Program
 
@@ -51,9 +51,8 @@ class OrientationChange(Coverage):
     """A threat in Z_Y turns the probe so that it points at the object, and the contour goes on; in X_Y it goes to Z_Y.
 
     Departures: the direction of the turn follows from the surface's normal at the contact, where the source chooses
-    between two fixed orientations. And where the object may be taller than the stick is long, lines begin at the lowest
-    height with the probe leaning back, so that the near side is touched from its foot upwards as well; the source
-    drives them above the height at which an upright probe is safe.
+    between two fixed orientations. And where the object may be taller than the stick is long, its sides are touched
+    from their feet upwards afterwards, with the probe leaning back into space that is known to be free.
     """
 
     Config: ClassVar[type] = OrientationChangeConfig
@@ -73,6 +72,8 @@ class OrientationChange(Coverage):
             return self.give_up()
         if self.frame.level:
             return self.contour_upright()
+        if self.tip.rotation is self.upright:
+            return self._on_along_line()
         foot = np.array([tip.here[0], tip.here[1], self.floor])
         min_angle = self.planner.angle(tip.rotation) + MORE if self.threats > 1 else 0.0
         rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
@@ -81,41 +82,40 @@ class OrientationChange(Coverage):
         tip.rotation, self.leaning_since = rotation, float(tip.here[Z])
         return self.turn()
 
+    def answer_unknown(self) -> Procedure | None:
+        """Leaning does not help where nothing is known of what is there."""
+        self.threats += 1
+        on = self.tip.rotation is self.upright and self.tip.trace.ended is follow_contour
+        return self._on_along_line() if on else self.give_up()
+
+    def _on_along_line(self) -> Procedure | None:
+        """Off a far side, and on along the line: its foot is touched afterwards."""
+        line = self.frame.line
+        near_side = self.tip.control.normal @ line.ahead < -NEAR_SIDE
+        if near_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
+            return self.give_up()
+        return self.retract_onward()
+
     def _away(self) -> np.ndarray:
         """(3,) horizontal, off the surface that is followed and off what comes near."""
         near, tip = self.tip.seen.clearance, self.tip
-        assert near is not None
-        away = horizontal(near.on_robot - near.on_map)
+        away = np.zeros(3) if near is None or not near.threatens else horizontal(near.on_robot - near.on_map)
         if tip.trace.ended is follow_contour:
             return horizontal(away + SURFACE_WEIGHT * horizontal(tip.control.normal))
         return horizontal(away + horizontal(-tip.rotation[:, Z]))  # what stands ahead is unknown: lean back from it
 
     def turn_wanted(self) -> np.ndarray | None:
         """Upright again as soon as that is safe: above where the body is clear, and above what it leaned away from."""
-        if self.tip.rotation is self.upright:
+        if self.tip.rotation is self.upright or self.frame.line.rotation is not None:
             return None
         safe = max(self.lines.height, self.leaning_since) + ABOVE
         return self.upright if self.tip.here[Z] > safe else None
 
-    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
-        """From the lowest height and leaning back, away from what may stand ahead, where the arm can do that."""
-        self.leaning_since = -np.inf
-        if line.on_surface or line.outline or line.raised or line.height <= self.floor + ON_FLOOR:
-            return line, self.upright
-        low = replace(line, height=self.floor)
-        back = -line.ahead
-        if line.axis == Y:
-            back = horizontal(back + self._outward(line.place))
-        # On the border it turns where it stands; elsewhere it comes over the top, where nothing is.
-        beside = line.axis == Y and abs(here[Y] - line.begin) < BORDER
-        over = np.array([low.start[0], low.start[1], self.task.area.upper[Z]])
-        way = [low.start, low.at(0.5 * (low.begin + low.end))]
-        rotation = self.planner.lean(back, [here] if beside else [], way if beside else [over, *way])
-        return (line, self.upright) if rotation is None else (low, rotation)
+    def leans(self, away: np.ndarray) -> Sequence[np.ndarray]:
+        """Upright, or leaning away from the side, which may stand ahead of the stick."""
+        return (self.upright, *self.planner.orientations(away))
 
-    def _outward(self, x: float) -> np.ndarray:
-        """(3,) off the object's end in x, on lines beyond what was touched: how far it goes on is not known yet."""
-        touched = self.tip.memory.contacts()[:, 0]
-        if len(touched) and not touched.min() <= x <= touched.max():
-            return np.array([np.sign(x - touched.min()), 0.0, 0.0])
-        return np.zeros(3)
+    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
+        """As the line says; what made the probe lean on the line before counts no more."""
+        self.leaning_since = -np.inf
+        return super().prepared(line, here)

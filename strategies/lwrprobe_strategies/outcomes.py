@@ -79,6 +79,12 @@ class CollisionThreat(Interruption):
     event = "collision threat"
 
 
+class UnknownSpace(Interruption):
+    """The last motion would take the body behind the stick, which feels nothing, where something may be."""
+
+    event = "the body would enter unknown space"
+
+
 class Blocked(Interruption):
     """The last motion could not be carried out."""
 

@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import STRATEGY_CONTRACT, Bounds, Done, Motion, Observation, Progress, Task
+from lwrprobe.contracts import STRATEGY_CONTRACT, Bounds, Done, Goal, Motion, Observation, Progress, Task
 from lwrprobe_strategies.blind_start import BlindStart, bounded
-from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload, UnknownSpace
 from lwrprobe_strategies.skills.skill import Skill
 from lwrprobe_strategies.tip import MAX_PERIOD, Tip
 from lwrprobe_strategies.trace import Row
@@ -29,6 +29,11 @@ JAM_DISTANCE = 0.002
 """s and m: a tip that follows a surface and has not come further than this in that time is stuck."""
 NEARER = 0.0005
 """m by which a link may come nearer after a threat has been answered, before that is a new threat."""
+
+AHEAD = 0.1
+"""s for which the body must be able to go on: no brake takes longer."""
+MAX_REFUSED = 100
+"""Motions in a row that are refused, after which the strategy has none that leads on."""
 
 
 class Supervisor:
@@ -90,6 +95,32 @@ class Supervisor:
         return bool(np.abs(here - place).max() < JAM_DISTANCE)
 
 
+class BodyCheck:
+    """Decides with every motion whether it would take the body behind the stick where something may be.
+
+    Parameters
+    ----------
+    tip : what the skills share
+    """
+
+    def __init__(self, tip: Tip) -> None:
+        self._tip = tip
+
+    def refuses(self, motion: Motion) -> bool:
+        """Whether a motion from where the tip is must not be sent."""
+        body, here = self._tip.body, self._tip.seen.pose
+        if body is None or isinstance(motion, Done):
+            return False
+        ahead = here.copy() if motion.pose is None else motion.pose.copy()
+        if isinstance(motion, Goal):
+            way = motion.pose[:3, 3] - here[:3, 3]
+            length = max(float(np.sqrt(way @ way)), 1e-9)
+            ahead[:3, 3] = here[:3, 3] + min(AHEAD * motion.speed / length, 1.0) * way
+        else:
+            ahead[:3, 3] = here[:3, 3] + AHEAD * motion.velocity
+        return not body.allows(here, ahead)
+
+
 class SkillStrategy(ABC):
     """A strategy written as a program of skills; `program` is all that it has to define.
 
@@ -125,7 +156,7 @@ class SkillStrategy(ABC):
     def start(self, task: Task) -> None:
         """Take over: the tip rests in free space. The program runs up to its first motion."""
         self.task, self.tip = task, Tip(task)
-        self._supervisor = Supervisor(self.tip)
+        self._supervisor, self._check = Supervisor(self.tip), BodyCheck(self.tip)
         self.bounds = None
         self._program = self.program() if task.search_for is None else self._blind_program()
         self._done: Done | None = None
@@ -168,6 +199,13 @@ class SkillStrategy(ABC):
             else:
                 trace.event = interruption.event
                 motion = self._program.throw(interruption)
+            for _ in range(MAX_REFUSED):
+                if not self._check.refuses(motion):
+                    break
+                trace.event = UnknownSpace.event
+                motion = self._program.throw(UnknownSpace())
+            else:
+                raise UnknownSpace
         except StopIteration as stop:
             motion = self._done = stop.value
         except Interruption as escaped:

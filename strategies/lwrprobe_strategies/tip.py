@@ -8,10 +8,12 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, Observation, Task
 from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds, body
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
@@ -26,9 +28,8 @@ STICK = "stick"
 """Name of the stick among the probe's links."""
 SIDEWAYS = 0.1
 """Share of a motion across the stick, up to which the stick goes where it has been."""
-UNEXPECTED = 3.0
-"""Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
-then gives about 1.5 times the force limit, near its middle no more than the limit."""
+UPWARDS = 0.7
+"""Share of a motion along z, from which on it leads up a wall, and under what stands out from it."""
 NEAR = 0.0015
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
 reaches 3 mm further out, would have met a plain wall before."""
@@ -52,6 +53,7 @@ class Tip:
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
     overhangs : where the stick may be met before the sphere
+    body : where the body behind the stick may go, None where it is above all that may be there, or nobody asks
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
     """
@@ -67,6 +69,7 @@ class Tip:
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
         self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.body: BodySpace | None = None
         self.leaving = False
         self.trace = Trace()
         self._samples = 0
@@ -87,6 +90,7 @@ class Tip:
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, min(wide, default=inf))
         self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.body = None
 
     def observe(self, seen: Observation) -> None:
         """Take over a sample."""
@@ -101,6 +105,8 @@ class Tip:
         self.reliable = contact is not None and contact.confidence is Confidence.RELIABLE
         self.free.note(seen.pose, contact.normal if contact is not None and self.reliable else None)
         self.overhangs.note(seen.pose, contact)
+        if self.body is not None:
+            self.body.note(seen.pose, contact is not None)
         if contact is None:
             self.leaving = False
 
@@ -150,6 +156,14 @@ class Tip:
             if reach > self.task.probe.radius and closing > TOWARDS * side:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
+
+    def climb_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
+        where it does not go up or where what is above is known.
+        """
+        if along[2] < UPWARDS or not self.overhangs.above(self.here):
+            return inf
+        return self.control.column_speed / float(along[2])
 
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""

@@ -87,3 +87,16 @@ def test_too_much_force_yields_and_too_little_presses():
         velocity = control.velocity(normal, force, binormal, 0.02, DOWN, 0.008)
         assert np.sign(velocity @ normal) == sign
         assert velocity[1] > 0.0
+
+
+@pytest.mark.parametrize("stiffness", [2e3, 2e4, 3e5])
+def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffness):
+    t = replace(task(stiffness=stiffness), contour_speed=1.0)
+    control = ContourControl(t)
+    wall = np.array([0.0, -1.0, 0.0])
+    control.begin(wall)
+    down = -float(control.velocity(wall, t.force_target, (-1.0, 0.0, 0.0), 1.0, DOWN, 0.008)[2])
+    assert down > 0.0
+    up = stiffness_along(t, (0.0, 0.0, 1.0))
+    foot = t.force_threshold + up * (down * t.delay + down**2 / (2.0 * t.acceleration))
+    assert foot + 0.3 * t.force_target <= FORCE_RESERVE * t.force_limit * 1.001

@@ -6,15 +6,19 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.coverage import MAX_DETOURS
+from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import COLUMN, LIFT, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
-from lwrprobe_strategies.planning.retraction import goes_up, off_surface, return_path
-from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, stretch
+from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
+from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import transit
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
@@ -36,7 +40,7 @@ def descend(height, travel=1.0, known=True, normal=None, first=0.0):
     if known:
         stand(free, *([-0.01, travel * BORDER, z] for z in np.arange(0.06, 0.006, -0.001)))
     control = ContourControl(t)
-    watch = DescentWatch(t, control, ContactMemory(), free)
+    watch = DescentWatch(t, control, lambda line: float(t.area.lower[2]), free)
     line = Line(1, 0.0, -travel * BORDER, travel * BORDER, 0.006, free_end=True)
     frame = TrackingFrame(line, AREA)
     wall = np.array([0.0, travel, 0.0]) if normal is None else normal
@@ -86,12 +90,12 @@ def wall(y, x=0.0, normal=(0.0, -1.0, 0.0)):
 
 
 def pieces(line, touched):
-    """(begin, end, whether with care) of all pieces in which a line is driven."""
+    """(begin, end, times the stick's speed) of all pieces in which a line is driven."""
     here, found = line.start, []
     while abs(here[line.axis] - line.end) > 1e-9:
-        end, careful = stretch(line, here, touched, 0.015)
+        end, times = stretch(line, here, touched, 0.015)
         assert line.sign * (end - here[line.axis]) > 1e-4, "each piece leads on"
-        found.append((float(here[line.axis]), end, careful))
+        found.append((float(here[line.axis]), end, times))
         here = line.at(end)
         assert len(found) < 6
     return found
@@ -101,18 +105,25 @@ LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
 
 
 def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
-    assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, True)]
+    assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, 1.0)]
     passed = ContactMemory()
     passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
-    assert pieces(LINE, passed) == [(-BORDER, BORDER, False)], "the line beside met nothing"
-    assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2], "too far beside"
+    assert pieces(LINE, passed) == [(-BORDER, BORDER, np.inf)], "the line beside met nothing"
+    assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2] == 1.0, "too far beside"
 
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
-    first, second, third = pieces(LINE, wall(-0.03, 0.01))
-    assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), False)
-    assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), True)
-    assert third[1:] == (BORDER, False)
+    touched = wall(-0.03, 0.01)
+    first, second, third = pieces(LINE, touched)
+    assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), np.inf)
+    assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), 1.0)
+    assert third[1:] == (BORDER, np.inf)
+    up = np.array([0.0, 0.0, 1.0])
+    for y in (-0.02, 0.025):
+        touched.add(np.array([0.01, y, 0.04]), np.array([0.01, y, 0.035]), up, 0.01)
+    *_, third, fourth = pieces(LINE, touched)
+    assert third[1:] == (pytest.approx(0.025), UNEXPECTED), "where the line beside went over it something may stand out"
+    assert fourth[1:] == (BORDER, np.inf)
 
 
 def seen(place, confidence=None, rotation=DOWN, clearance=None):
@@ -180,3 +191,33 @@ def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
     path = return_path(seen([0.0, 0.01, 0.006], rotation=leaning), free)
     assert np.allclose(path[0].rotation, leaning)
     assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"
+
+
+def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():
+    place, normal = [0.01, 0.0, 0.03], np.array([0.6, 0.0, -0.8])
+    (out,) = out_from_under(seen(place, 1.0), normal, 0.005)
+    edge = np.array(place) - 0.005 * normal
+    assert out.speed_limit is SpeedLimit.GUARDED
+    assert out.place[2] == pytest.approx(place[2])
+    assert out.place[0] - edge[0] == pytest.approx(0.006), "past the edge by a millimetre"
+    assert out_from_under(seen(place, 1.0), np.array([0.0, 0.2, -0.98]), 0.005) == [], "right under it is no way out"
+    assert out_from_under(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.005) == []
+    assert out_from_under(seen(place), normal, 0.005) == []
+
+
+def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_the_line():
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    line = strategy.frame.line
+    strategy.tip.trace.running.clear()
+    strategy.tip.trace.ended = transit
+    for aside, expected in ((0.0, "contour"), (0.01, "way")):
+        place = line.start
+        place[line.aside] += aside
+        strategy.tip.observe(seen(place, 1.0))
+        strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
+        next(strategy.following(Ended.CONTACT))
+        assert (strategy.tip.trace.running[-1] is transit) == (expected == "way")
+        strategy.tip.trace.running.clear()
+    strategy.detours = MAX_DETOURS
+    assert strategy.following(Ended.CONTACT) is None, "not for ever"

@@ -100,3 +100,18 @@ def test_towards_what_is_known_beside_the_stick_it_goes_slowly():
     assert tip.stick_limit(-ALONG) == np.inf
     assert tip.stick_limit(np.array([1.0, 0.0, 0.0])) == np.inf, "along an edge"
     assert tip.stick_limit(np.array([0.0, 0.0, 1.0])) == np.inf, "the stick follows its own column"
+
+
+def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_something_overhangs():
+    tip = Tip(task(approach=0.03))
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    place, up, slope = np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.9, 0.43])
+    tip.here = place
+    wall = np.array([0.0, -1.0, 0.0])
+    touch(tip.overhangs, place, wall)
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "nothing as high was touched"
+    assert tip.climb_limit(slope) == np.inf
+    touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
+    assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
+    touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"

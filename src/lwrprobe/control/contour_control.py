@@ -54,6 +54,8 @@ from a blow."""
 STICK_SHARE = 0.6
 """Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
 directions than in others."""
+FRICTION = 0.3
+"""Of a wall under the sphere, whose share of the wanted force adds to what a foot presses with."""
 DIVE = 0.3
 """Share of the sliding speed along the stick, towards its tip, from which on sliding is also an approach."""
 
@@ -103,6 +105,8 @@ class ContourControl:
         if spare <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
         self._reserve = spare
+        # At a foot the sphere still slides down the wall, whose friction adds to what the foot presses with.
+        self._foot_share = max(spare - FRICTION * task.force_target, 0.0) / spare
         pairs = list(zip(hardest.tolist(), late.tolist()))
         safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed).tolist()
@@ -171,7 +175,7 @@ class ContourControl:
         tx, ty, tz = _perpendicular(nx, ny, nz, *binormal)
         slide, dive = speed, tx * ax + ty * ay + tz * az
         if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
-            slide = min(slide, self._approach(dive))
+            slide = min(slide, self._foot_share * self._approach(dive))
         slide = min(slide, target / (damping / e * TURN))
         slide *= min(max(1.0 - abs(error) / self._slack, MIN_SLIDING), 1.0)
         return np.array((slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz))

@@ -8,6 +8,7 @@ was left. The source descends (Rau 2017, section 4.2.5). What lies in a valley i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import sqrt
 
@@ -15,10 +16,9 @@ import numpy as np
 
 from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, lowest_beside, path_to, seconds
+from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, path_to, seconds
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -39,12 +39,12 @@ class DescentWatch:
     ----------
     task : speeds, area, the probe's links
     control : the tracked normal, and how fast a descent may be
-    memory : what was touched
+    lowest : m, height at which a line may be driven
     free : what the probe has shown to be free
     """
 
-    def __init__(self, task: Task, control: ContourControl, memory: ContactMemory, free: FreeSpace) -> None:
-        self._task, self._control, self._memory, self._free = task, control, memory, free
+    def __init__(self, task: Task, control: ContourControl, lowest: Callable[[Line], float], free: FreeSpace) -> None:
+        self._task, self._control, self._lowest, self._free = task, control, lowest, free
         self._edge: np.ndarray | None = None
         self._decided = False
 
@@ -68,7 +68,7 @@ class DescentWatch:
         # Down the wall from here, should its foot turn out not to be within reach.
         down = Line(line.axis, line.place, float(here[line.axis]), line.end, float(here[Z]), True, float(here[Z]))
         up = Line(line.axis, line.place, line.end, end, float(here[Z]), fallback=down)
-        up = replace(up, height=lowest_beside(up, self._memory.contacts()[:, 3:6], self._task))
+        up = replace(up, height=self._lowest(up))
         return up if self._quicker(seen, up, rotation) else None
 
     def _quicker(self, seen: Observation, up: Line, rotation: np.ndarray) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
@@ -51,6 +53,11 @@ class LeanPlanner:
             if self._task.clear(places) and self._task.reachable([*places, *further]):
                 return rotation
         return None
+
+    def orientations(self, towards: np.ndarray) -> Iterator[np.ndarray]:
+        """(3, 3) each, leaning towards a horizontal unit vector (3,) more and more."""
+        for angle in np.arange(STEP, self._max_angle + 1e-9, STEP):
+            yield turned(UP, towards, angle) @ self._upright
 
     def angle(self, rotation: np.ndarray) -> float:
         """rad between the stick held by `rotation` (3, 3) and the upright one."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class Line:
     fallback : the line to drive where this one has to be given up
     raised : begins above something that the stick has touched
     low : what is above it was passed before, so it is not raised
+    ceiling : m, height above which the surface was touched already
+    rotation : (3, 3) in which it is driven, None = upright
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -47,6 +49,8 @@ class Line:
     low: bool = False
     free_end: bool = False
     raised: bool = False
+    ceiling: float = np.inf
+    rotation: np.ndarray | None = field(default=None, compare=False)
 
     @property
     def sign(self) -> float:

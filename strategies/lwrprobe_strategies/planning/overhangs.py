@@ -27,6 +27,8 @@ AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
+HIGHER = 0.002
+"""m above what is touched now, from which on a touch near it shows how a surface goes on."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
@@ -120,6 +122,18 @@ class Overhangs:
         side = max(hypot(along.item(0), along.item(1)), 1e-9)
         near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
         return self._below_taller(z, near) and not self._faced(z, along, i, j)
+
+    def above(self, place: np.ndarray) -> bool:
+        """Whether the sphere may meet one on the way up a surface, from a place (3,).
+
+        It may where something overhangs near, higher up, and where nothing as high was touched near: nobody knows then
+        what is above.
+        """
+        z, (i, j) = place.item(2), self._cell(place.item(0), place.item(1))
+        near = _window(i, j, self._cells)
+        if self.found and self._overhang[near].max() > z:
+            return True
+        return not self._below_taller(z + HIGHER - self._probe.radius, near)
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))

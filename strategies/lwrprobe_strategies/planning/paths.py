@@ -38,7 +38,7 @@ HOVER = 0.0005
 
 
 Clear = Callable[[np.ndarray, np.ndarray], bool]
-"""Whether an upright probe comes near nothing that was touched on the straight path between two places (3,)."""
+"""Whether the straight path may be taken from one place (3,) to another, or from one tip pose (4, 4) to another."""
 
 
 class SpeedLimit(Enum):
@@ -109,10 +109,12 @@ def path_to(
     free: FreeSpace,
     speeds: Speeds,
     clear: Clear = lambda begin, end: True,
+    allows: Clear = lambda begin, end: True,
 ) -> list[Waypoint]:
     """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so.
+    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so,
+    which is given places, and everywhere where `allows` says so, which is given poses.
     """
     start, top = line.start, float(area.upper[Z])
     if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
@@ -146,7 +148,7 @@ def path_to(
         along += [Waypoint(start, SpeedLimit.GUARDED)] if here[Z] > start[Z] + BORDER else up_from(level, start, free)
         paths.append(along)
     for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
-        if _clear_sideways(path, here, clear):
+        if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
             return path
     return straight_down
 
@@ -178,6 +180,21 @@ def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> boo
         if waypoint.speed_limit is SpeedLimit.GUARDED and sideways and not clear(here, waypoint.place):
             return False
         here = waypoint.place
+    return True
+
+
+def _allowed(path: list[Waypoint], here: np.ndarray, turn: np.ndarray, allows: Clear) -> bool:
+    """Whether a path from `here` (3,), for a tip held by `turn` (3, 3) until a waypoint has another one, is allowed."""
+    begin = np.eye(4)
+    begin[:3, :3], begin[:3, 3] = turn, here
+    for waypoint in path:
+        end = begin.copy()
+        end[:3, 3] = waypoint.place
+        if waypoint.rotation is not None:
+            end[:3, :3] = waypoint.rotation
+        if not allows(begin, end):
+            return False
+        begin = end
     return True
 
 

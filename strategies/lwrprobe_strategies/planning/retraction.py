@@ -11,6 +11,10 @@ from lwrprobe_strategies.planning.paths import HELD, OFF, SpeedLimit, Waypoint
 
 OWN_COLUMN = 0.9
 """Share of the path off a surface along the stick, from which on the path is free: the probe itself fills it."""
+FLANK = 0.4
+"""Share of the normal across z, from which on what is above stands beside the stick and not over it."""
+PAST = 0.001
+"""m between the sphere and what it passes."""
 UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 
@@ -31,6 +35,18 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[
 def return_path(seen: Observation, free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
     """Back on the probe's path: for `distance` m, or to where the path up is free."""
     return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance) or []]
+
+
+def out_from_under(seen: Observation, normal: np.ndarray, radius: float) -> list[Waypoint]:
+    """Sideways to where the sphere, of `radius` m, may pass what it touches with its upper flank on the way up.
+
+    None where it touches nothing above its middle, or is right under that. `normal` (3,) is the surface's.
+    """
+    side = float(np.hypot(normal[0], normal[1]))
+    if seen.contact is None or normal[Z] > UNDER or side < FLANK:
+        return []
+    out = np.array([normal[0] / side, normal[1] / side, 0.0])
+    return [Waypoint(seen.pose[:3, 3] + (radius * (1.0 - side) + PAST) * out, SpeedLimit.GUARDED)]
 
 
 def goes_up(seen: Observation, normal: np.ndarray, upright: np.ndarray) -> bool:

@@ -10,10 +10,12 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
-from lwrprobe_strategies.planning.lines import Grid, Line, Y, Z
+from lwrprobe_strategies.planning.lines import Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
+from lwrprobe_strategies.planning.low_sides import Leans, low_sides
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 
@@ -29,9 +31,18 @@ class LineScheduler:
     task : the area, the probe and where it stands
     memory : the contacts so far; read when the grid is done
     options : how far lines are apart, which one is first, and which follow those of the grid
+    body, leans : where the body of the probe may go, and how it may be held there; None = it is above all there is
     """
 
-    def __init__(self, task: Task, memory: ContactMemory, options: CoverageConfig) -> None:
+    def __init__(
+        self,
+        task: Task,
+        memory: ContactMemory,
+        options: CoverageConfig,
+        body: BodySpace | None = None,
+        leans: Leans = lambda away: (),
+    ) -> None:
+        self._body, self._leans = body, leans
         self._task, self._area, self._memory, self._spacing = task, task.area, memory, options.step
         first = None if options.first_line == "border" else float(task.start[0])
         self.grid = Grid.over(task.area, options.step, first, task.probe.radius)
@@ -41,9 +52,11 @@ class LineScheduler:
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
         self._raised: list[Line] = []
+        self._across = np.empty(0)
         gaps = (
             (options.near_sides, self._near_sides), (options.low_lines, self._low_lines),
-            (options.across, self._lines_across), (options.find_ends, self._outlines),
+            (options.across, self._lines_across), (options.across and options.near_sides, self._low_ends),
+            (options.find_ends, self._outlines),
         )  # fmt: skip
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
 
@@ -96,6 +109,10 @@ class LineScheduler:
 
     def lowest(self, line: Line) -> float:
         """m, height at which a line may be driven beside what was touched."""
+        if self._body is not None:
+            self._body.survey()
+            needed = float(self._body.lowest(line, self._task.orientation)[1][-1]) + self._task.clearance_threshold
+            return min(max(needed, float(self._area.lower[Z])), float(self._area.upper[Z]))
         return lowest_beside(line, self._memory.contacts()[:, 3:6], self._task)
 
     def neighbours(self) -> tuple[float, float] | None:
@@ -137,9 +154,18 @@ class LineScheduler:
         return line if here[Y] <= 0.5 * (low + high) else line.turned()
 
     def _near_sides(self) -> list[Line]:
+        if self._body is not None:
+            return self._low_sides(Y, self.grid.x, self._body)
         contacts, trail = self._memory.contacts(), self._memory.trail()
         raised = np.array([line.place for line in self._raised if line.axis == Y])
         return near_sides(contacts, trail, self._area, self._spacing, self.lowest, raised)
+
+    def _reachable(self, line: Line) -> bool:
+        """Whether the arm can go over the line's beginning, and down and along it."""
+        over = np.array([*line.start[:2], self._area.upper[Z]])
+        poses = np.tile(np.eye(4), (3, 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = line.rotation, (over, line.start, line.at(line.end))
+        return self._task.reachable(list(poses))
 
     def _low_lines(self) -> list[Line]:
         contacts, trail = self._memory.contacts(), self._memory.trail()
@@ -147,7 +173,17 @@ class LineScheduler:
 
     def _lines_across(self) -> list[Line]:
         contacts, trail, floor = self._memory.contacts(), self._memory.trail(), float(self._area.lower[Z])
-        return lines_across(contacts, trail, self.grid.x, self._spacing, floor, self.lowest)
+        lines = lines_across(contacts, trail, self.grid.x, self._spacing, floor, self.lowest)
+        self._across = np.unique([line.place for line in lines])
+        return lines
+
+    def _low_ends(self) -> list[Line]:
+        return [] if self._body is None else self._low_sides(X, self._across, self._body)
+
+    def _low_sides(self, axis: int, places: np.ndarray, body: BodySpace) -> list[Line]:
+        body.survey()
+        contacts, leans = self._memory.contacts(), self._leans
+        return low_sides(contacts, axis, places, self._area, self._spacing, body, leans, self._reachable)
 
     def _outlines(self) -> list[Line]:
         return outlines(self._memory.contacts(), self.grid.x, self.height)

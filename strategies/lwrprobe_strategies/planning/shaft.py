@@ -9,38 +9,49 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import THERE
 
 PASSED = 0.005
-"""m behind a wall that the line beside met, from which on it does not matter any more."""
+"""m behind a wall that the line beside met, from which on it is no longer the same wall that is expected."""
+UNEXPECTED = 3.0
+"""Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
+then gives about 1.5 times the force limit, near its middle no more than the limit."""
+ABOVE = 0.005
+"""m above a line, from which on what the one beside it touched may stand out there."""
 BEHIND = 0.0015
 """m behind the place where the line beside met a wall, from which on this line is driven slowly: what stands out above
 it is flush with that wall, or the wall recedes. The stick is met as far behind as it is thinner than the sphere."""
 
 
-def stretch(line: Line, here: np.ndarray, memory: ContactMemory, beside: float) -> tuple[float, bool]:
-    """m on the line's axis up to which it may be driven in one piece from a place (3,), and whether with care.
+def stretch(line: Line, here: np.ndarray, memory: ContactMemory, beside: float) -> tuple[float, float]:
+    """m on the line's axis up to which it may be driven in one piece from a place (3,), and how fast at most.
 
-    `beside` m is the distance across the line, within which what was driven and touched matters.
+    That is in times the speed at which the stick may be met: 1 where it may well be, `UNEXPECTED` where the line beside
+    went over something, inf where it met nothing. `beside` m is the distance across the line, within which what was
+    driven and touched matters.
     """
     reached = line.sign * float(here[line.axis])
-    begin, end = _careful(line, memory, beside)
-    if end < reached + THERE:
-        return line.end, False
-    if begin <= reached + THERE:
-        return line.sign * min(end, line.sign * line.end), True
-    return line.sign * min(begin, line.sign * line.end), False
+    begin, end, far = _careful(line, memory, beside)
+    last = line.sign * line.end
+    for limit, times in ((begin, np.inf), (end, 1.0), (far, UNEXPECTED)):
+        if reached + THERE < limit:
+            return line.sign * min(limit, last), times
+    return line.end, np.inf
 
 
-def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float]:
-    """The stretch of the line, by the way along it, that is driven with care; empty where it ends before it begins."""
+def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float, float]:
+    """The stretch of the line, by the way along it, that is driven with care, and where that ends beyond which the line
+    beside was above this one; from -inf to inf where nothing is known.
+    """
     touched, trail = memory.contacts(), memory.trail()
     touched = touched[np.abs(touched[:, line.aside] - line.place) < beside]
     if not len(touched) and not (np.abs(trail[:, line.aside] - line.place) < beside).any():
-        return -np.inf, np.inf
+        return -np.inf, np.inf, np.inf
     facing = touched[line.sign * touched[:, 6 + line.axis] < 0.0]
     if not len(facing):
-        return np.inf, -np.inf
+        return np.inf, -np.inf, -np.inf
     wall = float((line.sign * facing[:, line.axis]).min()) + BEHIND
-    return wall, wall + PASSED
+    above = touched[touched[:, Z] > line.height + ABOVE]
+    far = float((line.sign * above[:, line.axis]).max(initial=-np.inf))
+    return wall, wall + PASSED, far

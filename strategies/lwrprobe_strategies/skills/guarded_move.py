@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
@@ -20,8 +20,9 @@ ALIKE = 0.1
 FACING = -0.3
 """Normal along the motion, below which what is being left stands in the way."""
 
-Stretch = Callable[[np.ndarray], tuple[np.ndarray, bool]]
-"""From a place (3,) to how far the tip may go in one piece (3,), and whether with care."""
+Stretch = Callable[[np.ndarray], tuple[np.ndarray, float]]
+"""From a place (3,) to how far the tip may go in one piece (3,), and at how many times the speed at which the stick may
+be met."""
 
 
 @skill(Overload, CollisionThreat, Blocked, seeks_contact=True)
@@ -39,7 +40,7 @@ def guarded_move(
     ----------
     end : (3,) m, where the motion ends without a contact
     ahead : (3,) unit, direction of the motion, None = from here to `end`
-    stretch : how far to go in one piece, None = to the end; with care is as if the stick were met anywhere
+    stretch : how far to go in one piece, None = to the end; and how fast, see `Stretch`
     grid_x : m, of the grid line that is driven, for the memory
     rest : stand still for one sample first
 
@@ -55,10 +56,10 @@ def guarded_move(
     doubt = StickDoubt(rest)
     while True:
         if not doubt.found and (goal is None or tip.seen.goal_reached):
-            target, careful = (end, False) if stretch is None else stretch(tip.here)
+            target, times = (end, inf) if stretch is None else stretch(tip.here)
             speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
-            if careful:
-                speed = min(speed, tip.control.stick_speed(tip.overhangs.reach(tip.here)))
+            if times < inf:
+                speed = min(speed, times * tip.control.stick_speed(tip.overhangs.reach(tip.here)))
             goal = Goal(tip.pose_at(target), speed, guarded_move.name)
         if goal is not None:
             goal = slowed(goal, min(speed, tip.stick_limit(ahead)))

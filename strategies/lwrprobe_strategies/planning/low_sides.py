@@ -1,0 +1,97 @@
+"""Lines up the sides of a tall object, below where the grid's lines touched it.
+
+Over a tall object the grid is driven so high that the body behind the stick is above all that may be there. What the
+grid has shown to be free lets the body come down beside the object, upright or leaning back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.lines import Line, Z
+
+NEAR = 0.0015
+"""m across a line, within which a touch is one of it."""
+FACING = 0.2
+"""Share of the normal along the line, from which on a touch is one of that side."""
+BEYOND = 0.004
+"""m by which a line leads in under what was touched above it."""
+SPARE = 0.0015
+"""m farther than to where the side is expected, that the body must be able to go."""
+HIGHER = 0.0025
+"""m between two heights that are tried."""
+OVERLAP = 0.001
+"""m, by which both contours overlap."""
+
+Leans = Callable[[np.ndarray], Sequence[np.ndarray]]
+"""Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first."""
+
+
+def low_sides(
+    contacts: np.ndarray,
+    axis: int,
+    places: np.ndarray,
+    area: Area,
+    pitch: float,
+    body: BodySpace,
+    leans: Leans,
+    reachable: Callable[[Line], bool],
+) -> list[Line]:
+    """From the border to each side that a line touched, as low as the body may go, and up to where it was touched.
+
+    Parameters
+    ----------
+    contacts : (m, 10) as in `ContactMemory.contacts`
+    axis : along which the lines lead
+    places : (n,) m, of the lines on the other horizontal axis
+    pitch : m, between two lines
+    body : where the body may be
+    leans : how the probe may be held
+    reachable : whether the arm can drive a line
+    """
+    floor = float(area.lower[Z])
+    lines: list[Line] = []
+    for place in np.sort(places).tolist():
+        own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
+        for side, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
+            facing = own[side * own[:, 6 + axis] > FACING]
+            if not len(facing):
+                continue
+            low = facing[np.argmin(facing[:, Z])]
+            if low[Z] - floor <= 0.5 * pitch:
+                continue
+            away, end = np.zeros(3), float(low[axis])
+            away[axis] = side
+            whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
+            slope = max(float(low[8]), 0.0) / (side * float(low[6 + axis]))
+            best: Line | None = None
+            for rotation in leans(away):
+                line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
+                if line is not None and (best is None or line.height < best.height - HIGHER) and reachable(line):
+                    best = line
+                if best is not None and best.height <= floor + HIGHER:
+                    break
+            if best is not None:
+                lines.append(replace(best, end=end - side * BEYOND))
+    return lines
+
+
+def _lowest(line: Line, highest: float, slope: float, body: BodySpace) -> Line | None:
+    """The line at the least height, up to `highest` m, at which the body may go to where the side is expected.
+
+    The side goes out by `slope` m for each m below where it was touched, at the line's end.
+    """
+    assert line.rotation is not None
+    places, needed = body.lowest(line, line.rotation)
+    way = np.abs(places - line.begin)
+    for height in np.arange(line.height, highest, HIGHER).tolist():
+        out = slope * (line.ceiling - height)
+        expected = max(float(way[-1]) - out, 0.0)
+        if needed[np.searchsorted(way, expected - 1e-9)] <= height:
+            return replace(line, height=height)
+    return None

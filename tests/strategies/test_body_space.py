@@ -1,0 +1,174 @@
+"""The body behind the stick goes only where nothing can be; what would lead it elsewhere is not sent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import Area, Done, Goal, Observation, VelocityCommand
+from lwrprobe.scene import load_scene
+from lwrprobe_strategies.outcomes import Ended, UnknownSpace
+from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.lean import UP, turned
+from lwrprobe_strategies.planning.lines import X, Y
+from lwrprobe_strategies.planning.low_sides import low_sides
+from lwrprobe_strategies.skills import guarded_move
+from lwrprobe_strategies.supervisor import SkillStrategy
+from strategy_task import DOWN, task
+
+LINKS = load_scene("block").probe.as_probe().links
+AREA = Area(np.array([-0.085, -0.06, 0.006]), np.array([0.085, 0.06, 0.108]))
+PITCH, LOW, TALL = 0.015, 0.056, 0.105
+"""m; the lines' height, and that of the sphere's centre on a block that is 100 mm high."""
+TALLEST = 0.103
+
+
+def pose(x, y, z, rotation=DOWN):
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = rotation, (x, y, z)
+    return found
+
+
+def leaning(degrees, towards=(0.0, -1.0, 0.0)):
+    return turned(UP, np.array(towards), np.radians(degrees)) @ DOWN
+
+
+def space(lines=(), half=(0.05, 0.025), area=AREA):
+    """What lines along y at some x, over a block with these half edges, show to be free."""
+    found = BodySpace(replace(task(links=LINKS, area=area)), PITCH)
+    wall = half[1] + 0.005
+    for x in lines:
+        over = abs(x) <= half[0] + 0.005
+        for y in np.arange(-0.06, 0.0601, 0.0005):
+            on_top = over and abs(y) < wall
+            found.note(pose(x, y, TALL if on_top else LOW), on_top)
+        for z in np.arange(LOW, TALL, 0.0005) if over else ():
+            found.note(pose(x, -wall, z), True)
+            found.note(pose(x, wall, z), True)
+    found.survey()
+    return found
+
+
+def test_an_object_that_is_lower_than_the_stick_is_long_needs_none():
+    assert BodySpace(task(links=LINKS, area=AREA), PITCH).needed
+    low = Area(AREA.lower, np.array([0.085, 0.06, 0.058]))
+    assert not BodySpace(task(links=LINKS, area=low), PITCH).needed
+
+
+def test_at_first_the_body_stays_above_the_tallest():
+    found = space()
+    above, below = pose(0.0, 0.0, TALLEST - 0.05 + 1e-4), pose(0.0, 0.0, 0.04)
+    assert found.allows(pose(0.0, 0.0, 0.1), above)
+    assert not found.allows(pose(0.0, 0.0, 0.1), below)
+    assert found.allows(below, pose(0.0, 0.0, 0.1)), "what is too deep already may leave"
+    assert not found.allows(pose(0.0, -0.06, 0.006, leaning(12.5)), pose(0.0, -0.04, 0.006, leaning(12.5))), (
+        "leaning back from what is unknown does not make it free"
+    )
+
+
+def test_beside_a_block_the_body_comes_down_as_far_as_the_lines_have_shown():
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+    out, beside = pose(0.0, -0.06, 0.006, leaning(17.5)), pose(0.0, -0.03, 0.0075, leaning(17.5))
+    assert found.allows(out, beside)
+    assert not found.allows(pose(0.0, -0.06, 0.006), pose(0.0, -0.03, 0.0075)), "upright it would meet the wall"
+    depth = found.depth(np.array([pose(0.0, -0.03, 0.006)]))[0]
+    assert depth == pytest.approx(TALLEST - 0.056, abs=1e-3)
+
+
+def test_nothing_is_known_between_lines_that_are_too_far_apart():
+    lines = [-0.075, -0.06, -0.045, -0.03, -0.015, 0.03, 0.045, 0.06, 0.075]
+    whole, gap = space(np.arange(-0.075, 0.0751, PITCH)), space(lines)
+    there = np.array([pose(-0.02, -0.05, 0.0075)])
+    assert whole.depth(there)[0] < 0.0 < gap.depth(there)[0]
+
+
+def test_what_stands_on_one_of_two_lines_may_reach_the_other():
+    found = space([-0.075, -0.06, -0.045, -0.03, -0.015, 0.0, 0.015, 0.03, 0.045, 0.06, 0.075], half=(0.02, 0.025))
+    # The block ends somewhere between the lines at 15 and 30 mm.
+    assert found.depth(np.array([pose(0.03, 0.0, 0.03)]))[0] > 0.02
+    assert found.depth(np.array([pose(0.075, 0.0, 0.0075)]))[0] < 0.0
+
+
+class Straight(SkillStrategy):
+    """Goes to a place, and notes how that ended."""
+
+    Config = object
+
+    def program(self):
+        self.tip.body = BodySpace(self.task, PITCH)
+        self.ended = None
+        try:
+            self.ended = yield from guarded_move(self.tip, self.goal)
+        except UnknownSpace as refused:
+            self.ended = refused
+        while True:
+            yield VelocityCommand(np.zeros(3))
+
+
+@pytest.mark.parametrize(("goal", "allowed"), [((0.0, 0.0, 0.06), True), ((0.0, 0.0, 0.01), False)])
+def test_a_motion_that_leads_the_body_into_the_unknown_is_not_sent(goal, allowed):
+    strategy = Straight()
+    strategy.goal = np.array(goal)
+    strategy.start(replace(task(links=LINKS, area=AREA), start=np.array([0.0, 0.0, 0.108]), tallest=TALLEST))
+    here = pose(0.0, 0.0, 0.108)
+    for k in range(2000):
+        motion = strategy.step(Observation(0.008 * k, here.copy(), np.zeros(3), np.zeros(3)))
+        assert not isinstance(motion, Done)
+        if isinstance(motion, Goal):
+            way = motion.pose[:3, 3] - here[:3, 3]
+            length = float(np.linalg.norm(way))
+            here[:3, 3] += min(0.008 * motion.speed / max(length, 1e-9), 1.0) * way
+        if strategy.ended is not None:
+            break
+    assert (strategy.ended is Ended.NO_CONTACT) == allowed
+    assert isinstance(strategy.ended, UnknownSpace) != allowed
+    assert here[2, 3] + 0.05 > TALLEST - 0.0015
+
+
+def touched(z_low=LOW, slope=0.0, xs=(-0.03, -0.015, 0.0, 0.015, 0.03)):
+    """Contacts of lines along y up both walls of a block, from a height on; `slope` of the walls, outwards below."""
+    normal = np.array([0.0, 1.0, slope]) / np.hypot(1.0, slope)
+    rows = []
+    for x in xs:
+        for side in (-1.0, 1.0):
+            for z in np.arange(z_low, TALL, 0.001):
+                centre = np.array([x, side * (0.03 + slope * (TALL - z)), z])
+                out = normal * (1.0, side, 1.0)
+                rows.append([*centre, *(centre - 0.005 * out), *out, x])
+    return np.array(rows)
+
+
+def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_were_touched():
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+
+    def leans(away):
+        return [DOWN, *[leaning(angle, away) for angle in np.arange(2.5, 40.1, 2.5)]]
+
+    xs = np.array([-0.03, 0.0, 0.03])
+    lines = low_sides(touched(), Y, xs, AREA, PITCH, found, leans, lambda line: True)
+    assert sorted((line.place, line.begin) for line in lines) == sorted((x, y) for x in xs for y in (-0.06, 0.06))
+    for line in lines:
+        assert line.height < 0.01
+        assert line.ceiling == pytest.approx(LOW, abs=0.002)
+        assert 10.0 < np.degrees(np.arccos(line.rotation[:, 2] @ DOWN[:, 2])) < 30.0
+        poses = [pose(line.place, y, line.height, line.rotation) for y in np.linspace(line.begin, line.begin / 2, 9)]
+        assert found.depth(np.array(poses)).max() <= 1e-9
+    assert low_sides(touched(), Y, xs, AREA, PITCH, found, lambda away: [DOWN], lambda line: True) == [], (
+        "upright the body would meet the wall"
+    )
+    assert low_sides(touched(), Y, xs, AREA, PITCH, found, leans, lambda line: False) == []
+    assert low_sides(touched(z_low=0.008), Y, xs, AREA, PITCH, found, leans, lambda line: True) == []
+    ends = low_sides(touched(), X, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+    assert ends == [], "no touch faces along x"
+
+
+def test_the_body_may_come_back_the_way_it_went_whatever_is_known_beside_it():
+    found = space()
+    way = [pose(0.0, y, 0.0075, leaning(20.0)) for y in np.arange(-0.055, -0.0349, 0.001)]
+    assert not found.allows(pose(0.0, -0.055, 0.1), way[-1])
+    for there in way:
+        found.note(there, False)
+    found.survey()
+    assert found.depth(np.array(way)).max() <= 0.002
+    assert found.allows(way[-1], way[0])
+    assert not found.allows(way[-1], pose(0.0, -0.02, 0.0075, leaning(20.0)))
