@@ -208,7 +208,8 @@ class Coverage(SkillStrategy):
         line = self.frame.line
 
         def piece(here: np.ndarray) -> tuple[np.ndarray, float]:
-            end, times = stretch(line, here, self.tip.memory, self.beside)
+            before = self.beside if self.tip.overhangs.found else 0.0
+            end, times = stretch(line, here, self.tip.memory, self.beside, before)
             target = line.at(end)
             target[Z] = here[Z]
             return target, times

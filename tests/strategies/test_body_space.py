@@ -172,3 +172,10 @@ def test_the_body_may_come_back_the_way_it_went_whatever_is_known_beside_it():
     assert found.depth(np.array(way)).max() <= 0.002
     assert found.allows(way[-1], way[0])
     assert not found.allows(way[-1], pose(0.0, -0.02, 0.0075, leaning(20.0)))
+
+
+def test_a_turn_is_looked_at_all_along_it():
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+    outwards, inwards = leaning(25.0, (0.0, -1.0, 0.0)), leaning(25.0, (0.0, 1.0, 0.0))
+    assert found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, leaning(17.5)))
+    assert not found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, inwards))

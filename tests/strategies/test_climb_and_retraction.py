@@ -118,6 +118,9 @@ def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_
     assert first == (-BORDER, pytest.approx(-0.03 + BEHIND), np.inf)
     assert second[1:] == (pytest.approx(-0.03 + BEHIND + PASSED), 1.0)
     assert third[1:] == (BORDER, np.inf)
+    end, times = stretch(LINE, LINE.start, touched, 0.015, 0.01)
+    assert (end, times) == (pytest.approx(-0.04 + BEHIND), np.inf)
+    assert stretch(LINE, LINE.at(-0.035), touched, 0.015, 0.01)[1] == UNEXPECTED, "something overhangs on this object"
     up = np.array([0.0, 0.0, 1.0])
     for y in (-0.02, 0.025):
         touched.add(np.array([0.01, y, 0.04]), np.array([0.01, y, 0.035]), up, 0.01)

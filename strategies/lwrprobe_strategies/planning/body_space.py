@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter
+from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import LinkShape, Task
-from lwrprobe.kinematics import straight_line
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import body
@@ -124,7 +124,7 @@ class BodySpace:
 
     def allows(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the body may go straight between two tip poses (4, 4), deeper nowhere than at the beginning."""
-        depths = self.depth(straight_line(begin, end, STEP, TURN))
+        depths = self.depth(_straight(begin, end))
         return bool(depths.max() <= max(float(depths[0]) + STILL, WORSE))
 
     def lowest(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,6 +156,21 @@ def _between(stood: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray
     column = np.arange(stood.shape[1])[None, :]
     ends = [tall[np.clip(index, 0, len(stood) - 1), column] for index in (last, following)]
     return np.where(near, np.maximum(*ends), np.inf)
+
+
+def _straight(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) tip poses from one to another, both included: the place goes evenly, the orientation about one axis."""
+    way = end[:3, 3] - begin[:3, 3]
+    turn = np.zeros(3)
+    if not np.array_equal(begin[:3, :3], end[:3, :3]):
+        turn = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
+    count = max(int(np.ceil(np.sqrt(way @ way) / STEP)), int(np.ceil(np.sqrt(turn @ turn) / TURN)), 1) + 1
+    share = np.linspace(0.0, 1.0, count)
+    poses = np.tile(begin, (count, 1, 1))
+    poses[:, :3, 3] += share[:, None] * way
+    if turn.any():
+        poses[:, :3, :3] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ begin[:3, :3]
+    return poses
 
 
 def _surface(link: LinkShape) -> np.ndarray:

@@ -24,17 +24,19 @@ BEHIND = 0.0015
 it is flush with that wall, or the wall recedes. The stick is met as far behind as it is thinner than the sphere."""
 
 
-def stretch(line: Line, here: np.ndarray, memory: ContactMemory, beside: float) -> tuple[float, float]:
+def stretch(
+    line: Line, here: np.ndarray, memory: ContactMemory, beside: float, before: float = 0.0
+) -> tuple[float, float]:
     """m on the line's axis up to which it may be driven in one piece from a place (3,), and how fast at most.
 
     That is in times the speed at which the stick may be met: 1 where it may well be, `UNEXPECTED` where the line beside
-    went over something, inf where it met nothing. `beside` m is the distance across the line, within which what was
-    driven and touched matters.
+    went over something, and from `before` m in front of the wall that it met; inf where it met nothing. `beside` m is
+    the distance across the line, within which what was driven and touched matters.
     """
     reached = line.sign * float(here[line.axis])
     begin, end, far = _careful(line, memory, beside)
     last = line.sign * line.end
-    for limit, times in ((begin, np.inf), (end, 1.0), (far, UNEXPECTED)):
+    for limit, times in ((begin - before, np.inf), (begin, UNEXPECTED), (end, 1.0), (far, UNEXPECTED)):
         if reached + THERE < limit:
             return line.sign * min(limit, last), times
     return line.end, np.inf
