@@ -122,6 +122,7 @@ def test_a_wrong_diameter_is_named(drawn):
 
 
 @pytest.mark.parametrize("lost", ["every other one", "all of the second half", "all but twelve"])
+@pytest.mark.slow
 def test_a_wrong_diameter_is_not_accepted_where_touches_are_missing(drawn, lost):
     made = drawn[0][1]
     left = {"every other one": made[::2], "all of the second half": made[: len(made) // 2], "all but twelve": made[:12]}
@@ -129,6 +130,7 @@ def test_a_wrong_diameter_is_not_accepted_where_touches_are_missing(drawn, lost)
         solve(robot(), PROBE, left[lost], REFERENCE + 3e-4, CENTRE[None], 0.0)
 
 
+@pytest.mark.slow
 def test_a_wrong_diameter_is_not_accepted_where_half_of_the_touches_are_bad(drawn):
     random, arm, bad = np.random.default_rng(3), robot(), []
     for k, touch in enumerate(drawn[0][1]):
@@ -140,6 +142,7 @@ def test_a_wrong_diameter_is_not_accepted_where_half_of_the_touches_are_bad(draw
 
 
 @pytest.mark.parametrize("shift", [[9e-4, 0.0, 0.0], [0.0, -4e-4, 4e-4]])
+@pytest.mark.slow
 def test_a_sphere_that_moved_is_refused(drawn, shift):
     made, arm = drawn[0][1], robot()
     half = len(made) // 2

@@ -45,6 +45,7 @@ def test_certificate_and_errors_over_time_are_written(stopped):
     assert "What could still hide" in (stopped.folder / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_loose_certificate_ends_the_run_at_the_first_look():
     settings = {"run.until.certified": LOOSE, "run.until.time": 60.0, "truth.profile": "ideal"}
     s = lp.explore("block", seed=7, settings=settings, progress=False).summary

@@ -71,6 +71,7 @@ def test_half_of_the_kinds_overhang_often_and_the_convex_one_is_convex():
     assert all(mesh_of("hull", seed).is_convex for seed in range(6))
 
 
+@pytest.mark.slow
 def test_seeds_give_different_objects_and_the_same_seed_the_same_in_another_process():
     assert mesh_of("boolean", 1).volume != pytest.approx(mesh_of("boolean", 2).volume, rel=1e-3)
     code = (

@@ -496,7 +496,12 @@ def test_the_documented_figures_are_those_of_the_profiles():
 
 
 @pytest.mark.parametrize(
-    ("scene", "draws"), [("block", 30), ("polystyrene_1", 30), pytest.param("jaw_chuck", 4, marks=pytest.mark.slow)]
+    ("scene", "draws"),
+    [
+        ("block", 30),
+        pytest.param("polystyrene_1", 30, marks=pytest.mark.slow),
+        pytest.param("jaw_chuck", 4, marks=pytest.mark.slow),
+    ],
 )
 def test_an_object_that_may_be_anywhere_stays_off_the_border_and_the_area_says_nothing_of_it(scene, draws):
     area, middles = load_scene(scene, profile="blind").area, []

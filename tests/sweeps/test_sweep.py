@@ -29,7 +29,7 @@ PLAN = """
 scenes = ["sphere"]
 strategies = ["grid_version", "surface_contour"]
 seeds = 2
-set = ["run.time_limit=15.0"]
+set = ["run.time_limit=30.0"]
 
 [[variant]]
 name = "coarse"

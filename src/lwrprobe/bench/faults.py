@@ -71,7 +71,8 @@ class Fault:
 
 # At 20 mm/s, 0.1 s of silence and the stop are 2.5 mm; frozen values are found after 0.5 s.
 FAULTS = (
-    Fault("sensor silent", "ati fault down=1", ("no usable wrench sample",), goes_back=True),
+    # The run and the sensor's driver both wait for 1 s: on a busy host either is the first to say so.
+    Fault("sensor silent", "ati fault down=1", ("no usable wrench sample", "has been silent"), goes_back=True),
     Fault("sensor repeats its last record", "ati fault freeze", ("no usable wrench sample",), goes_back=True),
     Fault("sensor's values stand still", "ati stuck 1 on", ("cannot be relied on", "no usable"), 0.015, goes_back=True),
     Fault("sensor saturated", "ati saturate 1 on", ("end of its range",), goes_back=True),
