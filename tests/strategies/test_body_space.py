@@ -179,3 +179,12 @@ def test_a_turn_is_looked_at_all_along_it():
     outwards, inwards = leaning(25.0, (0.0, -1.0, 0.0)), leaning(25.0, (0.0, 1.0, 0.0))
     assert found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, leaning(17.5)))
     assert not found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, inwards))
+
+
+def test_what_was_touched_on_the_border_goes_on_beyond_it():
+    inside = space(np.arange(-0.075, 0.0751, PITCH))
+    cut = Area(np.array([0.0, -0.06, 0.006]), AREA.upper)
+    through = space(np.arange(0.0, 0.0751, PITCH), area=cut)
+    beyond = np.array([pose(-0.02, 0.0, 0.02)])
+    assert through.depth(beyond)[0] > 0.03
+    assert inside.depth(np.array([pose(-0.11, 0.0, 0.02)]))[0] < 0.0, "nothing stands beside the area"
