@@ -3,7 +3,7 @@
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
 touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere.
 Between two lines, no farther apart than the spacing, the object is taken to be no taller than on either of them, half a
-spacing to both sides. Where the body itself has been it may come back. Everything else counts as full up to the tallest.
+spacing to both sides. Where the body itself has been it may come back. All else counts as full up to the tallest.
 """
 
 from __future__ import annotations
