@@ -95,7 +95,10 @@ class Coverage(SkillStrategy):
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)
             retraction = self.retraction()
-        yield from transit(self.tip, retraction, self.begun)
+        try:
+            yield from transit(self.tip, retraction, self.begun)
+        except UnknownSpace:
+            pass  # nothing is left to do, and the tip may stay where it is
         return Done("area covered")
 
     def scheduler(self) -> LineScheduler:

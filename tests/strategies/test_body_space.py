@@ -7,6 +7,7 @@ import pytest
 
 from lwrprobe.contracts import Area, Done, Goal, Observation, VelocityCommand
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.lean import UP, turned
@@ -179,3 +180,35 @@ def test_a_turn_is_looked_at_all_along_it():
     outwards, inwards = leaning(25.0, (0.0, -1.0, 0.0)), leaning(25.0, (0.0, 1.0, 0.0))
     assert found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, leaning(17.5)))
     assert not found.allows(pose(0.0, -0.04, 0.02, outwards), pose(0.0, -0.04, 0.02, inwards))
+
+
+def test_what_was_touched_on_the_border_goes_on_beyond_it():
+    inside = space(np.arange(-0.075, 0.0751, PITCH))
+    cut = Area(np.array([0.0, -0.06, 0.006]), AREA.upper)
+    through = space(np.arange(0.0, 0.0751, PITCH), area=cut)
+    beyond = np.array([pose(-0.02, 0.0, 0.02)])
+    assert through.depth(beyond)[0] > 0.03
+    assert inside.depth(np.array([pose(-0.11, 0.0, 0.02)]))[0] < 0.0, "nothing stands beside the area"
+
+
+class Nowhere:
+    """Lets the body go nowhere."""
+
+    def note(self, pose, touches):
+        """Nothing is kept."""
+
+    def survey(self):
+        """Nothing is known."""
+
+    def allows(self, begin, end):
+        return False
+
+
+def test_a_last_way_back_that_is_refused_does_not_undo_what_was_done():
+    strategy = GridVersion()
+    strategy.start(task())
+    strategy.lines.next = lambda here: None
+    strategy.tip.body = Nowhere()
+    done = strategy.step(Observation(0.008, pose(0.0, -0.1, 0.06), np.zeros(3), np.zeros(3)))
+    assert isinstance(done, Done)
+    assert done.complete, done.reason

@@ -1,9 +1,9 @@
 """Where the body behind the stick may go: it feels nothing, so it goes only where nothing can be.
 
-Nothing is above the tallest that the area may hold, on the area's border, and beyond it. Where the upright stick stood
-nothing is above the sphere. Between two lines, no farther apart than the spacing, the object is taken to be no taller
-than on either of them, half a spacing to both sides. Where the body itself has been it may come back. Everything else
-counts as full up to the tallest.
+Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
+touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere.
+Between two lines, no farther apart than the spacing, the object is taken to be no taller than on either of them, half a
+spacing to both sides. Where the body itself has been it may come back. All else counts as full up to the tallest.
 """
 
 from __future__ import annotations
@@ -58,8 +58,10 @@ class BodySpace:
         self._points: np.ndarray = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
         self._column: tuple[int, int, float] = (-1, -1, np.inf)
         self._changed = True
+        self._met, self._border = np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
+        self._border[1:-1, 1:-1] = False
         self._swept, self._last_swept = np.full(shape, np.inf), np.zeros((4, 4))
-        self._height = np.full(shape, self._top)
+        self._height = np.where(self._border, -np.inf, self._top)
         self._rotation, self._turned, self._lowest = np.zeros((3, 3)), self._points, 0.0
 
     @property
@@ -79,8 +81,9 @@ class BodySpace:
         if (i, j) == self._column[:2] and z >= self._column[2]:
             return
         self._column, self._changed = (i, j, z), True
-        stood = self._stood[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
-        np.minimum(stood, z, out=stood)
+        near = slice(max(i - 1, 0), max(i + 2, 0)), slice(max(j - 1, 0), max(j + 2, 0))
+        np.minimum(self._stood[near], z, out=self._stood[near])
+        self._met[near] |= touches
 
     def survey(self) -> None:
         """Take what was noted since the last call into account."""
@@ -88,7 +91,7 @@ class BodySpace:
             return
         self._changed = False
         stood = self._stood.copy()
-        stood[[0, -1], :], stood[:, [0, -1]] = -np.inf, -np.inf
+        stood[self._border & ~self._met] = -np.inf
         known = stood < self._top
         between = np.minimum(_between(stood, known, self._spacing), _between(stood.T, known.T, self._spacing).T)
         swept = minimum_filter(self._swept, 2 * WIDER + 1) + WORSE
@@ -101,13 +104,13 @@ class BodySpace:
             return
         self._last_swept, self._changed = pose.copy(), True
         i, j, z, inside = self._cells_of(points, pose)
-        np.minimum.at(self._swept, (i, j), z[inside])
+        np.minimum.at(self._swept, (i[inside], j[inside]), z[inside])
 
     def _cells_of(self, points: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Squares (k,) and (k,) of the points inside the area, heights (n,) m of all, and which are inside (n,)."""
+        """Squares (n,) and (n,) of the points, the nearest ones outside; heights (n,) m, and which are inside (n,)."""
         cells = np.round((points[:, :2] + (pose[:2, 3] - self._low)) / CELL).astype(np.int64)
         inside: np.ndarray = np.logical_and.reduce((cells > 0) & (cells < self._last), axis=1)
-        i, j = cells[inside].T
+        i, j = np.clip(cells, 0, self._last).T
         return i, j, points[:, Z] + pose[2, 3], inside
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
@@ -117,9 +120,8 @@ class BodySpace:
             points = self._at(pose[:3, :3])
             if pose[2, 3] + self._lowest >= self._top:
                 continue
-            i, j, z, inside = self._cells_of(points, pose)
-            if inside.any():
-                depths[k] = (self._height[i, j] - z[inside]).max()
+            i, j, z, _ = self._cells_of(points, pose)
+            depths[k] = (self._height[i, j] - z).max()
         return depths
 
     def allows(self, begin: np.ndarray, end: np.ndarray) -> bool:
