@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from math import hypot
 from typing import ClassVar
 
@@ -95,10 +96,8 @@ class Coverage(SkillStrategy):
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)
             retraction = self.retraction()
-        try:
+        with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
             yield from transit(self.tip, retraction, self.begun)
-        except UnknownSpace:
-            pass  # nothing is left to do, and the tip may stay where it is
         return Done("area covered")
 
     def scheduler(self) -> LineScheduler:
