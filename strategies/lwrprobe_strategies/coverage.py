@@ -64,7 +64,7 @@ NEAR_SIDE = -0.3
 BESIDE_LINE = 0.002
 """m across a line, from which on what is touched is not on it."""
 MAX_DETOURS = 2
-"""Times that the way to one line is begun again."""
+"""Times that the path to one line is begun again."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -131,7 +131,7 @@ class Coverage(SkillStrategy):
             case Ended.TABLE:
                 self.tip.leave()
                 return self.along_line()
-            case Ended.CONTACT if self._on_the_way():
+            case Ended.CONTACT if self._beside_the_line():
                 return self.approach_again()
             case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
                 return self.along_surface()
@@ -197,7 +197,7 @@ class Coverage(SkillStrategy):
         return transit(tip, retraction + path, before)
 
     def approach_again(self) -> Procedure | None:
-        """Back from what stood in the way to the beginning of the line, and there by what is known now."""
+        """Back from what the path met to the beginning of the line, and there by what is known now."""
         self.detours += 1
         if self.detours > MAX_DETOURS:
             return self.give_up()
@@ -330,8 +330,8 @@ class Coverage(SkillStrategy):
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
 
-    def _on_the_way(self) -> bool:
-        """Whether what is touched stands beside the line, on the way to its beginning."""
+    def _beside_the_line(self) -> bool:
+        """Whether what is touched stands beside the line, on the path to its beginning."""
         line = self.frame.line
         return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
 

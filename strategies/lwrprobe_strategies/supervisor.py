@@ -113,9 +113,9 @@ class BodyCheck:
             return False
         ahead = here.copy() if motion.pose is None else motion.pose.copy()
         if isinstance(motion, Goal):
-            way = motion.pose[:3, 3] - here[:3, 3]
-            length = max(float(np.sqrt(way @ way)), 1e-9)
-            ahead[:3, 3] = here[:3, 3] + min(AHEAD * motion.speed / length, 1.0) * way
+            path = motion.pose[:3, 3] - here[:3, 3]
+            length = max(float(np.sqrt(path @ path)), 1e-9)
+            ahead[:3, 3] = here[:3, 3] + min(AHEAD * motion.speed / length, 1.0) * path
         else:
             ahead[:3, 3] = here[:3, 3] + AHEAD * motion.velocity
         return not body.allows(here, ahead)

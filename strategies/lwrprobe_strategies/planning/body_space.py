@@ -162,14 +162,14 @@ def _between(stood: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray
 
 def _straight(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(n, 4, 4) tip poses from one to another, both included: the place goes evenly, the orientation about one axis."""
-    way = end[:3, 3] - begin[:3, 3]
+    motion = end[:3, 3] - begin[:3, 3]
     turn = np.zeros(3)
     if not np.array_equal(begin[:3, :3], end[:3, :3]):
         turn = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
-    count = max(int(np.ceil(np.sqrt(way @ way) / STEP)), int(np.ceil(np.sqrt(turn @ turn) / TURN)), 1) + 1
+    count = max(int(np.ceil(np.sqrt(motion @ motion) / STEP)), int(np.ceil(np.sqrt(turn @ turn) / TURN)), 1) + 1
     share = np.linspace(0.0, 1.0, count)
     poses = np.tile(begin, (count, 1, 1))
-    poses[:, :3, 3] += share[:, None] * way
+    poses[:, :3, 3] += share[:, None] * motion
     if turn.any():
         poses[:, :3, :3] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ begin[:3, :3]
     return poses

@@ -88,10 +88,10 @@ def _lowest(line: Line, highest: float, slope: float, body: BodySpace) -> Line |
     """
     assert line.rotation is not None
     places, needed = body.lowest(line, line.rotation)
-    way = np.abs(places - line.begin)
+    distance = np.abs(places - line.begin)
     for height in np.arange(line.height, highest, HIGHER).tolist():
         out = slope * (line.ceiling - height)
-        expected = max(float(way[-1]) - out, 0.0)
-        if needed[np.searchsorted(way, expected - 1e-9)] <= height:
+        expected = max(float(distance[-1]) - out, 0.0)
+        if needed[np.searchsorted(distance, expected - 1e-9)] <= height:
             return replace(line, height=height)
     return None
