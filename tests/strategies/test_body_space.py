@@ -212,3 +212,21 @@ def test_a_last_way_back_that_is_refused_does_not_undo_what_was_done():
     done = strategy.step(Observation(0.008, pose(0.0, -0.1, 0.06), np.zeros(3), np.zeros(3)))
     assert isinstance(done, Done)
     assert done.complete, done.reason
+
+
+def test_a_motion_is_judged_by_the_depth_of_the_body_on_its_path():
+    found, chance, allowed = space(np.arange(-0.085, 0.0851, PITCH)), np.random.default_rng(5), []
+    for _ in range(300):
+        rotation = (DOWN, leaning(10.0))[chance.integers(2)]
+        begin = pose(*chance.uniform((-0.1, -0.08, 0.006), (0.1, 0.08, 0.15)), rotation)
+        end = begin.copy()
+        end[:3, 3] += chance.uniform(-0.01, 0.01, 3)
+        on_path = np.array([begin + share * (end - begin) for share in np.linspace(0.0, 1.0, 41)])
+        depths = found.depth(on_path)
+        if abs(depths.max() - max(depths[0], 0.001)) < 0.0005:
+            continue  # between two poses that are looked at
+        expected = depths.max() <= max(depths[0], 0.001)
+        assert found.allows(begin, end) == expected
+        allowed.append(expected)
+    assert sum(allowed) > 50
+    assert len(allowed) - sum(allowed) > 10
