@@ -168,14 +168,14 @@ class ContourControl:
         delay, target = self._delay, self._target
         damping = damping_without_overshoot(self._stiffness(axial), delay)
         error = force - target
-        inward = min(self._approach(axial), MAX_INWARD)
+        inward = min(_by_direction(self._safe, axial), MAX_INWARD)
         steady = self._steady + error * period / (damping * RESET_TIME * delay)
         self._steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * speed)
         press = normal_velocity(error, damping, self._steady, inward, MAX_OUTWARD)
         tx, ty, tz = _perpendicular(nx, ny, nz, *binormal)
         slide, dive = speed, tx * ax + ty * ay + tz * az
         if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
-            slide = min(slide, self._foot_share * self._approach(dive))
+            slide = min(slide, self._foot_share * _by_direction(self._safe, dive))
         slide = min(slide, target / (damping / e * TURN))
         slide *= min(max(1.0 - abs(error) / self._slack, MIN_SLIDING), 1.0)
         return np.array((slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz))
@@ -187,7 +187,7 @@ class ContourControl:
         and with a tau that the arm's mass makes longer (`force_law.run_on`); never above the task's approach speed.
         `rotation` (3, 3) is the tip's.
         """
-        return self._approach(float(rotation[:, 2] @ direction))
+        return _by_direction(self._safe, float(rotation[:, 2] @ direction))
 
     def stick_speed(self, reach: float, share: float = STICK_SHARE) -> float:
         """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
@@ -210,7 +210,7 @@ class ContourControl:
         little time is lost. An arm with mass strikes so slowly that it does not bounce.
         """
         axial = float(rotation[:, 2] @ direction)
-        return self._return[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
+        return _by_direction(self._return, axial)
 
     def damping(self, normal: np.ndarray, rotation: np.ndarray) -> float:
         """N s/m of the force law along a unit normal (3,), for a tip held in an orientation (3, 3)."""
@@ -224,15 +224,16 @@ class ContourControl:
         speed = excess / (self._stiffness(float(rotation[:, 2] @ self.normal)) * self.task.delay)
         return along * min(speed, MAX_OUTWARD)
 
-    def _approach(self, axial: float) -> float:
-        """`approach_speed` by the share of the direction along the stick."""
-        return self._safe[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
-
     def _stiffness(self, axial: float) -> float:
         """N/m of object, arm and probe in series, by the share of the normal along the stick."""
         angle = max(acos(min(abs(axial), 1.0)) - CONE, 0.0)
         series, lateral, along = self._compliance
         return 1.0 / (series + sin(angle) ** 2 * lateral + cos(angle) ** 2 * along)
+
+
+def _by_direction(speeds: list[float], axial: float) -> float:
+    """Of the `DIRECTIONS + 1` speeds, the one for a direction with this share along the stick."""
+    return speeds[min(int(abs(axial) * DIRECTIONS) + 1, DIRECTIONS)]
 
 
 def _perpendicular(nx: float, ny: float, nz: float, ax: float, ay: float, az: float) -> Vector:
