@@ -189,3 +189,32 @@ def distances(marked, edge):
     points = np.argwhere(np.ones(marked.shape, bool))
     squares = ((points[:, None] - free[None]) ** 2).sum(axis=2)
     return edge * np.sqrt(squares.min(axis=1)).reshape(marked.shape)
+
+
+def squares_under(points, pose, low, cell, shape):
+    """Row and column of the square under each point of a body at a pose, or of the nearest one; and its height."""
+    for point in points:
+        x, y, z = pose[:3, :3] @ point + pose[:3, 3]
+        i, j = round((x - low[0]) / cell), round((y - low[1]) / cell)
+        yield min(max(i, 0), shape[0] - 1), min(max(j, 0), shape[1] - 1), z
+
+
+def body_depth(points, pose, heights, low, cell):
+    """How far a body reaches below what is under it."""
+    return max(heights[i, j] - z for i, j, z in squares_under(points, pose, low, cell, heights.shape))
+
+
+def body_was(points, poses, shape, low, cell):
+    """The least height of the body over each square that is not on the border."""
+    lowest = np.full(shape, np.inf)
+    for pose in poses:
+        for i, j, z in squares_under(points, pose, low, cell, shape):
+            if 0 < i < shape[0] - 1 and 0 < j < shape[1] - 1:
+                lowest[i, j] = min(lowest[i, j], z)
+    return lowest
+
+
+def in_window(window, shape):
+    """Rows and columns of the squares in a window."""
+    i, end_i, j, end_j = window
+    return [(row, column) for row in range(i, min(end_i, shape[0])) for column in range(j, min(end_j, shape[1]))]

@@ -13,6 +13,8 @@ from math import hypot
 import numpy as np
 
 from lwrprobe.contracts import Area, Confidence, Contact, Doubt, Probe
+from lwrprobe.mapping import PlanView
+from lwrprobe.mapping.plan_view import Window
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 
 CELL = 0.001
@@ -31,6 +33,9 @@ HIGHER = 0.002
 """m above what is touched now, from which on a touch near it shows how a surface goes on."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
+
+Facing = tuple[int, int, float, float]
+"""A square, and the direction of a motion along x and y."""
 
 
 class Overhangs:
@@ -51,14 +56,17 @@ class Overhangs:
         shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
-        self._touched, self._overhang = np.full(shape, -np.inf), np.full(shape, -np.inf)
-        self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
+        self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
+        self._stood, self._lowest = np.full(shape, np.inf), PlanView(shape, np.inf)
         self._normal = np.zeros((*shape, 2))
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
+        self._far = round(FAR * self._cells)
+        self._highest = -np.inf  # m, of all that was touched
         self._leaning, self._above, self.found = 0, 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
-        self._asked: tuple[tuple[slice, slice] | None, float] = None, -np.inf  # squares, and the tallest in them
+        self._asked: tuple[Window | None, float] = None, -np.inf  # squares, and the tallest in them
+        self._asked_facing: tuple[Facing | None, float] = None, np.inf  # place and direction, and the lowest there
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
@@ -75,10 +83,12 @@ class Overhangs:
             px, py, pz = contact.point.tolist()
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
-            if pz > self._touched.item(k, m):
-                self._touched[k, m], self._asked = pz, (None, -np.inf)
-            if pz < self._lowest.item(k, m) and up > LEANS:
-                self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
+            if pz > self._touched.heights.item(k, m):
+                self._touched.heights[k, m], self._asked = pz, (None, -np.inf)
+                self._highest = max(self._highest, pz)
+            if pz < self._lowest.heights.item(k, m) and up > LEANS:
+                self._lowest.heights[k, m], self._normal[k, m] = pz, contact.normal[:2]
+                self._asked_facing = None, np.inf
             self._leaning = self._leaning + 1 if up < LEANS else 0
             if self._leaning >= WITNESSES:
                 self._add(k, m, pz)
@@ -94,8 +104,9 @@ class Overhangs:
 
     def _add(self, i: int, j: int, height: float) -> None:
         self.found = True
-        self._overhang[i, j] = max(self._overhang.item(i, j), height)
-        self._touched[i, j], self._asked = max(self._touched.item(i, j), height), (None, -np.inf)
+        for view in (self._overhang, self._touched):
+            view.heights[i, j] = max(view.heights.item(i, j), height)
+        self._asked, self._highest = (None, -np.inf), max(self._highest, height)
 
     def reach(self, place: np.ndarray) -> float:
         """m above the sphere's centre, at a place (3,), up to which something may meet the stick."""
@@ -106,7 +117,7 @@ class Overhangs:
         if not self.found:
             return False
         z, (i, j) = place.item(2), self._ahead(place, along)
-        if self._overhang[_window(i, j, round(FAR * self._cells))].max() <= z:
+        if self._overhang.tallest(_window(i, j, self._far)) <= z:
             return False
         return not self._free(z, i, j) and self._below_taller(z, _window(i, j, self._cells))
 
@@ -116,11 +127,14 @@ class Overhangs:
         Something taller is near, ahead or abreast, and no surface that faces the motion was touched at the sphere's
         height.
         """
-        z, (i, j) = place.item(2), self._ahead(place, along)
+        z = place.item(2)
+        if self._highest <= z + self._probe.radius:
+            return False
+        i, j = self._ahead(place, along)
         if self._free(z, i, j):
             return False
         side = max(hypot(along.item(0), along.item(1)), 1e-9)
-        near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
+        near = *_span(i, along.item(0) / side, self._cells), *_span(j, along.item(1) / side, self._cells)
         return self._below_taller(z, near) and not self._faced(z, along, i, j)
 
     def above(self, place: np.ndarray) -> bool:
@@ -131,7 +145,7 @@ class Overhangs:
         """
         z, (i, j) = place.item(2), self._cell(place.item(0), place.item(1))
         near = _window(i, j, self._cells)
-        if self.found and self._overhang[near].max() > z:
+        if self.found and self._overhang.tallest(near) > z:
             return True
         return not self._below_taller(z + HIGHER - self._probe.radius, near)
 
@@ -142,17 +156,19 @@ class Overhangs:
         """Whether the stick has stood in a square, as low as a height [m]."""
         return self._stood.item(i, j) < z + CELL
 
-    def _below_taller(self, z: float, near: tuple[slice, slice]) -> bool:
+    def _below_taller(self, z: float, near: Window) -> bool:
         """Whether something taller than a height [m] was touched in some squares; asked with every sample."""
         if near != self._asked[0]:
-            self._asked = near, float(self._touched[near].max())
+            self._asked = near, self._touched.tallest(near)
         return self._asked[1] > z + self._probe.radius
 
     def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
         """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
-        near = _window(i, j, round(FAR * self._cells))
-        facing = self._normal[near] @ along[:2] < -FACING * hypot(along.item(0), along.item(1))
-        return bool((facing & (self._lowest[near] < z + 2.0 * self._probe.radius)).any())
+        x, y = along.item(0), along.item(1)
+        if (i, j, x, y) != self._asked_facing[0]:
+            lowest = self._lowest.lowest_facing(self._normal, _window(i, j, self._far), (x, y), FACING)
+            self._asked_facing = (i, j, x, y), lowest
+        return self._asked_facing[1] < z + 2.0 * self._probe.radius
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
@@ -162,12 +178,12 @@ class Overhangs:
         return min(max(i, 0), self._last_i), min(max(j, 0), self._last_j)
 
 
-def _window(i: int, j: int, cells: int) -> tuple[slice, slice]:
+def _window(i: int, j: int, cells: int) -> Window:
     """So many squares to all sides of a square."""
-    return slice(max(i - cells, 0), i + cells + 1), slice(max(j - cells, 0), j + cells + 1)
+    return max(i - cells, 0), i + cells + 1, max(j - cells, 0), j + cells + 1
 
 
-def _span(i: int, share: float, cells: int) -> slice:
+def _span(i: int, share: float, cells: int) -> tuple[int, int]:
     """Along one axis: so many squares ahead for a motion that has this share along it, and to both sides the less."""
     beside = round((1.0 - abs(share)) * cells)
-    return slice(max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1)
+    return max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1
