@@ -66,8 +66,7 @@ class FreeSpace:
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this reliable normal (3,), or None."""
-        x, y, z = pose[:3, 3].tolist()
-        ax, ay, az = pose[:3, 2].tolist()
+        (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
         if self._rows:
             last = self._rows[-1]
             near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING

@@ -92,7 +92,7 @@ class Waypoint:
     def reached(self, pose: np.ndarray) -> bool:
         """Whether the tip's pose (4, 4) is there."""
         (x, y, z), (tx, ty, tz) = pose[:3, 3].tolist(), self.place.tolist()
-        there = max(abs(x - tx), abs(y - ty), abs(z - tz)) < THERE
+        there = abs(x - tx) < THERE and abs(y - ty) < THERE and abs(z - tz) < THERE
         return there and (self.rotation is None or held(pose, self.rotation))
 
 
