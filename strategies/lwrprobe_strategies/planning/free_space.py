@@ -102,13 +102,13 @@ class FreeSpace:
         level = self.clear_down_to(place.item(0), place.item(1))
         return min(level, place.item(2) + self._body)
 
-    def open_places(self) -> np.ndarray:
-        """(n, 3) m, places from which the probe may go straight up: it came down there.
+    def open_places(self, axis: int, place: float) -> np.ndarray:
+        """(n, 3) m, places from which the probe may go straight up, within `BORDER` of a place [m] on one axis.
 
-        On the area's border every place counts as open: nothing stands there.
+        It came down there. On the area's border every place counts as open: nothing stands there.
         """
         rows = self._table()
-        return rows[rows[:, 9] > 0.0, :3]
+        return rows[(np.abs(rows[:, axis] - place) < BORDER) & (rows[:, 9] > 0.0), :3]
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,)."""
@@ -117,7 +117,9 @@ class FreeSpace:
         if length < SPACING:
             return True
         rows = self._table()
-        rows = rows[rows[:, 10] > 0.0, :3] - begin
+        # Few are as high: the others are not looked at.
+        level = np.abs(rows[:, 2] - begin[2]) < SPACING + (1.0 + GAP / length) * abs(motion[2])
+        rows = rows[level & (rows[:, 10] > 0.0), :3] - begin
         along = rows @ (motion / length)
         beside = rows - along[:, None] * (motion / length)
         near = np.abs(beside).max(axis=1) < SPACING
