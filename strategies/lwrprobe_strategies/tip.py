@@ -159,7 +159,7 @@ class Tip:
         return limit
 
     def climb_limit(self, along: Sequence[float]) -> float:
-        """m/s along a unit vector of three numbers at which the sphere may come in under something on the way up a surface; inf
+        """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """
         if along[2] < UPWARDS or not self.overhangs.above(self.here):

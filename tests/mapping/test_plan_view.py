@@ -3,6 +3,7 @@
 import naive_mapping as naive
 import numpy as np
 import pytest
+from scipy.ndimage import minimum_filter
 from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import InputError
@@ -40,9 +41,7 @@ def test_the_depth_is_that_of_the_deepest_point():
     chance = np.random.default_rng(1)
     heights = chance.uniform(0.0, TOP, SHAPE)
     poses = poses_of(chance, 60)
-    expected = np.array([naive.body_depth(POINTS, pose, heights, LOW, CELL) for pose in poses])
-    lowest = np.array([(POINTS @ pose[:3, :3].T)[:, 2].min() + pose[2, 3] for pose in poses])
-    expected[lowest >= TOP] = -np.inf
+    expected = np.array([naive.body_depth(POINTS, pose, heights, LOW, CELL, TOP) for pose in poses])
     found = body(heights).depth(poses)
     assert np.isinf(found).any()
     assert (found > 0.0).any()
@@ -57,7 +56,7 @@ def test_where_the_body_was_is_kept_below_the_top_and_off_the_border():
     low = [pose for pose in poses if (POINTS @ pose[:3, :3].T)[:, 2].min() + pose[2, 3] < TOP]
     assert sum(lowered) == len(low)
     assert 5 < len(low) < 40
-    np.testing.assert_allclose(over.lowest, naive.body_was(POINTS, low, SHAPE, LOW, CELL), atol=1e-12)
+    np.testing.assert_allclose(over.lowest, naive.body_was(POINTS, low, SHAPE, LOW, CELL, TOP), atol=1e-12)
     rest = low[-1].copy()
     rest[0, 3] += 0.0009
     over.note(low[-1])
@@ -81,7 +80,7 @@ def test_what_is_plainly_clear_is_clear_all_along():
         shift = chance.uniform(-0.003, 0.003, 3)
         begin, end = pose(place, rotation), pose(place + shift, rotation)
         path = [pose(place + share * shift, rotation) for share in np.linspace(0.0, 1.0, 5)]
-        deepest = max(naive.body_depth(POINTS[::10], at, heights, LOW, CELL) for at in path)
+        deepest = max(naive.body_depth(POINTS[::10], at, heights, LOW, CELL, TOP) for at in path)
         clears = over.clears(begin, end, shift)
         assert not (clears and deepest > 0.0)
         found, free = found + clears, free + (deepest <= -0.002)
@@ -122,3 +121,26 @@ def test_a_window_is_looked_through_up_to_the_last_square():
         along = np.array([0.6, -0.8])
         facing = [view.heights[at] for at in squares if -normals[at] @ along > 0.5]
         assert view.lowest_facing(normals, window, (0.6, -0.8), 0.5) == min(facing, default=np.inf)
+
+
+def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():
+    chance = np.random.default_rng(8)
+    for _ in range(20):
+        view = PlanView((23, 17), np.inf)
+        stood = chance.random((23, 17)) < 0.2
+        view.heights[stood] = chance.uniform(0.0, TOP, stood.sum())
+        view.heights[0], view.heights[:, -1] = -np.inf, -np.inf
+        known = view.heights < 0.8 * TOP
+        found = view.bridged(known, 2, 6)
+        np.testing.assert_array_equal(found, naive.bridged(view.heights, known, 2, 6))
+        assert (found < np.inf).sum() > known.sum() + 20
+        assert np.isinf(found).any()
+
+
+def test_around_where_the_body_was_it_is_no_taller():
+    over, heights = body(np.zeros(SHAPE)), np.full(SHAPE, 0.09)
+    assert over.note(pose((0.0, 0.0, 0.0)))
+    over.lower(heights, 2, 0.001)
+    expected = np.minimum(minimum_filter(over.lowest, 5) + 0.001, 0.09)
+    np.testing.assert_array_equal(heights, expected)
+    assert 100 < (heights < 0.09).sum() < heights.size

@@ -40,7 +40,7 @@ class BodyOverHeights:
         self._state[[kernels.LOW_X, kernels.LOW_Y, kernels.CELL, kernels.TOP]] = *low, cell, top
         self.lowest = np.full(heights.shape, np.inf)
         self.heights = heights
-        self._held, self._enter, self._depth, self._clears = _entries()
+        self._held, self._enter, self._depth, self._clears, self._lower = _entries()
         self._turn(np.eye(3))
 
     @property
@@ -62,6 +62,10 @@ class BodyOverHeights:
             found = self._enter(self._state, self._turned, self.lowest, pose)
         return bool(found == kernels.YES)
 
+    def lower(self, heights: np.ndarray, around: int, above: float) -> None:
+        """Lower heights (n, m) in place to `above` m over where the body has been, in so many squares around it."""
+        self._lower(self.lowest, around, above, heights)
+
     def clears(self, begin: np.ndarray, turned: np.ndarray, shift: Vector) -> bool:
         """Whether it is plain that the body stays above all that may be there while the tip goes by `shift` (3,) m.
 
@@ -75,7 +79,7 @@ class BodyOverHeights:
         return bool(found == kernels.YES)
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
-        """(n,) m, how far the body is at poses (n, 4, 4) in what may be there; negative above it."""
+        """(n,) m, how far the body below `top` is at poses (n, 4, 4) in what may be there; negative above it."""
         depths = np.empty(len(poses))
         for k, pose in enumerate(np.ascontiguousarray(poses, dtype=np.float64)):
             if not self._held(self._state, pose):
@@ -109,4 +113,5 @@ def _entries() -> tuple[Callable, ...]:
         entry(kernels.enter, state, plane, plane, pose),
         entry(kernels.depth, state, plane, plane, 0.0, 0.0, 0.0),
         entry(kernels.clears, state, plane, pose, pose, vector),
+        entry(kernels.lower_around, plane, 0, 0.0, plane),
     )

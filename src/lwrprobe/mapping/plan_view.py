@@ -28,11 +28,11 @@ class PlanView:
     heights : (n, m) m; written to in place
     """
 
-    __slots__ = ("_lowest_facing", "_tallest", "heights")
+    __slots__ = ("_bridge", "_lowest_facing", "_tallest", "heights")
 
     def __init__(self, shape: tuple[int, int], height: float) -> None:
         self.heights = np.full(shape, height)
-        self._tallest, self._lowest_facing = _entries()
+        self._tallest, self._lowest_facing, self._bridge = _entries()
 
     def tallest(self, window: Window) -> float:
         """m, largest height in a window; -inf where that is empty."""
@@ -50,12 +50,25 @@ class PlanView:
         normals = np.ascontiguousarray(normals, dtype=np.float64)
         return float(self._lowest_facing(self.heights, normals, *window, *along, -share * hypot(*along)))
 
+    def bridged(self, known: np.ndarray, beside: int, apart: int) -> np.ndarray:
+        """(n, m) m, the heights where they are `known` (n, m), and what is assumed between; elsewhere inf.
+
+        Between two known squares in a row along x or along y, at most `apart` squares apart, that is the tallest height
+        within `beside` squares across of either.
+        """
+        known = np.ascontiguousarray(known, dtype=np.bool_)
+        found = np.where(known, self.heights, np.inf)
+        for along_x in (True, False):
+            self._bridge(self.heights, known, beside, apart, along_x, found)
+        return found
+
 
 @cache
-def _entries() -> tuple[Callable, Callable]:
+def _entries() -> tuple[Callable, ...]:
     """Machine code of the kernels, made before the arm moves."""
     plane, normals, window = np.zeros((1, 1)), np.zeros((1, 1, 2)), (0, 0, 0, 0)
     return (
         entry(kernels.tallest, plane, *window),
         entry(kernels.lowest_facing, plane, normals, *window, 0.0, 0.0, 0.0),
+        entry(kernels.bridge, plane, plane > 0.0, 0, 0, True, plane),
     )

@@ -63,25 +63,29 @@ def enter(state, points, lowest, pose):
     last_i, last_j = lowest.shape[0] - 1, lowest.shape[1] - 1
     x, y, cell = pose[0, 3] - state[LOW_X], pose[1, 3] - state[LOW_Y], state[CELL]
     for k in range(len(points)):
+        height = points[k, 2] + z
+        if height >= state[TOP]:
+            continue
         i, j = np.rint((points[k, 0] + x) / cell), np.rint((points[k, 1] + y) / cell)
-        if 0 < i < last_i and 0 < j < last_j:
-            row, column, height = np.int64(i), np.int64(j), points[k, 2] + z
-            if height < lowest[row, column]:
-                lowest[row, column] = height
+        if 0 < i < last_i and 0 < j < last_j and height < lowest[np.int64(i), np.int64(j)]:
+            lowest[np.int64(i), np.int64(j)] = height
     return YES
 
 
 @kernel
 def depth(state, points, heights, x, y, z):
-    """m, how far the body is below the heights (n, m), with the tip at a place; -inf above all that may be there."""
+    """m, how far the body below the top is in the heights (n, m), with the tip at a place; -inf where it is above."""
     if z + state[LOWEST] >= state[TOP]:
         return -np.inf
     last_i, last_j = float(heights.shape[0] - 1), float(heights.shape[1] - 1)
     x, y, cell, deepest = x - state[LOW_X], y - state[LOW_Y], state[CELL], -np.inf
     for k in range(len(points)):
+        height = points[k, 2] + z
+        if height >= state[TOP]:
+            continue
         i, j = np.rint((points[k, 0] + x) / cell), np.rint((points[k, 1] + y) / cell)
         row, column = np.int64(min(max(i, 0.0), last_i)), np.int64(min(max(j, 0.0), last_j))
-        deepest = max(deepest, heights[row, column] - (points[k, 2] + z))
+        deepest = max(deepest, heights[row, column] - height)
     return deepest
 
 
@@ -150,3 +154,44 @@ def lowest_facing(heights, normals, first_i, end_i, first_j, end_j, x, y, share)
             if heights[i, j] < found and normals[i, j, 0] * x + normals[i, j, 1] * y < share:
                 found = heights[i, j]
     return found
+
+
+@kernel
+def bridge(heights, known, half, farthest, along_x, out):
+    """Lower `out` (n, m) between two known squares along one axis that are at most `farthest` squares apart.
+
+    It becomes no taller than the taller of both, each with `half` squares to both sides of it, where those are known.
+    A height that is known is finite or -inf.
+    """
+    lines, length = (out.shape[1], out.shape[0]) if along_x else (out.shape[0], out.shape[1])
+    for line in range(lines):
+        first, last = max(line - half, 0), min(line + half, lines - 1)
+        begin, before = -1, 0.0
+        for place in range(length):
+            if not (known[place, line] if along_x else known[line, place]):
+                continue
+            tallest = -np.inf
+            for beside in range(first, last + 1):
+                height = heights[place, beside] if along_x else heights[beside, place]
+                if height < np.inf:
+                    tallest = max(tallest, height)
+            between = max(before, tallest)
+            if begin >= 0 and place - begin <= farthest:
+                for inside in range(begin + 1, place):
+                    if along_x:
+                        out[inside, line] = min(out[inside, line], between)
+                    else:
+                        out[line, inside] = min(out[line, inside], between)
+            begin, before = place, tallest
+
+
+@kernel
+def lower_around(lowest, around, above, out):
+    """Lower `out` (n, m) to what is `above` m over the finite heights (n, m), in so many squares around each."""
+    for i in range(lowest.shape[0]):
+        for j in range(lowest.shape[1]):
+            height = lowest[i, j] + above
+            if height < np.inf:
+                for row in range(max(i - around, 0), min(i + around + 1, out.shape[0])):
+                    for column in range(max(j - around, 0), min(j + around + 1, out.shape[1])):
+                        out[row, column] = min(out[row, column], height)

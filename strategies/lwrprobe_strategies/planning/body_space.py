@@ -9,10 +9,9 @@ spacing to both sides. Where the body itself has been it may come back. All else
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter
 
 from lwrprobe.contracts import LinkShape, Task
-from lwrprobe.mapping import BodyOverHeights
+from lwrprobe.mapping import BodyOverHeights, PlanView
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import body
@@ -89,12 +88,12 @@ class BodySpace:
         if not self._changed:
             return
         self._changed = False
-        stood = self._stood.copy()
-        stood[self._border & ~self._met] = -np.inf
-        known = stood < self._top
-        between = np.minimum(_between(stood, known, self._spacing), _between(stood.T, known.T, self._spacing).T)
-        swept = minimum_filter(self._body.lowest, 2 * WIDER + 1) + WORSE
-        self._body.heights = np.minimum(np.minimum(np.where(known, stood, between), swept), self._top)
+        stood = PlanView(self._stood.shape, np.inf)
+        stood.heights[:] = np.where(self._border & ~self._met, -np.inf, self._stood)
+        half, farthest = round(0.5 * self._spacing / CELL), round((self._spacing + WIDE) / CELL)
+        heights = np.minimum(stood.bridged(stood.heights < self._top, half, farthest), self._top)
+        self._body.lower(heights, WIDER, WORSE)
+        self._body.heights = heights
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
         """(n,) m, how far the body is at tip poses (n, 4, 4) in what is not known to be free; negative above it."""
@@ -123,19 +122,6 @@ class BodySpace:
         poses[:, :3, :3] = rotation
         poses[:, line.aside, 3], poses[:, line.axis, 3], poses[:, Z, 3] = line.place, places, LOW
         return places, np.maximum.accumulate(self.depth(poses) + LOW)
-
-
-def _between(stood: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
-    """Heights between two known columns along the first axis, no farther apart than the spacing; inf elsewhere."""
-    half, farthest = round(0.5 * spacing / CELL), round((spacing + WIDE) / CELL)
-    tall = maximum_filter1d(np.where(np.isinf(stood), -np.inf, stood), 2 * half + 1, axis=1, mode="nearest")
-    place = np.arange(len(stood))[:, None]
-    last = np.maximum.accumulate(np.where(known, place, -10 * len(stood)), axis=0)
-    following = np.minimum.accumulate(np.where(known, place, 10 * len(stood))[::-1], axis=0)[::-1]
-    near = following - last <= farthest
-    column = np.arange(stood.shape[1])[None, :]
-    ends = [tall[np.clip(index, 0, len(stood) - 1), column] for index in (last, following)]
-    return np.where(near, np.maximum(*ends), np.inf)
 
 
 def _surface(link: LinkShape) -> np.ndarray:
