@@ -204,13 +204,13 @@ class SkillStrategy(ABC):
             else:
                 trace.event = interruption.event
                 motion = self._program.throw(interruption)
-            for _ in range(MAX_REFUSED):
-                if not self._check.refuses(motion):
-                    break
+            refused = 0
+            while self._check.refuses(motion):
+                refused += 1
+                if refused == MAX_REFUSED:
+                    raise UnknownSpace
                 trace.event = UnknownSpace.event
                 motion = self._program.throw(UnknownSpace())
-            else:
-                raise UnknownSpace
         except StopIteration as stop:
             motion = self._done = stop.value
         except Interruption as escaped:

@@ -25,14 +25,18 @@ class PlanView:
 
     Attributes
     ----------
-    heights : (n, m) m; written to in place
+    heights : (n, m) m; may be written to in place
     """
 
-    __slots__ = ("_bridge", "_lowest_facing", "_tallest", "heights")
+    __slots__ = ("_bridge", "_lower", "_lowest_facing", "_tallest", "heights")
 
     def __init__(self, shape: tuple[int, int], height: float) -> None:
         self.heights = np.full(shape, height)
-        self._tallest, self._lowest_facing, self._bridge = _entries()
+        self._tallest, self._lowest_facing, self._bridge, self._lower = _entries()
+
+    def lower(self, i: int, j: int, around: int, height: float) -> None:
+        """Lower a square and so many to all sides of it to a height [m] where they are higher."""
+        self._lower(self.heights, i, j, around, height)
 
     def tallest(self, window: Window) -> float:
         """m, largest height in a window; -inf where that is empty."""
@@ -71,4 +75,5 @@ def _entries() -> tuple[Callable, ...]:
         entry(kernels.tallest, plane, *window),
         entry(kernels.lowest_facing, plane, normals, *window, 0.0, 0.0, 0.0),
         entry(kernels.bridge, plane, plane > 0.0, 0, 0, True, plane),
+        entry(kernels.lower, plane, 0, 0, 0, 0.0),
     )

@@ -186,12 +186,18 @@ def bridge(heights, known, half, farthest, along_x, out):
 
 
 @kernel
+def lower(heights, i, j, around, height):
+    """Lower a square and so many to all sides of it to a height [m]; the heights are (n, m)."""
+    for row in range(max(i - around, 0), min(i + around + 1, heights.shape[0])):
+        for column in range(max(j - around, 0), min(j + around + 1, heights.shape[1])):
+            heights[row, column] = min(heights[row, column], height)
+
+
+@kernel
 def lower_around(lowest, around, above, out):
     """Lower `out` (n, m) to what is `above` m over the finite heights (n, m), in so many squares around each."""
     for i in range(lowest.shape[0]):
         for j in range(lowest.shape[1]):
             height = lowest[i, j] + above
             if height < np.inf:
-                for row in range(max(i - around, 0), min(i + around + 1, out.shape[0])):
-                    for column in range(max(j - around, 0), min(j + around + 1, out.shape[1])):
-                        out[row, column] = min(out[row, column], height)
+                lower(out, i, j, around, height)

@@ -48,8 +48,8 @@ class BodySpace:
     def __init__(self, task: Task, spacing: float) -> None:
         low, high = task.area.lower[:2], task.area.upper[:2]
         shape = tuple(np.ceil((high - low) / CELL).astype(int) + 1)
-        self._low = low.copy()
-        self._stood = np.full(shape, np.inf)
+        self._low_x, self._low_y = low.tolist()
+        self._stood = PlanView(shape, np.inf)
         self._top = min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
         self._task, self._spacing = task, spacing
         self._below = BELOW * task.probe.radius
@@ -60,7 +60,7 @@ class BodySpace:
         self._met, self._border = np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
         self._border[1:-1, 1:-1] = False
         heights = np.where(self._border, -np.inf, self._top)
-        self._body = BodyOverHeights(points, self._low, CELL, heights, self._top)
+        self._body = BodyOverHeights(points, low, CELL, heights, self._top)
 
     @property
     def needed(self) -> bool:
@@ -75,21 +75,21 @@ class BodySpace:
             return
         x, y, z = pose[:3, 3].tolist()
         z -= 0.0 if touches else self._below
-        i, j = round((x - self._low.item(0)) / CELL), round((y - self._low.item(1)) / CELL)
-        if (i, j) == self._column[:2] and z >= self._column[2]:
+        i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
+        if z >= self._column[2] and (i, j) == self._column[:2]:
             return
         self._column, self._changed = (i, j, z), True
-        near = slice(max(i - 1, 0), max(i + 2, 0)), slice(max(j - 1, 0), max(j + 2, 0))
-        np.minimum(self._stood[near], z, out=self._stood[near])
-        self._met[near] |= touches
+        self._stood.lower(i, j, 1, z)
+        if touches:
+            self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)] = True
 
     def survey(self) -> None:
         """Take what was noted since the last call into account."""
         if not self._changed:
             return
         self._changed = False
-        stood = PlanView(self._stood.shape, np.inf)
-        stood.heights[:] = np.where(self._border & ~self._met, -np.inf, self._stood)
+        stood = PlanView(self._met.shape, np.inf)
+        stood.heights[:] = np.where(self._border & ~self._met, -np.inf, self._stood.heights)
         half, farthest = round(0.5 * self._spacing / CELL), round((self._spacing + WIDE) / CELL)
         heights = np.minimum(stood.bridged(stood.heights < self._top, half, farthest), self._top)
         self._body.lower(heights, WIDER, WORSE)

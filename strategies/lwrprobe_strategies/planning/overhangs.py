@@ -57,7 +57,7 @@ class Overhangs:
         self._low_x, self._low_y = low.tolist()
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
-        self._stood, self._lowest = np.full(shape, np.inf), PlanView(shape, np.inf)
+        self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
         self._normal = np.zeros((*shape, 2))
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
@@ -76,8 +76,7 @@ class Overhangs:
             column, height = self._last_stood
             if -down > UPRIGHT and not (z >= height and column == (i, j)):
                 self._last_stood = (i, j), z
-                stood = self._stood[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
-                np.minimum(stood, z, out=stood)
+                self._stood.lower(i, j, 1, z)
             return
         px, py, pz = contact.point.tolist()
         if contact.confidence is Confidence.RELIABLE:
@@ -164,7 +163,7 @@ class Overhangs:
 
     def _free(self, z: float, i: int, j: int) -> bool:
         """Whether the stick has stood in a square, as low as a height [m]."""
-        return self._stood.item(i, j) < z + CELL
+        return self._stood.heights.item(i, j) < z + CELL
 
     def _tallest_beside(self, i: int, j: int) -> float:
         """m, the tallest that was touched near a square, to all sides."""

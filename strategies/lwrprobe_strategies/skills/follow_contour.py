@@ -39,7 +39,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
         met = edge.normal(seen)
         normal = tip.normal() if met is None else met
         contact = seen.contact
-        if contact is not None and contact.confidence is not Confidence.NONE:
+        if contact is not None and (tip.reliable or contact.confidence is not Confidence.NONE):
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
