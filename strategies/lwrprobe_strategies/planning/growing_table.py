@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 
 Row = tuple[float, ...]
@@ -24,15 +26,15 @@ class GrowingTable:
     def __init__(self, columns: int) -> None:
         self.last: Row | None = None
         self._columns, self._count = np.empty((columns, 256)), 0
-        self._new: list[Row] = []
+        self._new = array("d")
 
     def add(self, row: Row) -> None:
         """Add a row; called while the tip moves, so nothing is computed."""
-        self._new.append(row)
+        self._new.extend(row)
         self.last = row
 
     def __len__(self) -> int:
-        return self._count + len(self._new)
+        return self._count + len(self._new) // len(self._columns)
 
     def rows(self) -> np.ndarray:
         """(n, columns) all rows; not to be written to."""
@@ -41,6 +43,6 @@ class GrowingTable:
             if self._count > self._columns.shape[1]:
                 kept, self._columns = self._columns, np.empty((len(self._columns), 2 * self._count))
                 self._columns[:, :before] = kept[:, :before]
-            self._columns[:, before : self._count] = np.array(self._new).T
-            self._new.clear()
+            self._columns[:, before : self._count] = np.array(self._new).reshape(-1, len(self._columns)).T
+            self._new = array("d")
         return self._columns[:, : self._count].T
