@@ -114,9 +114,9 @@ class TrackingFrame:
         assert wanted is not None
         pull = min(max(GAIN * (wanted - here[axis]), -MAX_RETURN), MAX_RETURN)
         out = pull * (nx, ny, nz)[axis]
-        guided = np.array((vx - out * nx, vy - out * ny, vz - out * nz))
-        guided[axis] += pull
-        return self.bounded(place, guided)
+        back = [-out * nx, -out * ny, -out * nz]
+        back[axis] += pull
+        return self.bounded(place, np.array((vx + back[X], vy + back[Y], vz + back[Z])))
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` (3,) without what leads out of the area; changed in place. Past the end of a line a skill ends."""
