@@ -37,6 +37,7 @@ from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
+from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
@@ -265,10 +266,11 @@ class Exploration:
         self._message("reconstructing and comparing")
         begin = perf_counter()
         waves = take_waves_off(recorder, scene, pipeline.robot)
+        turned = turn_to_path(recorder, scene.probe.radius)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        budget = recorded_budget(scene, pipeline, recorder, waves)
+        budget = recorded_budget(scene, pipeline, recorder, waves, turned)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
