@@ -26,6 +26,7 @@ from lwrprobe.contracts import (
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import find_table
+from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
@@ -41,7 +42,7 @@ from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
-from lwrprobe.exploration.recording.run_warnings import run_warnings
+from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
@@ -297,6 +298,8 @@ class Exploration:
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
         summary.warnings = run_warnings(summary, scene.contact.limit)
+        if truth is not None and not is_world_of(truth.scene, scene):
+            summary.warnings.append(ANOTHER_WORLD)
         summary.wall_time_s = round(sum(self._seconds.values()), 3)
         summary.wall_time_parts_s = {name: round(value, 3) for name, value in self._seconds.items()}
         if self.out is not None:
