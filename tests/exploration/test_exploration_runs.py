@@ -194,9 +194,9 @@ def test_what_was_touched_survives_a_kill(tmp_path):
     assert all(len(row) == 9 for row in rows[:-1])
 
 
-@pytest.mark.parametrize("strategy", ["grid_version", "orientation_change"])
-def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end(strategy):
-    changes = ["run.seed=7", "truth.profile=ideal", f"strategy.name={strategy}", "strategy.step=0.02"]
+def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end():
+    """With the strategy that does what `grid_version` does, and may tilt the probe besides."""
+    changes = ["run.seed=7", "truth.profile=ideal", "strategy.name=orientation_change", "strategy.step=0.02"]
     summary = explore(load_scene("overhang", changes))
     assert (summary["status"], summary["link_collisions"]) == ("done", 0)
     assert summary["true_peak_force_n"] <= 4.5
