@@ -170,6 +170,17 @@ class SearchingStrategy(Protocol):
 
 
 @runtime_checkable
+class CarefulStrategy(Protocol):
+    """A strategy that keeps what feels nothing of the probe, all that is behind the stick, out of unknown space."""
+
+    def touching_poses(self, centre: Vector, facing: Vector) -> Sequence[tuple[np.ndarray, bool]]:
+        """Tip poses (4, 4) in which it would touch a surface that faces along a unit vector (3,), with the sphere's
+        centre at a place (3,) m; each with whether all behind the stick is in known space there, as far as it has come.
+        None of them: it does not say.
+        """
+
+
+@runtime_checkable
 class Strategy(Protocol):
     """Turns observations into motions.
 

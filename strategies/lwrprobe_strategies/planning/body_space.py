@@ -134,6 +134,10 @@ class BodySpace:
         depths = self.depth(_straight(begin, end))
         return bool(depths.max() <= max(float(depths[0]) + STILL, WORSE))
 
+    def knows(self, pose: np.ndarray) -> bool:
+        """Whether all of the body is where it may be, at a tip pose (4, 4)."""
+        return bool(self.depth(pose[None])[0] <= WORSE)
+
     def _above_all_between(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the body's lowest point is above all that may be within a rectangle around both ends of a motion.
 

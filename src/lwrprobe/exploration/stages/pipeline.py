@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos
 
@@ -21,6 +21,7 @@ from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Area,
     Bounds,
+    CarefulStrategy,
     LeftOut,
     Probe,
     Reconstructor,
@@ -83,6 +84,10 @@ class Pipeline:
     def bounds(self) -> Bounds | None:
         """Of an object that the strategy has searched for; None where it has not, or has not found any."""
         return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
+        """How the strategy would hold the probe to touch somewhere; see `CarefulStrategy`."""
+        return self.strategy.touching_poses(centre, facing) if isinstance(self.strategy, CarefulStrategy) else ()
 
     @property
     def explored(self) -> Area:
