@@ -71,7 +71,7 @@ class Task:
     tallest : m, nothing is known to be taller, inf = as tall as the area allows
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
-        within its joint limits and without a jump
+        within its joint limits, without a jump, and with joints that can follow the tip's acceleration
     clear : whether on that way no link comes nearer to what was touched than it may
     """
 

@@ -48,6 +48,8 @@ UNNOTICED = 0.001
 """s by which the loop may be slower than stated: the reserve of the force limit covers it."""
 SURFACE = 0.0005
 """m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
+SENSITIVITY = 0.8
+"""Share of the acceleration that a joint may have, which the tip's acceleration may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
 
@@ -76,6 +78,8 @@ class Pipeline:
     options: object
     probe: Probe
     area: Area
+    sensitivity: float
+    """rad/m, up to which a joint follows the tip's acceleration within its own."""
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
@@ -216,6 +220,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         options=choices.strategy_options,
         probe=probe,
         area=area,
+        sensitivity=SENSITIVITY * scene.safety.joint_acceleration / scene.motion.acceleration,
         left_out=[
             LeftOut(stage=stage, why=why)
             for stage, why in (
