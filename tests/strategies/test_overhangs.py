@@ -113,5 +113,11 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     assert tip.climb_limit(slope) == np.inf
     touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
     assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
+    edge = np.array([0.0, 0.0, 0.05])
+    tip.here = edge
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "the line beside was as high and no higher"
+    touch(tip.overhangs, [0.01, 0.003, 0.055], np.array([0.0, 0.0, 1.0]))
+    assert tip.climb_limit(up) == np.inf, "the sphere went over the edge there"
+    tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"

@@ -28,7 +28,7 @@ AHEAD = 0.003
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
 HIGHER = 0.002
-"""m above what is touched now, from which on a touch near it shows how a surface goes on."""
+"""m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
@@ -53,6 +53,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = np.full(shape, -np.inf), np.full(shape, -np.inf)
         self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
+        self._reached = np.full(shape, -np.inf)
         self._normal = np.zeros((*shape, 2))
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
@@ -77,6 +78,7 @@ class Overhangs:
             up = contact.normal.item(2)
             if pz > self._touched.item(k, m):
                 self._touched[k, m], self._asked = pz, (None, -np.inf)
+            self._reached[k, m] = max(self._reached.item(k, m), pose.item(2, 3))
             if pz < self._lowest.item(k, m) and up > LEANS:
                 self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
             self._leaning = self._leaning + 1 if up < LEANS else 0
@@ -126,14 +128,14 @@ class Overhangs:
     def above(self, place: np.ndarray) -> bool:
         """Whether the sphere may meet one on the way up a surface, from a place (3,).
 
-        It may where something overhangs near, higher up, and where nothing as high was touched near: nobody knows then
-        what is above.
+        It may where something overhangs near, higher up, and where the sphere has touched nothing near from as high:
+        nobody knows then what is above.
         """
         z, (i, j) = place.item(2), self._cell(place.item(0), place.item(1))
         near = _window(i, j, self._cells)
         if self.found and self._overhang[near].max() > z:
             return True
-        return not self._below_taller(z + HIGHER - self._probe.radius, near)
+        return not self._reached[near].max() > z + HIGHER
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
