@@ -92,7 +92,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.rest, self.back = False, np.inf
         self.beside = BESIDE * self.options.step
-        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
+        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)

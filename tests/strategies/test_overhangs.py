@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Clearance, Contact, Observation
+from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
 from lwrprobe_strategies.tip import Tip
@@ -64,6 +64,17 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     touch(overhangs, [0.01, -0.01, LOW], [0.0, -1.0, 0.0])
     assert not overhangs.possible(here, ALONG)
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
+
+
+@pytest.mark.parametrize(("force", "times", "known"), [(0.5, 1, False), (0.5, 2, True), (2.0, 1, True)])
+def test_two_contacts_of_the_stick_in_a_row_show_an_overhang_and_one_with_a_clear_force(force, times, known):
+    overhangs = Overhangs(AREA, task().probe, 0.015, clear_force=0.8)
+    here, met = np.array([0.0, -0.01, LOW]), np.array([0.0, -0.008, HIGH])
+    for _ in range(times):
+        pressed = Contact(0.0, met, -ALONG, -force * ALONG, here, 0.0, Doubt.AXIS_MISSES)
+        overhangs.note(pose_at(here), pressed)
+    overhangs.note(pose_at(here), contact(here + [0.0, 0.005, 0.0], -ALONG, confidence=0.2))
+    assert overhangs.ahead(here + [0.005, 0.0, 0.0], ALONG) == known
 
 
 def test_where_the_stick_has_stood_nothing_is(overhangs):

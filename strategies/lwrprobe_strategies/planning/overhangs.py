@@ -22,7 +22,7 @@ LEANS = -0.15
 WITNESSES = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
-"""Contacts of the stick in a row, from which on it is one: the first alone may be too weak to decide."""
+"""Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
@@ -40,13 +40,14 @@ class Overhangs:
     ----------
     area, probe : as in the task
     beside : m sideways from what was touched, within which more of the object may be
+    clear_force : N, above which one contact of the stick is certain
 
     Attributes
     ----------
     found : some touch has shown that the object overhangs
     """
 
-    def __init__(self, area: Area, probe: Probe, beside: float) -> None:
+    def __init__(self, area: Area, probe: Probe, beside: float, clear_force: float = np.inf) -> None:
         low = area.lower[:2] - beside
         shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
@@ -55,6 +56,7 @@ class Overhangs:
         self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
         self._reached = np.full(shape, -np.inf)
         self._normal = np.zeros((*shape, 2))
+        self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
         self._leaning, self._above, self.found = 0, 0, False
@@ -87,7 +89,8 @@ class Overhangs:
         height = contact.point.item(2)
         above = contact.reason is Doubt.AXIS_MISSES and height > pose.item(2, 3) + self._probe.radius
         self._above = self._above + 1 if above else 0
-        if self._above >= TWICE:
+        clear = above and float(contact.force @ contact.force) > self._clear_force**2
+        if clear or self._above >= TWICE:
             self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), height)
 
     def stick_met(self, place: np.ndarray) -> None:
