@@ -91,6 +91,22 @@ def test_what_stands_on_one_of_two_lines_may_reach_the_other():
     assert found.depth(np.array([pose(0.075, 0.0, 0.0075)]))[0] < 0.0
 
 
+def test_one_noisy_normal_does_not_make_a_side_slope():
+    found, contacts = space(np.arange(-0.075, 0.0751, PITCH)), touched(xs=(0.0,))
+    for side in (-1.0, 1.0):
+        lowest = np.argmin(contacts[:, 2] + (side * contacts[:, 7] < 0.0))
+        contacts[lowest, 6:9] = np.array([0.0, side, 0.15]) / np.hypot(1.0, 0.15)
+
+    def leans(away):
+        return [leaning(angle, away) for angle in np.arange(2.5, 40.1, 2.5)]
+
+    lines = low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+    assert len(lines) == 2
+    for line in lines:
+        poses = [pose(line.place, y, line.height, line.rotation) for y in np.linspace(line.begin, line.begin / 2, 31)]
+        assert found.depth(np.array(poses)).max() <= 1e-9, "it leans so far that the wall is reached"
+
+
 class Straight(SkillStrategy):
     """Goes to a place, and notes how that ended."""
 
