@@ -73,8 +73,8 @@ def test_two_contacts_of_the_stick_in_a_row_show_an_overhang_and_one_with_a_clea
     for _ in range(times):
         pressed = Contact(0.0, met, -ALONG, -force * ALONG, here, 0.0, Doubt.AXIS_MISSES)
         overhangs.note(pose_at(here), pressed)
-    overhangs.note(pose_at(here), contact(here + [0.0, 0.005, 0.0], -ALONG, confidence=0.2))
-    assert overhangs.ahead(here + [0.005, 0.0, 0.0], ALONG) == known
+    overhangs.note(pose_at(here), contact(here + 0.005 * ALONG, -ALONG, confidence=0.2))
+    assert overhangs.ahead(np.array([0.005, -0.01, LOW]), ALONG) == known
 
 
 def test_where_the_stick_has_stood_nothing_is(overhangs):

@@ -102,7 +102,7 @@ def test_a_transit_that_leaves_a_wall_notices_what_it_meets_there():
         return min(0.01 - place[1], 0.05 - place[2])  # a wall ahead in y, an underside above
 
     surface = over(corner, [0.0, 0.01 - RADIUS + 0.00025, 0.03])
-    strategy = OneSkill(lambda tip: transit(tip, [Waypoint(tip.here + [0.0, 0.0, 0.05], SpeedLimit.COLUMN)]))
+    strategy = OneSkill(lambda tip: transit(tip, [Waypoint(np.array([0.0, tip.here[1], 0.08]), SpeedLimit.COLUMN)]))
     strategy.start(replace(TASK, start=surface.place.copy()))
     strategy.tip.observe(surface.look())
     strategy.tip.leave()
