@@ -112,6 +112,9 @@ def test_a_transit_that_leaves_a_wall_notices_what_it_meets_there():
     assert strategy.end is Ended.CONTACT
     assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, -1.0], abs=1e-6)
     assert surface.peak < 1.2, "an overlarge force would be 2.1 N"
+    up = np.array([0.0, 0.0, 1.0])
+    assert surface.fastest <= strategy.tip.control.approach_speed(up, TASK.orientation) * 1.001
+    assert surface.fastest < 0.9 * strategy.tip.control.column_speed
 
 
 def test_a_transit_leaves_what_is_touched_even_when_the_force_is_overlarge():

@@ -48,6 +48,11 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
         while True:
             if waypoint.speed_limit is SpeedLimit.GUARDED:
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
+            elif waypoint.speed_limit is SpeedLimit.COLUMN:
+                # What still touches may stand out above, too, and friction on it keeps the sphere from giving way.
+                along = direction(tip.here, waypoint.place)
+                touching = tip.control.approach_speed(along, tip.seen.pose[:3, :3]) if tip.leaving else speed
+                goal = slowed(goal, min(speed, touching))
             try:
                 yield goal
             except Overload:
