@@ -104,6 +104,40 @@ def test_after_the_grid_the_faces_along_the_lines_are_crossed(across):
     assert all(abs(line.place) < 0.035 for line in after)
 
 
+class Body:
+    """Lets the body come as low as `needed` m, everywhere."""
+
+    needed = 0.02
+
+    def survey(self):
+        """It is known already."""
+
+    def lowest(self, line, rotation):
+        places = np.linspace(line.begin, line.end, 5)
+        return places, np.full(5, self.needed)
+
+
+@pytest.mark.parametrize(("then", "lines"), [(0.02, 0), (0.012, 2)])
+def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, lines):
+    memory, body = ContactMemory(), Body()
+    options = CoverageConfig(first_line="border", across=True, find_ends=False)
+    scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
+    x = scheduler.grid.x[3]
+    touch_block(memory, [x])
+    memory._contacts[:] = [row for row in memory._contacts if row[2] > 0.03]  # the grid was driven as high as that
+
+    sides = []
+    while (line := scheduler.next(FAR)) is not None:
+        if line.low and line.axis == 1:
+            sides.append((line.place, line.begin, line.height))
+            body.needed = then  # as what is driven since then shows
+    assert len(sides) == 2 + lines
+    first, again = sides[:2], sides[2:]
+    assert {side[:2] for side in first} == {(x, -BORDER), (x, BORDER)}
+    assert {side[:2] for side in again} <= {side[:2] for side in first}
+    assert all(side[2] == pytest.approx(then, abs=0.0026) for side in again)
+
+
 def test_neighbours_end_with_a_side_of_the_grid():
     lines = grid_alone("middle")
     for _ in range(len(lines.grid)):
