@@ -69,7 +69,7 @@ class Tip:
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body: BodySpace | None = None
         self.leaving = False
         self.trace = Trace()
@@ -90,7 +90,7 @@ class Tip:
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, min(wide, default=inf))
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body = None
 
     def observe(self, seen: Observation) -> None:

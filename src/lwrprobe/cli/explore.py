@@ -178,6 +178,8 @@ def _search(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    from lwrprobe.evaluation.summary import area_by_reason
+
     parts = summary["wall_time_parts_s"]
     rows = [
         ("status", f"{summary['status']}: {summary['reason']}"),
@@ -191,8 +193,11 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("link collisions", str(summary["link_collisions"])))
     if summary["coverage"] is not None:
         rows.append(("coverage", f"{summary['coverage']:.1%} of what the sphere can reach"))
+    if summary["truth"] and summary["truth"]["profile"] != "ideal":
+        rows.append(("world", f"differs from the scene: truth.profile is {summary['truth']['profile']}"))
     for key, label, unit in (
         ("contact_error_mm", "contact error", "mm"),
+        ("contact_error_aligned_mm", "contact error aligned", "mm"),
         ("surface_error_mm", "surface error", "mm"),
         ("normal_error_deg", "normal error", "deg"),
     ):
@@ -201,6 +206,9 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["mesh_error_mm"] is not None:
         mesh = summary["mesh_error_mm"]
         rows.append(("mesh error", f"{mesh['method']}: mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
+    if summary["mesh_error_aligned_mm"] is not None:
+        mesh = summary["mesh_error_aligned_mm"]
+        rows.append(("mesh error aligned", f"mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
     rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MAX_ZONES]]
     if len(summary["bridged"]) > _MAX_ZONES:
         rows.append(("bridged", f"{len(summary['bridged']) - _MAX_ZONES} more, narrower ones"))
@@ -210,7 +218,8 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["untouched"]:
         left = summary["untouched"]
         area = sum(place["area_mm2"] for place in left)
-        rows.append(("untouched", f"{area:.0f} mm² of the mesh, the largest place {left[0]['area_mm2']:.0f} mm²"))
+        why = ", ".join(f"{part:.0f} mm²: {reason}" for reason, part in area_by_reason(left))
+        rows.append(("untouched", f"{area:.0f} mm² of the mesh ({why})"))
     if summary["certified_mm"] is not None:
         volume = summary["certificate"]["unknown_cm3"]
         text = f"nothing larger than {summary['certified_mm']:.1f} mm within reach; {volume:.0f} cm^3 there not swept"

@@ -113,6 +113,10 @@ class BodySpace:
         depths = self._body.depth_on_path(begin, end)
         return bool(depths.max() <= max(float(depths[0]) + STILL, WORSE))
 
+    def knows(self, pose: np.ndarray) -> bool:
+        """Whether all of the body is where it may be, at a tip pose (4, 4)."""
+        return bool(self.depth(pose[None])[0] <= WORSE)
+
     def lowest(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n,) m on a line's axis, and the least heights (n,) m of the sphere's centre with which the body may
         come from the line's beginning to each, with the tip held by `rotation` (3, 3).

@@ -24,13 +24,13 @@ LEANS = -0.15
 WITNESSES = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
-"""Contacts of the stick in a row, from which on it is one: the first alone may be too weak to decide."""
+"""Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
 HIGHER = 0.002
-"""m above what is touched now, from which on a touch near it shows how a surface goes on."""
+"""m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
@@ -45,20 +45,23 @@ class Overhangs:
     ----------
     area, probe : as in the task
     beside : m sideways from what was touched, within which more of the object may be
+    clear_force : N, above which one contact of the stick is certain
 
     Attributes
     ----------
     found : some touch has shown that the object overhangs
     """
 
-    def __init__(self, area: Area, probe: Probe, beside: float) -> None:
+    def __init__(self, area: Area, probe: Probe, beside: float, clear_force: float = np.inf) -> None:
         low = area.lower[:2] - beside
         shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
+        self._reached, self._highest_reached = PlanView(shape, -np.inf), -np.inf  # where the sphere touched, and m
         self._normal = np.zeros((*shape, 2))
+        self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
         self._far = round(FAR * self._cells)
@@ -84,6 +87,9 @@ class Overhangs:
             up = contact.normal.item(2)
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
+            z = pose.item(2, 3)
+            if z > self._reached.heights.item(k, m):
+                self._reached.heights[k, m], self._highest_reached = z, max(self._highest_reached, z)
             if up < LEANS:
                 self._leaning += 1
                 if self._leaning >= WITNESSES:
@@ -95,7 +101,8 @@ class Overhangs:
                     self._ahead_of.clear()
         if contact.reason is Doubt.AXIS_MISSES and pz > pose.item(2, 3) + self._probe.radius:
             self._above += 1
-            if self._above >= TWICE:
+            clear = float(contact.force @ contact.force) > self._clear_force**2
+            if clear or self._above >= TWICE:
                 self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), pz)
         else:
             self._above = 0
@@ -149,14 +156,16 @@ class Overhangs:
     def above(self, place: np.ndarray) -> bool:
         """Whether the sphere may meet one on the way up a surface, from a place (3,).
 
-        It may where something overhangs near, higher up, and where nothing as high was touched near: nobody knows then
-        what is above.
+        It may where something overhangs near, higher up, and where the sphere has touched nothing near from as high:
+        nobody knows then what is above.
         """
         x, y, z = place.tolist()
         i, j = self._cell(x, y)
         if self.found and self._overhang.tallest(_window(i, j, self._cells)) > z:
             return True
-        return self._highest <= z + HIGHER or self._tallest_beside(i, j) <= z + HIGHER
+        if self._highest_reached <= z + HIGHER:
+            return True
+        return self._reached.tallest(_window(i, j, self._cells)) <= z + HIGHER
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
