@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot, inf
 
 import numpy as np
@@ -134,11 +135,11 @@ class Tip:
     def stick_limit(self, along: np.ndarray, level: bool = False) -> float:
         """m/s along a unit vector (3,) at which the stick may meet something before the sphere; inf where it cannot.
 
-        It may where something is known near the stick, and where the object may overhang: ahead of a motion through free
-        space, and of one along a surface that is `level`, which leads to where nobody has been above.
+        It may where something is known near the stick, and where the object may overhang: ahead of a motion through
+        free space, and of one along a surface that is `level`, which leads to where nobody has been above.
         """
         near = self.seen.clearance
-        side = hypot(along[0], along[1])
+        side = hypot(along.item(0), along.item(1))
         if side < SIDEWAYS:
             return inf
         here = self.here
@@ -158,7 +159,7 @@ class Tip:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
 
-    def climb_limit(self, along: np.ndarray) -> float:
+    def climb_limit(self, along: Sequence[float]) -> float:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """

@@ -77,7 +77,7 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
 def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """(3,) unit, from one place (3,) to another; downwards where they are the same."""
     motion = there - here
-    size = float(np.sqrt(motion @ motion))
+    size = sqrt(motion.dot(motion))
     return motion / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
 
 
