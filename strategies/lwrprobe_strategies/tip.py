@@ -132,11 +132,10 @@ class Tip:
         near = self.seen.clearance
         return near is not None and near.link == STICK and near.distance - near.required < NEAR
 
-    def stick_limit(self, along: np.ndarray, level: bool = False) -> float:
+    def stick_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) at which the stick may meet something before the sphere; inf where it cannot.
 
-        It may where something is known near the stick, and where the object may overhang: ahead of a motion through
-        free space, and of one along a surface that is `level`, which leads to where nobody has been above.
+        It may where something is known near the stick, and where the object may overhang.
         """
         near = self.seen.clearance
         side = hypot(along.item(0), along.item(1))
@@ -147,7 +146,7 @@ class Tip:
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
             limit = self.control.stick_speed(self.overhangs.reach(here)) / (side if along[2] <= 0.0 else 1.0)
-        elif (level or not self.touches) and self.overhangs.possible(here, along):
+        elif not self.touches and self.overhangs.possible(here, along):
             limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
         if near is not None and self._stick_is_near:
             back = -self.seen.pose[:3, 2]

@@ -6,7 +6,6 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
-from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.tip import Tip
 from strategy_task import AREA, DOWN, task
 
@@ -112,19 +111,6 @@ def test_towards_what_is_known_beside_the_stick_it_goes_slowly():
     assert tip.stick_limit(-ALONG) == np.inf
     assert tip.stick_limit(np.array([1.0, 0.0, 0.0])) == np.inf, "along an edge"
     assert tip.stick_limit(np.array([0.0, 0.0, 1.0])) == np.inf, "the stick follows its own column"
-
-
-def test_along_a_wall_on_the_level_it_goes_slowly_below_what_is_taller_until_a_surface_that_faces_it_is_known():
-    tip = Tip(task(approach=0.03))
-    here, wall = np.array([0.0, 0.0, LOW]), np.array([1.0, 0.0, 0.0])
-    tip.observe(Observation(0.0, pose_at(here), np.zeros(3), wall, contact(here - 0.005 * wall, wall)))
-    assert tip.stick_limit(ALONG, level=True) == np.inf, "nothing taller is known"
-    touch(tip.overhangs, [0.0, 0.008, HIGH], wall)
-    slow = UNEXPECTED * tip.control.stick_speed(tip.overhangs.reach(here))
-    assert tip.stick_limit(ALONG, level=True) == pytest.approx(slow)
-    assert tip.stick_limit(ALONG) == np.inf, "up and down the wall nothing is new beside the line"
-    touch(tip.overhangs, [0.0, 0.01, LOW], -ALONG)
-    assert tip.stick_limit(ALONG, level=True) == np.inf
 
 
 def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_something_overhangs():

@@ -85,8 +85,8 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     binormal = frame.binormal
     onward = tip.control.tangent(binormal)
     sliding_speed = min(sliding_speed, tip.climb_limit(onward))
-    if frame.level or tip.stick_may_meet:
-        sliding_speed = min(sliding_speed, tip.stick_limit(np.array(onward), frame.level))
+    if tip.stick_may_meet:
+        sliding_speed = min(sliding_speed, tip.stick_limit(np.array(onward)))
     force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity = frame.guided(here, velocity, tip.control.normal)
