@@ -13,7 +13,7 @@ from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import X, Y
-from lwrprobe_strategies.planning.low_sides import from_border, low_sides
+from lwrprobe_strategies.planning.low_sides import low_sides
 from lwrprobe_strategies.skills import guarded_move
 from lwrprobe_strategies.supervisor import SkillStrategy
 from strategy_task import DOWN, task
@@ -105,19 +105,6 @@ def test_one_noisy_normal_does_not_make_a_side_slope():
     for line in lines:
         poses = [pose(line.place, y, line.height, line.rotation) for y in np.linspace(line.begin, line.begin / 2, 31)]
         assert found.depth(np.array(poses)).max() <= 1e-9, "it leans so far that the wall is reached"
-
-
-def test_a_side_to_which_no_line_has_led_from_the_border_gets_one():
-    contacts = touched(xs=(-0.015, 0.0, 0.015))
-    trail = np.full((0, 10), np.nan)
-    for x in (-0.015, 0.0):  # the third line was reached by a contour from the one beside
-        for y in np.arange(-0.06, 0.0601, 0.001) if x < 0.0 else np.arange(-0.06, -0.03, 0.001):
-            trail = np.vstack([trail, [x, y, LOW, *[np.nan] * 6, x]])
-    lines = from_border(contacts, trail, np.array([-0.03, -0.015, 0.0, 0.015]), AREA, LOW)
-    assert [(line.place, line.begin) for line in lines] == [(0.0, 0.06), (0.015, -0.06), (0.015, 0.06)]
-    for line in lines:
-        assert line.height == LOW
-        assert line.end == pytest.approx(np.sign(line.begin) * 0.0315), "short of the wall"
 
 
 class Straight(SkillStrategy):

@@ -123,9 +123,7 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     options = CoverageConfig(first_line="border", across=True, find_ends=False)
     scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
     x = scheduler.grid.x[3]
-    memory.passed(np.array([x, -BORDER, 0.006]), x)
     touch_block(memory, [x], low=0.03)  # the grid was driven as high as that
-    memory.passed(np.array([x, BORDER, 0.006]), x)
     sides = []
     while (line := scheduler.next(FAR)) is not None:
         if line.low and line.axis == 1:

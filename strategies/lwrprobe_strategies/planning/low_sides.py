@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import Line, Z
 
 NEAR = 0.0015
 """m across a line, within which a touch is one of it."""
@@ -22,8 +22,7 @@ FACING = 0.2
 BEYOND = 0.004
 """m by which a line leads in under what was touched above it."""
 SPARE = 0.0015
-"""m farther than to where the side is expected, that the body must be able to go; and as far from a side ends what only
-shows the space before it."""
+"""m farther than to where the side is expected, that the body must be able to go."""
 HIGHER = 0.0025
 """m between two heights that are tried."""
 ALIKE = 0.005
@@ -83,30 +82,6 @@ def low_sides(
                     break
             if best is not None:
                 lines.append(replace(best, end=end - side * BEYOND))
-    return lines
-
-
-def from_border(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, area: Area, height: float) -> list[Line]:
-    """Lines along y from the border to short of each side that was touched, where none has led there from the border.
-
-    A contour that came to a line from the one beside has shown nothing of what stands before the side.
-
-    Parameters
-    ----------
-    contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
-    places : (n,) m, of the lines
-    height : m, at which the body is above all that may be there
-    """
-    lines: list[Line] = []
-    for place in np.sort(places).tolist():
-        own = contacts[np.abs(contacts[:, X] - place) < NEAR]
-        been = trail[np.abs(trail[:, X] - place) < NEAR, Y]
-        for side, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
-            facing = own[side * own[:, 6 + Y] > FACING, Y]
-            if len(facing) and not (side * (border - been) < BEYOND).any():
-                end = side * (float((side * facing).max()) + SPARE)
-                if side * (border - end) > BEYOND:
-                    lines.append(Line(Y, place, border, end, height, low=True))
     return lines
 
 

@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
 from lwrprobe_strategies.planning.lines import Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
-from lwrprobe_strategies.planning.low_sides import HIGHER, Leans, from_border, low_sides
+from lwrprobe_strategies.planning.low_sides import HIGHER, Leans, low_sides
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 
@@ -55,8 +55,7 @@ class LineScheduler:
         self._across = np.empty(0)
         self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
         gaps = (
-            (options.near_sides, self._from_border), (options.near_sides, self._near_sides),
-            (options.low_lines, self._low_lines),
+            (options.near_sides, self._near_sides), (options.low_lines, self._low_lines),
             (options.across, self._lines_across), (options.across and options.near_sides, self._low_ends),
             (options.across and options.near_sides, self._lower_sides),
             (options.find_ends, self._outlines),
@@ -155,12 +154,6 @@ class LineScheduler:
         low, high = float(self._area.lower[Y]), float(self._area.upper[Y])
         line = Line(Y, float(self.grid.x[self._number]), low, high, self.height, free_end=True)
         return line if here[Y] <= 0.5 * (low + high) else line.turned()
-
-    def _from_border(self) -> list[Line]:
-        if self._body is None:
-            return []
-        contacts, trail = self._memory.contacts(), self._memory.trail()
-        return from_border(contacts, trail, self.grid.x, self._area, self.height)
 
     def _near_sides(self) -> list[Line]:
         if self._body is not None:
