@@ -123,8 +123,7 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     options = CoverageConfig(first_line="border", across=True, find_ends=False)
     scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
     x = scheduler.grid.x[3]
-    touch_block(memory, [x], low=0.0305)  # the grid was driven as high as that
-
+    touch_block(memory, [x], low=0.03)  # the grid was driven as high as that
     sides = []
     while (line := scheduler.next(FAR)) is not None:
         if line.low and line.axis == 1:

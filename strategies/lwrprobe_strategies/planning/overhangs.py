@@ -59,7 +59,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
-        self._reached, self._highest_reached = PlanView(shape, -np.inf), -np.inf  # where the sphere touched, and m
+        self._reached = PlanView(shape, -np.inf)
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
@@ -85,11 +85,10 @@ class Overhangs:
         if contact.confidence is Confidence.RELIABLE:
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
+            reached = self._reached.heights
+            reached[k, m] = max(reached.item(k, m), pose.item(2, 3))
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
-            z = pose.item(2, 3)
-            if z > self._reached.heights.item(k, m):
-                self._reached.heights[k, m], self._highest_reached = z, max(self._highest_reached, z)
             if up < LEANS:
                 self._leaning += 1
                 if self._leaning >= WITNESSES:
@@ -161,11 +160,10 @@ class Overhangs:
         """
         x, y, z = place.tolist()
         i, j = self._cell(x, y)
-        if self.found and self._overhang.tallest(_window(i, j, self._cells)) > z:
+        near = _window(i, j, self._cells)
+        if self.found and self._overhang.tallest(near) > z:
             return True
-        if self._highest_reached <= z + HIGHER:
-            return True
-        return self._reached.tallest(_window(i, j, self._cells)) <= z + HIGHER
+        return self._reached.tallest(near) <= z + HIGHER
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
