@@ -18,6 +18,7 @@ from lwrprobe.scene import load_scene, write_scene
 
 pytestmark = pytest.mark.slow
 
+
 def as_json(*arguments):
     """What a command that succeeds tells with `--json`."""
     done = CliRunner().invoke(app, [*map(str, arguments), "--json"])

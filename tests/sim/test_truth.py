@@ -442,6 +442,7 @@ def test_the_area_holds_the_object_wherever_it_may_be(scene):
         assert area.upper[2] - upper[2] >= radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["lab", "datasheet"])
 def test_the_sphere_stays_off_the_table_as_the_arm_sees_it(profile):
     """At the area's floor, for draws of table, base and arm: 99 % of the corners of the area are clear of the table."""
