@@ -22,6 +22,8 @@ _PATIENCE = 0.05
 
 # What the line does to the samples is up to the emulated device.
 _IDEAL_LINE = {"latency": 0.0, "late_share": 0.0, "loss": 0.0, "saturation": False}
+_LINE_TRUTH = ("loss_burst_ms", "clock_skew_ms")
+"""What the table `[truth]` says of the line."""
 
 
 class SimulatedWorld:
@@ -39,7 +41,11 @@ class SimulatedWorld:
         options = dict(scene.drivers.get("sim", {})) | _IDEAL_LINE
         if start is not None:
             options["start_q"] = start.tolist()
-        resampled = scene.model_copy(update={"sensor": scene.sensor.model_copy(update={"rate": SENSOR_RATE})})
+        truth = scene.truth
+        if line := {name: 0.0 for name in _LINE_TRUTH if truth.departure(name) is not None}:
+            truth = type(truth)(**truth.model_dump(exclude_none=True) | line)
+        sensor = scene.sensor.model_copy(update={"rate": SENSOR_RATE})
+        resampled = scene.model_copy(update={"sensor": sensor, "truth": truth})
         driver = plugin(DriverContext(configure(plugin.Config, options, "drivers.sim"), resampled, seed))
         self._arm, self._sensor, self.ground_truth = driver.arm(), driver.sensor(), driver.ground_truth()
         self.ground_truth.reserve(round(_LONGEST * SENSOR_RATE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot, inf
 
 import numpy as np
@@ -137,7 +138,7 @@ class Tip:
         It may where something is known near the stick, and where the object may overhang.
         """
         near = self.seen.clearance
-        side = hypot(along[0], along[1])
+        side = hypot(along.item(0), along.item(1))
         if side < SIDEWAYS:
             return inf
         here = self.here
@@ -157,7 +158,7 @@ class Tip:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
 
-    def climb_limit(self, along: np.ndarray) -> float:
+    def climb_limit(self, along: Sequence[float]) -> float:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """

@@ -80,6 +80,26 @@ def test_waves_that_the_contacts_show_are_taken_off_and_the_rest_is_left_as_it_i
     )
 
 
+def test_what_is_larger_than_any_wave_is_not_taken_for_one():
+    recorder, _ = touched(4.0 * AMPLITUDE, noise=2e-6)
+    before = recorder.points()
+    assert take_waves_off(recorder, SCENE, ROBOT) is None
+    assert np.array_equal(recorder.points(), before)
+
+
+def test_a_path_that_is_travelled_more_slowly_says_no_more():
+    recorder, _ = touched(AMPLITUDE, noise=2e-6)
+    joints = np.array([q for q, _ in recorder.states])
+    rows = [recorder.points(), recorder.normals(), joints, ROBOT.jacobian_batch(joints)[:, :3]]
+    times = np.array([contact.time for contact in recorder.contacts])
+    once = learn(Touches(times, *rows), WAVES, STATED)
+    later = (times[:, None] + 1e-3 * np.arange(8)).ravel()
+    slowly = learn(Touches(later, *(row.repeat(8, axis=0) for row in rows)), WAVES, STATED)
+    sure = once.sine != 0.0
+    assert sure.any()
+    assert slowly.error[sure] == pytest.approx(once.error[sure], rel=0.2)
+
+
 def test_without_waves_no_contact_is_moved():
     recorder, _ = touched(np.zeros(7))
     before = recorder.points()

@@ -11,8 +11,10 @@ import pytest
 from lwrprobe.contracts import DriverContext
 from lwrprobe.contracts import GroundTruth as Truth
 from lwrprobe.contracts.plugins import load
+from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import Scene, load_scene, scene_names
+from lwrprobe.scene.actual_scene import actual_scene
 from lwrprobe_rig import world as world_module
 from lwrprobe_rig.console import OperatorConsole
 from lwrprobe_rig.ground_truth import GroundTruth
@@ -182,3 +184,25 @@ def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene,
         with silent.sensor():
             pass
         assert silent.ground_truth() is None
+
+
+def test_a_world_of_another_seed_is_not_that_of_the_scene():
+    """A rig that was started with another seed has its objects elsewhere, and the run says so."""
+    one, other = (load_scene("block", ["truth.profile=lab", f"run.seed={seed}"]) for seed in (1, 2))
+    fetched = GroundTruth(SimpleNamespace(ground_truth=SimpleNamespace(scene=actual_scene(one)))).control("scene")
+    world = Scene.model_validate_json(fetched)
+    assert is_world_of(world, one)
+    assert not is_world_of(world, other)
+    ideal = load_scene("block", ["truth.profile=ideal"])
+    assert is_world_of(ideal, ideal)
+    assert not is_world_of(world, ideal)
+
+
+def test_the_line_is_not_the_worlds_affair():
+    scene = load_scene("block", ["truth.profile=lab", "run.seed=1"])
+    drawn = SimulatedWorld(scene, 1).truth()["differences"]
+    assert drawn["loss_burst_ms"] == [0.0]
+    assert drawn["clock_skew_ms"] == [0.0]
+    assert abs(drawn["probe_length_mm"][0]) > 0.0
+    ideal = SimulatedWorld(load_scene("block", ["truth.profile=ideal"]), 1).truth()["differences"]
+    assert ideal == {"profile": "ideal"}

@@ -200,6 +200,9 @@ class Nowhere:
     def survey(self):
         """Nothing is known."""
 
+    def clears(self, begin, turned, shift):
+        return False
+
     def allows(self, begin, end):
         return False
 

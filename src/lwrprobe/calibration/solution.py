@@ -88,7 +88,7 @@ def solve(
     table: float,
     priors: Priors | None = None,
 ) -> Solution:
-    """Fit all unknowns to the touches (Gauss and Newton with a trust region; the prior is a part of the observations).
+    """Fit all unknowns to the touches (Levenberg and Marquardt; the prior is a part of the observations).
 
     The error that a touch has as a whole, from gears that no parameter describes, is estimated from the residuals
     (variance component, iterated).
@@ -113,7 +113,10 @@ def solve(
     model = Model(robot, probe, touches, reference_radius, parameters, priors)
     x = parameters.mean.copy()
     for _ in range(ROUNDS):
-        fit = least_squares(model.residuals, x, model.jacobian, x_scale=parameters.sigma, xtol=1e-6, ftol=1e-5)
+        # MINPACK uses one thread; the other methods' singular values keep all cores waiting for each other.
+        fit = least_squares(
+            model.residuals, x, model.jacobian, method="lm", x_scale=parameters.sigma, xtol=1e-6, ftol=1e-5
+        )
         x = fit.x
         covariance = np.linalg.inv(fit.jac.T @ fit.jac)
         known = 1.0 - np.diag(covariance) / parameters.sigma**2

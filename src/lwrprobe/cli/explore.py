@@ -191,8 +191,11 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("link collisions", str(summary["link_collisions"])))
     if summary["coverage"] is not None:
         rows.append(("coverage", f"{summary['coverage']:.1%} of what the sphere can reach"))
+    if summary["truth"] and summary["truth"]["profile"] != "ideal":
+        rows.append(("world", f"differs from the scene: truth.profile is {summary['truth']['profile']}"))
     for key, label, unit in (
         ("contact_error_mm", "contact error", "mm"),
+        ("contact_error_aligned_mm", "contact error aligned", "mm"),
         ("surface_error_mm", "surface error", "mm"),
         ("normal_error_deg", "normal error", "deg"),
     ):
@@ -201,6 +204,9 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["mesh_error_mm"] is not None:
         mesh = summary["mesh_error_mm"]
         rows.append(("mesh error", f"{mesh['method']}: mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
+    if summary["mesh_error_aligned_mm"] is not None:
+        mesh = summary["mesh_error_aligned_mm"]
+        rows.append(("mesh error aligned", f"mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
     rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MAX_ZONES]]
     if len(summary["bridged"]) > _MAX_ZONES:
         rows.append(("bridged", f"{len(summary['bridged']) - _MAX_ZONES} more, narrower ones"))

@@ -37,6 +37,8 @@ def run_preview(scene: Scene, summary: Summary, points: np.ndarray, mesh: Triang
     facts = [contacts, f"{summary.sim_time_s:.0f} s"]
     if summary.mesh_error_mm is not None:
         facts.append(f"mesh error {summary.mesh_error_mm['mean']:.2f} mm")
+    if summary.mesh_error_aligned_mm is not None:
+        facts.append(f"{summary.mesh_error_aligned_mm['mean']:.2f} mm after alignment")
     return preview(f"{title}: {scene.strategy.name}", points, mesh, truth, facts)
 
 

@@ -29,6 +29,11 @@ def stated_solid(scene: Scene) -> Solid | None:
     return true_solid(scene) if "truth" in scene.model_fields_set else scene.solid()
 
 
+def is_world_of(world: Scene, scene: Scene) -> bool:
+    """Whether a simulated world has its objects where a scene has them; not that of a rig started with another one."""
+    return world.objects == actual_scene(scene).objects
+
+
 def with_given_area(blind: Scene, own: Scene) -> Scene:
     """A scene as it really is, with an area as far from its objects as that of the same scene not begun blindly.
 

@@ -137,7 +137,7 @@ class TruthTable(Table):
     uniform one. Every quantity has a random stream of its own: to set one does not change the others.
     """
 
-    profile: Literal["ideal", "lab", "datasheet", "rough"] = "ideal"
+    profile: Literal["ideal", "lab", "datasheet", "rough"] = "lab"
     """`ideal`: the world is as the scene says; `lab`: carefully calibrated; `datasheet`: within the makers' tolerances,
     uncalibrated; `rough`: worse than that, with an object that stands free."""
     seed: int | None = Field(default=None, ge=0, lt=2**63)

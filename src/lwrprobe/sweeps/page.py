@@ -14,7 +14,10 @@ from lwrprobe.errors import StorageError
 from lwrprobe.evaluation.charts import Line, line_chart
 from lwrprobe.sweeps.table import Row
 
-ERRORS = {"mesh_mean_mm": "mesh error, mean, mm", "contact_median_mm": "contact error, median, mm"}
+ERRORS = {
+    "mesh_aligned_mean_mm": "mesh error aligned, mean, mm",
+    "contact_aligned_median_mm": "contact error aligned, median, mm",
+}
 _COLOURS = "bcd"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
 def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """(3,) unit, from one place (3,) to another; downwards where they are the same."""
     motion = there - here
-    size = float(np.sqrt(motion @ motion))
+    size = sqrt(motion.dot(motion))
     return motion / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
 
 

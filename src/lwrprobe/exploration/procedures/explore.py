@@ -26,6 +26,7 @@ from lwrprobe.contracts import (
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import find_table
+from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
@@ -37,10 +38,11 @@ from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
+from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
-from lwrprobe.exploration.recording.run_warnings import run_warnings
+from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
@@ -265,10 +267,11 @@ class Exploration:
         self._message("reconstructing and comparing")
         begin = perf_counter()
         waves = take_waves_off(recorder, scene, pipeline.robot)
+        turned = turn_to_path(recorder, scene.probe.radius)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        budget = recorded_budget(scene, pipeline, recorder, waves)
+        budget = recorded_budget(scene, pipeline, recorder, waves, turned)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -295,6 +298,8 @@ class Exploration:
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
         summary.warnings = run_warnings(summary, scene.contact.limit)
+        if truth is not None and not is_world_of(truth.scene, scene):
+            summary.warnings.append(ANOTHER_WORLD)
         summary.wall_time_s = round(sum(self._seconds.values()), 3)
         summary.wall_time_parts_s = {name: round(value, 3) for name, value in self._seconds.items()}
         if self.out is not None:

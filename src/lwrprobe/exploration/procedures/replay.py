@@ -41,6 +41,7 @@ from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
+from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -268,6 +269,7 @@ class Replay:
             recorder.withhold(pipeline.object_motion.moved_since)
         table = leave_table_out(recorder, scene, pipeline)
         waves = take_waves_off(recorder, scene, pipeline.robot)
+        turn_to_path(recorder, scene.probe.radius)
         surface, lack = reconstruct_surface(
             touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
         )

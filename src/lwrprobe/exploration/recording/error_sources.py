@@ -11,6 +11,7 @@ from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.gear_waves import GearWaves
+from lwrprobe.exploration.recording.path_normals import CHORD, SHARE
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.exploration.stages.sensor_errors import FRICTION, wave_slope, zero_torque
@@ -29,17 +30,21 @@ FLOOR = 2e-5
 
 
 def recorded_budget(
-    scene: Scene, pipeline: Pipeline, recorder: Recorder, gears: GearWaves | None = None
+    scene: Scene,
+    pipeline: Pipeline,
+    recorder: Recorder,
+    gears: GearWaves | None = None,
+    turned: np.ndarray | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears` is what was taken off the contacts.
+    `gears` is what was taken off the contacts, `turned` (n,) bool which of them were turned towards their path.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned)
 
 
 def error_budget(
@@ -49,6 +54,7 @@ def error_budget(
     joints: np.ndarray,
     velocities: np.ndarray,
     waves: GearWaves | None = None,
+    turned: np.ndarray | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
     points = np.array([contact.point for contact in contacts])
@@ -58,11 +64,12 @@ def error_budget(
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
-    turned, friction = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning)
+    to_path = np.zeros(len(contacts), dtype=bool) if turned is None else turned
+    normal, friction = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities) | {"friction direction": friction}
-    rest = np.broadcast_to(FLOOR**2 * np.eye(3), turned.shape)
-    return ErrorBudget.of(points, normals, {"normal": turned, "gears": gears, "rest": rest}, shared)
+    rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
+    return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears, "rest": rest}, shared)
 
 
 def _misfit(torque: TorqueAgreement | None) -> float:
@@ -139,7 +146,7 @@ def _of_gears(
 
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
-    confidence: np.ndarray, turning: np.ndarray,
+    confidence: np.ndarray, turning: np.ndarray, to_path: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """What turns the normal, and moves the point around the sphere with it.
 
@@ -152,9 +159,10 @@ def _of_normal(
     noise = _misfit(pipeline.torque) * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(0.5 * (1.0 / confidence - 1.0))
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
     plane = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn") / size
-    aside = np.cross(normals, paths)
+    aside, along = np.cross(normals, paths), np.hypot(turning, ALONG * axis)
+    along = np.where(to_path, np.hypot((1.0 - SHARE) * along, SHARE * CHORD), along)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
-    for sigma, motions in ((np.hypot(turning, ALONG * axis), paths), (np.hypot(plane, ASIDE * axis), aside)):
+    for sigma, motions in ((along, paths), (np.hypot(plane, ASIDE * axis), aside)):
         covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]
     turned = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
     return radius**2 * covariance, radius * turned * aside[:, None]

@@ -20,8 +20,8 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 
-LENGTH = 0.008
-"""m of path in one piece: the quickest joint makes about a wave on it, and a parabola takes up little of that."""
+LENGTH = 0.012
+"""m of path in one piece: the quickest joint makes more than a wave on it, and a parabola takes up little of that."""
 FEWEST = 15
 """Contacts in one piece."""
 GAP = 0.05
@@ -30,15 +30,20 @@ BENT = cos(radians(12.0))
 """Cosine between a normal and the mean one of its piece, below which the piece is not smooth: an edge, say."""
 NOISE = 1.5e-5
 """m, height of a centre over the true surface for other reasons than waves: bending, the zero's wandering, play."""
-ALIKE = 8.0
-"""Contacts in a row, whose heights have one and the same error."""
-SURE = 4.0
-"""Standard deviations from zero, from which on a wave is one. Without any, one joint in 3000 is taken to have one."""
+ALIKE = 1.5e-3
+"""m of path on which heights have one and the same error, however slowly it is travelled."""
+SURE = 5.0
+"""Standard deviations from zero, from which on a wave is one. Heights have other causes that repeat with the joints."""
 ROUNDS = 3
 """Of the weights, by which pieces that are not smooth count less."""
+LARGEST = 3.0
+"""Times the stated amplitude, above which what was found is no wave: the same shape of many pieces, at an edge that is
+met at the same joint values again and again, say."""
+NOTHING = 1e-12
+"""rad, of a wave that is not asked for."""
 
-Piece = tuple[np.ndarray, np.ndarray]
-"""Shares (m, 2 n) m/rad of the waves, and heights (m,) m, both without their parabola."""
+Piece = tuple[np.ndarray, np.ndarray, float]
+"""Shares (m, 2 n) m/rad of the waves and heights (m,) m, both without their parabola; heights that are independent."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -117,28 +122,37 @@ def learn(touches: Touches, waves: float, stated: float) -> GearWaves:
     """The waves from touches; `waves` is their number a turn, `stated` rad the amplitude that is expected."""
     n = touches.joints.shape[1]
     pieces = list(_pieces(touches, waves))
-    prior = np.eye(2 * n) / (0.5 * stated**2)
-    found, information = np.zeros(2 * n), prior
-    for _ in range(ROUNDS):
-        information, sums = prior.copy(), np.zeros(2 * n)
-        for shares, heights in pieces:
-            left = heights - shares @ found
-            spread = max(sqrt(float((left**2).mean())), NOISE)
-            weight = (NOISE / spread) ** 2 / (spread**2 * ALIKE)
-            information += weight * shares.T @ shares
-            sums += weight * shares.T @ heights
-        found = np.linalg.solve(information, sums)
+    asked = np.ones(n, dtype=bool)
+    found, covariance = _solved(pieces, np.tile(asked, 2), stated)
+    while (np.hypot(found[:n], found[n:]) > LARGEST * stated).any():
+        asked[np.argmax(np.hypot(found[:n], found[n:]))] = False
+        found, covariance = _solved(pieces, np.tile(asked, 2), stated)
     # What the links do more than the motors is not in the measured height.
-    pairs = np.array([[j, n + j] for j in range(n)])
-    covariance = np.linalg.inv(information)
     sine, cosine, error = -found[:n], -found[n:], np.full(n, stated / sqrt(2.0))
-    for j, pair in enumerate(pairs):
+    for j in range(n):
+        pair = [j, n + j]
         own = covariance[np.ix_(pair, pair)]
-        if found[pair] @ np.linalg.solve(own, found[pair]) < SURE**2:
+        if not asked[j] or found[pair] @ np.linalg.solve(own, found[pair]) < SURE**2:
             sine[j] = cosine[j] = 0.0
         else:
             error[j] = sqrt(0.5 * float(np.trace(own)))
     return GearWaves(waves, sine, cosine, error)
+
+
+def _solved(pieces: list[Piece], asked: np.ndarray, stated: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (2 n,) rad of sine and cosine in the heights and their covariance; zero where they are not asked for."""
+    prior = np.diag(np.where(asked, 2.0 / stated**2, 1.0 / NOTHING**2))
+    found, information = np.zeros(len(asked)), prior
+    for _ in range(ROUNDS):
+        information, sums = prior.copy(), np.zeros(len(asked))
+        for shares, heights, independent in pieces:
+            left = heights - shares @ found
+            spread = max(sqrt(float((left**2).mean())), NOISE)
+            weight = (NOISE / spread) ** 2 / spread**2 * independent / len(heights)
+            information += weight * shares.T @ shares
+            sums += weight * shares.T @ heights
+        found = np.linalg.solve(information, sums)
+    return found, np.linalg.inv(information)
 
 
 def _pieces(touches: Touches, waves: float) -> Iterator[Piece]:
@@ -162,5 +176,7 @@ def _pieces(touches: Touches, waves: float) -> Iterator[Piece]:
             angle = waves * touches.joints[piece]
             shares = np.concatenate([lift * np.sin(angle), lift * np.cos(angle)], axis=1)
             heights = centres[piece] @ normal
-            basis, _ = np.linalg.qr(np.vander((along - along[0]) / (along[-1] - along[0]), 3))
-            yield shares - basis @ (basis.T @ shares), heights - basis @ (basis.T @ heights)
+            length = along[-1] - along[0]
+            basis, _ = np.linalg.qr(np.vander((along - along[0]) / length, 3))
+            independent = min(length / ALIKE, float(len(piece)))
+            yield shares - basis @ (basis.T @ shares), heights - basis @ (basis.T @ heights), independent

@@ -11,6 +11,11 @@ LOST = 0.01
 LATE = 0.01
 """The same of the set points that came too late for their cycle."""
 
+ANOTHER_WORLD = (
+    "the emulated devices stand in another world than this scene's: start them with the same scene, --seed and --set"
+)
+"""Pages and evaluations that are made of the run folder later would show the scene's."""
+
 
 def run_warnings(summary: Summary, limit: float) -> list[str]:
     """Sentences on a summary that is otherwise complete; `limit` is the force limit [N]."""
