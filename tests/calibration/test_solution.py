@@ -26,6 +26,7 @@ def drawn():
     return found
 
 
+@pytest.mark.slow
 def test_values_lie_within_three_standard_deviations(drawn):
     for world, _, solution in drawn:
         rows = tool_shift_rows(solution.parameters, robot(), Q)
@@ -42,6 +43,7 @@ def test_values_lie_within_three_standard_deviations(drawn):
             assert (np.abs(solution.value(name) - value)[:1] < 3.5 * solution.sigma(name)[:1]).all(), name
 
 
+@pytest.mark.slow
 def test_torque_for_a_force_is_found_to_three_permille(drawn):
     for world, _, solution in drawn:
         found = force_to_torque(np.eye(6) + solution.value("sensor").reshape(6, 6), PROBE)
@@ -49,6 +51,7 @@ def test_torque_for_a_force_is_found_to_three_permille(drawn):
         assert max(error[0, 1], error[1, 0]) < 0.003
 
 
+@pytest.mark.slow
 def test_what_no_touch_shows_stays_at_its_prior(drawn):
     solution = drawn[0][2]
     assert not solution.visible("stick")[1], "a sphere is pressed with what makes a stick shorter by a micrometre"
@@ -116,6 +119,7 @@ def test_jacobian_is_that_of_the_residuals():
         assert np.abs(jacobian[:, k] - numeric).max() < 0.06 * np.abs(numeric).max()
 
 
+@pytest.mark.slow
 def test_a_wrong_diameter_is_named(drawn):
     with pytest.raises(CalibrationRefused, match="diameter"):
         solve(robot(), PROBE, drawn[0][1], REFERENCE + 3e-4, CENTRE[None], 0.0)
@@ -154,6 +158,7 @@ def test_a_sphere_that_moved_is_refused(drawn, shift):
         solve(arm, PROBE, moved, REFERENCE, CENTRE[None], 0.0)
 
 
+@pytest.mark.slow
 def test_a_sphere_that_stood_still_has_not_moved(drawn):
     for _, made, solution in drawn:
         model = Model(robot(), PROBE, made, REFERENCE, solution.parameters, Priors())
@@ -162,13 +167,14 @@ def test_a_sphere_that_stood_still_has_not_moved(drawn):
 
 
 @pytest.mark.parametrize("radius", [0.0, -0.01, np.nan])
-def test_radius_must_be_a_length(drawn, radius):
+def test_radius_must_be_a_length(radius):
+    made = touches(draw(1), orientations()[:4], 3, 1)
     with pytest.raises(InputError, match="reference_radius"):
-        solve(robot(), PROBE, drawn[0][1], radius, CENTRE[None], 0.0)
+        solve(robot(), PROBE, made, radius, CENTRE[None], 0.0)
 
 
-def test_too_few_touches_and_nan_are_refused(drawn):
-    made = drawn[0][1]
+def test_too_few_touches_and_nan_are_refused():
+    made = touches(draw(1), orientations()[:4], 3, 1)
     with pytest.raises(InputError, match="at least 8"):
         solve(robot(), PROBE, made[:3], REFERENCE, CENTRE[None], 0.0)
     broken = replace(made[0], wrenches=np.full_like(made[0].wrenches, np.nan))

@@ -57,6 +57,7 @@ def test_an_object_stands_with_its_centre_of_mass_over_its_feet(kind, seed):
     assert ((feet - middle) @ directions.T).max(axis=0).min() > -5e-5
 
 
+@pytest.mark.slow
 def test_half_of_the_kinds_overhang_often_and_the_convex_one_is_convex():
     shares = {}
     for kind in KINDS:

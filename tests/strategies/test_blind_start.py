@@ -95,6 +95,7 @@ def test_an_empty_table_is_said_to_be_empty_with_what_may_have_been_missed():
     assert float(done.reason.split()[-3]) <= 1e3 * TASK.search_for
 
 
+@pytest.mark.slow
 def test_the_same_surface_gives_the_same_motions():
     once, again = (explore(at(box((0.02, 0.02), 0.05), 0.0, 0.0, 0.4), SMALL)[3] for _ in range(2))
     assert np.array_equal(once, again)

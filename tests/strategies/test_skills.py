@@ -395,6 +395,7 @@ def test_a_contour_that_does_not_come_on_is_jammed():
 
 
 @settings(max_examples=25)
+@pytest.mark.slow
 @given(
     slope=st.floats(-0.6, 0.6), noise=st.floats(0.0, 0.05), shift=st.floats(-0.002, 0.002),
     stiffness=st.floats(300.0, 4000.0), delay=st.floats(0.005, 0.02),

@@ -119,6 +119,7 @@ def test_it_ends_when_the_expected_error_is_as_small_as_wanted():
     assert scheduler(known, aim=1e-4).next(np.array([0.0, -0.1, 0.06])) is not None
 
 
+@pytest.mark.slow
 def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
     """At 10 000 contacts: what a choice costs is bounded by counts."""
     known = outlined()

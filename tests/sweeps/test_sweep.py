@@ -95,7 +95,7 @@ def test_a_sweep_that_was_cut_off_does_the_rest(swept, plan, tmp_path):
     content = (swept / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (tmp_path / "journal.jsonl").write_bytes(b"".join(content[:2]) + content[2][:40])
     seen = []
-    found = sweep(plan, tmp_path, workers=2, watch=lambda done, of, name: seen.append((done, of)))
+    found = sweep(plan, tmp_path, workers=1, watch=lambda done, of, name: seen.append((done, of)))
     assert found.known == 2
     assert seen == [(3, 4), (4, 4)]
     assert (tmp_path / "results.csv").read_bytes() == (swept / "results.csv").read_bytes()

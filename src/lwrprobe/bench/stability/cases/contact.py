@@ -14,7 +14,7 @@ from lwrprobe.contact import WrenchConditioner, identify_payload
 from lwrprobe.contracts import WrenchSample
 from lwrprobe.contracts.plugins import load
 from lwrprobe.exploration.procedures.calibrate import calibrate
-from lwrprobe.scene import load_scene
+from lwrprobe.scene import Scene, load_scene
 
 REFERENCE = 0.03
 """m, diameter of the sphere of a calibration."""
@@ -76,18 +76,23 @@ def _wrong_probe(quick: bool) -> list[Finding]:
     """A stick that is bent, and a sphere of another radius than stated, given to a calibration by touch."""
     found = []
     for bend in (0.4,) if quick else (0.4, -0.4):
-        calibration, _ = calibrate(load_scene("block", [f"truth.sphere_off_axis_mm=[{bend}, 0.0]"]), REFERENCE)
+        calibration, _ = calibrate(_departing("sphere_off_axis_mm", [bend, 0.0]), REFERENCE)
         offset = 1e3 * calibration.values("tool_shift")
         text = f"offset {np.round(offset, 3).tolist()} mm"
         off = float(np.abs(offset - (bend, 0.0, 0.0)).max())
         found.append(within(f"stick bent by {bend:g} mm", text, off, 0.05, "mm"))
     try:
-        calibrate(load_scene("block", ["truth.sphere_radius_mm=-0.2"]), REFERENCE)
+        calibrate(_departing("sphere_radius_mm", -0.2), REFERENCE)
     except CalibrationRefused as refusal:
         found.append(Finding("radius off by 0.2 mm", str(refusal), "radii" in str(refusal)))
     else:
         found.append(Finding("radius off by 0.2 mm", "accepted", False))
     return found
+
+
+def _departing(name: str, value: Any) -> Scene:
+    """A block in a world that differs from its scene in one quantity alone."""
+    return load_scene("block", {"truth.profile": "ideal", f"truth.{name}": value})
 
 
 CASES = (
