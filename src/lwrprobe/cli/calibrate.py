@@ -69,9 +69,8 @@ def calibrate(
     overrides = list(settings or [])
     overrides += [f'arm.driver="{arm}"'] if arm is not None else []
     overrides += [f'sensor.driver="{sensor}"'] if sensor is not None else []
-    loaded = load_scene(scene, overrides)
-    check_plugins(loaded)
     check_output("--out", out, [".toml"])
+    loaded = load_scene(scene, overrides, check=check_plugins)
     from lwrprobe.calibration import write_calibration
     from lwrprobe.exploration.procedures.calibrate import calibrate as run
     from lwrprobe.exploration.safety.confirm import Confirm

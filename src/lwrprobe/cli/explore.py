@@ -81,15 +81,22 @@ def explore(
     )
     overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
     overrides += [f"run.until.{rule}" for rule in until or []]
+
+    def run_folder(found: Scene) -> Path:
+        return out if out is not None else Path("runs") / found.name
+
+    def checked(found: Scene) -> None:
+        check_plugins(found)
+        if not dry:
+            check_folder("--out", run_folder(found))
+            check_empty("--out", run_folder(found), overwrite)
+
     with ProgressLine(quiet) as line:
         line.message(f"loading scene {scene}")
-        loaded = load_scene(scene, overrides, profile)
-        check_plugins(loaded)
+        loaded = load_scene(scene, overrides, profile, checked)
         if dry:
             return _dry_run(loaded, line, as_json)
-        folder = out if out is not None else Path("runs") / loaded.name
-        check_folder("--out", folder)
-        check_empty("--out", folder, overwrite)
+        folder = run_folder(loaded)
         from lwrprobe.exploration.safety.confirm import Confirm
         from lwrprobe.runs.explore import explore as run
 

@@ -10,6 +10,9 @@ import typer
 from lwrprobe.cli.checks import check_folder
 from lwrprobe.errors import InputError, UnknownNameError
 
+AS_STATED = ("truth.profile=ideal",)
+"""For the area as the scene's file has it."""
+
 _PLUGINS = {
     "strategies": "strategy",
     "drivers": "driver",
@@ -55,7 +58,7 @@ def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
     lines += ["| | |", "|---|---|"]
     cells = []
     for name, title in rows:
-        draw_scene(folder / "scenes" / f"{name}.png", load_scene(name))
+        draw_scene(folder / "scenes" / f"{name}.png", load_scene(name, AS_STATED))
         cells.append(f"![{name}](scenes/{name}.png)<br>`{name}`: {title}")
     cells += [""] * (len(cells) % 2)
     lines += [f"| {left} | {right} |" for left, right in zip(cells[::2], cells[1::2])]
@@ -91,7 +94,7 @@ def _rows(kind: str) -> list[tuple[str, str]]:
 def _built_in_scenes() -> list[tuple[str, str]]:
     from lwrprobe.scene import load_scene, scene_names
 
-    return [(name, load_scene(name).title) for name in scene_names()]
+    return [(name, load_scene(name, AS_STATED).title) for name in scene_names()]
 
 
 def _first_comment(file: Path) -> str:

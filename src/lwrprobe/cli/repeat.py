@@ -47,9 +47,8 @@ def repeat(
 
     given = (("arm.driver", arm), ("sensor.driver", sensor))
     overrides = [*(settings or []), *(f"{key}={json.dumps(value)}" for key, value in given if value is not None)]
-    loaded = load_scene(scene, overrides)
-    check_plugins(loaded)
     check_folder("--out", out)
+    loaded = load_scene(scene, overrides, check=check_plugins)
     from lwrprobe.exploration.procedures.repeat import Plan
     from lwrprobe.exploration.procedures.repeat import repeat as touch
 

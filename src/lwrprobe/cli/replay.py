@@ -50,9 +50,7 @@ def replay(
     from lwrprobe.runs.replay import replay as run
 
     changes = [*(settings or []), *([f"strategy.name={json.dumps(strategy)}"] if strategy else [])]
-    given = load_scene(scene) if scene is not None else None
-    if given is not None:
-        check_plugins(given)
+    given = load_scene(scene, check=check_plugins) if scene is not None else None
     found = run(source, scene=given, settings=changes, estimators=estimator or (), out=out)
     if as_json:
         typer.echo(json.dumps([row.as_dict() for row in found]))

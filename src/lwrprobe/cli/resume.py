@@ -26,7 +26,7 @@ def resume(
     from lwrprobe.scene import load_scene
 
     check_run("run", run)
-    check_plugins(load_scene(run / "scene.toml"))
+    load_scene(run / "scene.toml", check=check_plugins)
     from lwrprobe.exploration.procedures.explore import resume as take_up
     from lwrprobe.exploration.safety.confirm import Confirm
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os.path import isfile
 from pathlib import Path
 from typing import Any, get_args
@@ -26,7 +26,12 @@ Overrides = Mapping[str, Any] | Iterable[str]
 _SHAPE_MODELS = {model.model_fields["shape"].annotation.__args__[0]: model for model in get_args(get_args(Shape)[0])}
 
 
-def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: str | None = None) -> Scene:
+def load_scene(
+    scene: str | Path | Scene,
+    overrides: Overrides = (),
+    profile: str | None = None,
+    check: Callable[[Scene], None] | None = None,
+) -> Scene:
     """A scene by name or file, with a profile's tables over its own and `key=value` overrides on top.
 
     Parameters
@@ -36,6 +41,7 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     overrides : texts `key=value` with the value as in TOML, where a bare word counts as text; or a dict of keys and
         plain values. A key is dotted: `probe.radius`, `object.0.friction`
     profile : a built-in profile (`thesis`) or a file
+    check : is called with the scene before its objects are built, which takes long; may raise
 
     A calibration that is named in `overrides` and not in the file is looked for in the working folder.
     A `[truth]` that moves the objects widens the area (`actual_scene.widened_area`).
@@ -57,7 +63,10 @@ def load_scene(scene: str | Path | Scene, overrides: Overrides = (), profile: st
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
     _resolve_calibration(content, path)
-    loaded = widened_area(_validate(content, path.name))
+    stated = _validate(content, path.name)
+    if check is not None:
+        check(stated)
+    loaded = widened_area(stated)
     calibration_of(loaded)
     return loaded
 
