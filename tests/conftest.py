@@ -69,15 +69,21 @@ def made_once(tmp_path_factory, request):
 
 
 @pytest.fixture(scope="session")
-def recorded_cylinder(made_once) -> Path:
+def upper_edge() -> dict:
+    """Settings of a short run: half of the upper edge of the upright cylinder, with a piece of its wall."""
+    area = {"area.lower": [-0.012, 0.0, 0.030], "area.upper": [0.012, 0.045, 0.058]}
+    return {**area, "strategy.step": 0.03, "truth.profile": "ideal"}
+
+
+@pytest.fixture(scope="session")
+def recorded_cylinder(made_once, upper_edge) -> Path:
     """The folder of a short run with a bag."""
     import lwrprobe as lp
 
-    settings = {"strategy.step": 0.03, "truth.profile": "ideal"}
     return made_once(
         "recorded_cylinder",
         lambda folder: lp.explore(
-            "cylinder_vertical", seed=5, settings=settings, out=folder, record=True, progress=False
+            "cylinder_vertical", seed=5, settings=upper_edge, out=folder, record=True, progress=False
         ),
     )
 

@@ -11,8 +11,8 @@ LIBRARY = ROOT / "src" / "lwrprobe"
 LEVELS = [
     {"errors", "lazy"},
     {"contracts"},
-    {"bags", "compiled", "control", "host"},
-    {"kinematics", "trajectory"},
+    {"bags", "compiled", "host"},
+    {"control", "kinematics", "trajectory"},
     {"contact", "mapping"},
     {"calibration", "collision", "reconstruction"},
     {"scene"},

@@ -39,6 +39,7 @@ from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
+from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
@@ -91,7 +92,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.rest, self.back = False, np.inf
         self.beside = BESIDE * self.options.step
-        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside)
+        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
             yield from self.drive(line, retraction)
@@ -360,6 +361,19 @@ class Coverage(SkillStrategy):
         return True
 
     # For the runner
+
+    def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
+        """As a side would be touched that faces so; see `CarefulStrategy`."""
+        if self.searching:
+            return []
+        body, away, poses = self.tip.body, horizontal(facing), []
+        if body is not None:
+            body.survey()
+        for rotation in self.leans(away) if away.any() else (self.upright,):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = rotation, centre
+            poses.append((pose, body is None or body.knows(pose)))
+        return poses
 
     @property
     def line_spacing(self) -> float | None:

@@ -111,13 +111,18 @@ class BodyCheck:
         body, here = self._tip.body, self._tip.seen.pose
         if body is None or isinstance(motion, Done):
             return False
-        ahead = here.copy() if motion.pose is None else motion.pose.copy()
+        turned = here if motion.pose is None else motion.pose
         if isinstance(motion, Goal):
-            path = motion.pose[:3, 3] - here[:3, 3]
-            length = max(float(np.sqrt(path @ path)), 1e-9)
-            ahead[:3, 3] = here[:3, 3] + min(AHEAD * motion.speed / length, 1.0) * path
+            shift = turned[:3, 3] - here[:3, 3]
+            if body.clears(here, turned, shift):
+                return False  # all the way, and so with each sample until it is reached
+            shift = min(AHEAD * motion.speed / max(float(np.sqrt(shift @ shift)), 1e-9), 1.0) * shift
         else:
-            ahead[:3, 3] = here[:3, 3] + AHEAD * motion.velocity
+            shift = AHEAD * motion.velocity
+            if body.clears(here, turned, shift):
+                return False
+        ahead = turned.copy()
+        ahead[:3, 3] = here[:3, 3] + shift
         return not body.allows(here, ahead)
 
 
@@ -199,13 +204,13 @@ class SkillStrategy(ABC):
             else:
                 trace.event = interruption.event
                 motion = self._program.throw(interruption)
-            for _ in range(MAX_REFUSED):
-                if not self._check.refuses(motion):
-                    break
+            refused = 0
+            while self._check.refuses(motion):
+                refused += 1
+                if refused == MAX_REFUSED:
+                    raise UnknownSpace
                 trace.event = UnknownSpace.event
                 motion = self._program.throw(UnknownSpace())
-            else:
-                raise UnknownSpace
         except StopIteration as stop:
             motion = self._done = stop.value
         except Interruption as escaped:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot, inf
 
 import numpy as np
@@ -68,7 +69,7 @@ class Tip:
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area)
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body: BodySpace | None = None
         self.leaving = False
         self.trace = Trace()
@@ -89,7 +90,7 @@ class Tip:
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, min(wide, default=inf))
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE)
+        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body = None
 
     def observe(self, seen: Observation) -> None:
@@ -137,7 +138,7 @@ class Tip:
         It may where something is known near the stick, and where the object may overhang.
         """
         near = self.seen.clearance
-        side = hypot(along[0], along[1])
+        side = hypot(along.item(0), along.item(1))
         if side < SIDEWAYS:
             return inf
         here = self.here
@@ -157,7 +158,7 @@ class Tip:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
 
-    def climb_limit(self, along: np.ndarray) -> float:
+    def climb_limit(self, along: Sequence[float]) -> float:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """

@@ -1,6 +1,7 @@
 """The command line: what it answers, how it fails, and what it does not load."""
 
 import json
+import socket
 import subprocess
 import sys
 
@@ -184,6 +185,19 @@ def test_doctor_finds_everything_needed():
     assert "numpy" in done.stdout
     assert "strategy grid_version" in done.stdout
     assert done.returncode == 0, done.stdout
+
+
+def test_doctor_tells_of_a_silent_controller_and_goes_on():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = [f'drivers.fri.bind="127.0.0.1:{port}"', "drivers.fri.connect_timeout=0.2"]
+    done = ask("doctor", "--arm", "fri", *(word for each in address for word in ("--set", each)))
+    assert done.returncode == 1
+    assert "! fri connection" in done.stdout
+    assert "no measurement came" in done.stdout
+    assert "problems found: 1" in done.stdout
+    assert done.stderr == ""
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,6 @@
 """`lwrprobe reconstruct`, `fit` and `evaluate`: from a run folder, a cloud or a map to figures and files."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -20,21 +18,11 @@ from lwrprobe.scene import load_scene, write_scene
 
 pytestmark = pytest.mark.slow
 
-COMMAND = [sys.executable, "-c", "from lwrprobe.cli.app import main; main()"]
 
-
-def lwrprobe(*arguments, timeout=300):
-    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=timeout)
-
-
-def as_json(*arguments, run=None):
-    """What a command that succeeds tells with `--json`, run in this process unless it is to have its own."""
-    if run is not None:
-        done = run(*arguments, "--json")
-        assert done.returncode == 0, done.stderr
-    else:
-        done = CliRunner().invoke(app, [*map(str, arguments), "--json"])
-        assert done.exit_code == 0, done.output
+def as_json(*arguments):
+    """What a command that succeeds tells with `--json`."""
+    done = CliRunner().invoke(app, [*map(str, arguments), "--json"])
+    assert done.exit_code == 0, done.output
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
@@ -69,12 +57,12 @@ def test_a_run_that_was_killed_is_read_to_its_last_whole_line(run_folder):
 def test_reconstruct_then_evaluate(run_folder, tmp_path):
     folder, _ = run_folder
     mesh = tmp_path / "block.ply"
-    report = as_json("reconstruct", folder, "--out", mesh, "--set", "step=0.0025", run=lwrprobe)
+    report = as_json("reconstruct", folder, "--out", mesh, "--set", "step=0.0025")
     assert report["watertight"]
     assert report["without"] == []
     assert report["step"] == pytest.approx(0.0025)
     assert read_mesh(mesh).vertex_error is not None
-    figures = as_json("evaluate", mesh, "--truth", "block", "--out", tmp_path / "deviation", run=lwrprobe)
+    figures = as_json("evaluate", mesh, "--truth", "block", "--out", tmp_path / "deviation")
     assert figures["mesh"]["mean"] < 0.3
     assert {facing["facing"] for facing in figures["mesh"]["facings_mm"]} >= {"+x", "-x", "+y", "-y", "+z"}
     assert sum(facing["share"] for facing in figures["mesh"]["facings_mm"]) == pytest.approx(1.0, abs=0.01)

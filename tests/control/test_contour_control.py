@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lwrprobe.control import run_on
-from lwrprobe.control.contour_control import FORCE_RESERVE, ContourControl
+from lwrprobe.control.contour_control import FORCE_RESERVE, FRICTION, ContourControl
 from strategy_task import DOWN, task
 
 
@@ -100,3 +100,59 @@ def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffne
     up = stiffness_along(t, (0.0, 0.0, 1.0))
     foot = t.force_threshold + up * (down * t.delay + down**2 / (2.0 * t.acceleration))
     assert foot + 0.3 * t.force_target <= FORCE_RESERVE * t.force_limit * 1.001
+
+
+def velocity_of(t, control, last, steady, normal, force, binormal, speed, rotation, period):
+    """The tracked normal, the steady part and the velocity, written down with vectors."""
+    mean = 0.5 * last + 0.5 * normal
+    n = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 0.1 else normal
+    angle = max(np.arccos(min(abs(n @ rotation[:, 2]), 1.0)) - 0.35, 0.0)
+    lateral, _, along = t.probe.compliance
+    stiffness = 1.0 / (1.0 / t.stiffness + np.sin(angle) ** 2 * lateral + np.cos(angle) ** 2 * along)
+    damping, error = np.e * stiffness * t.delay, force - t.force_target
+    inward = min(control.approach_speed(n, rotation), 0.01)
+    steady = np.clip(steady + error * period / (damping * 8.0 * t.delay), -0.5 * inward, 0.5 * speed)
+    press = np.clip(error / damping + steady, -inward, 0.05)
+    tangent = np.cross(n, binormal)
+    tangent /= np.linalg.norm(tangent)
+    slide = min(speed, t.force_target / (stiffness * t.delay * 0.08))
+    if tangent @ rotation[:, 2] > 0.3:
+        spare = FORCE_RESERVE * t.force_limit - t.force_threshold
+        slide = min(slide, (1.0 - FRICTION * t.force_target / spare) * control.approach_speed(tangent, rotation))
+    slide *= np.clip(1.0 - abs(error) / (t.force_limit - t.force_target), 0.1, 1.0)
+    return n, steady, slide * tangent + press * n
+
+
+def test_the_velocity_is_that_of_the_law_along_the_tracked_normal_and_the_tangent():
+    t, random = task(), np.random.default_rng(3)
+    control, tracked, steady, dives = ContourControl(t), np.array([0.0, -1.0, 0.0]), 0.0, 0
+    control.begin(tracked)
+    for _ in range(3000):
+        normal = tracked + random.normal(scale=0.2, size=3)
+        if random.random() < 0.02:
+            normal = -tracked + 0.01 * normal  # the surface on the other side of a slot
+        normal /= np.linalg.norm(normal)
+        lean = random.uniform(-0.4, 0.4)
+        rotation = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]]) @ DOWN
+        binormal = [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)][random.integers(3)]
+        force, speed, period = random.uniform(0.0, 2.5), random.uniform(0.0, 0.04), random.uniform(1e-3, 0.02)
+        given = normal, force, binormal, speed, rotation, period
+        tracked, steady, expected = velocity_of(t, control, tracked, steady, *given)
+        np.testing.assert_allclose(control.velocity(*given), expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(control.normal, tracked, atol=1e-12)
+        dives += np.cross(tracked, binormal) @ rotation[:, 2] > 0.3
+    assert dives > 100
+
+
+def test_parts_of_arrays_and_whole_numbers_are_taken_as_they_are():
+    whole, parts = ContourControl(task()), ContourControl(task())
+    for control in (whole, parts):
+        control.begin(np.array([0.0, -1.0, 0.0]))
+    pose, rows = np.eye(4), np.zeros((3, 5))
+    pose[:3, :3], rows[:, 2] = DOWN, (0.0, -1.0, 0.0)
+    ahead = (1.0, 0.0, 0.0), 0.02
+    expected = whole.velocity(np.array([0.0, -1.0, 0.0]), 1.5, *ahead, DOWN.copy(), 0.008)
+    np.testing.assert_array_equal(parts.velocity(rows[:, 2], 1.5, *ahead, pose[:3, :3], 0.008), expected)
+    parts.normal = np.array([0, -1, 0])
+    again = whole.velocity(np.array([0.0, -1.0, 0.0]), 1.5, *ahead, DOWN.copy(), 0.008)
+    np.testing.assert_array_equal(parts.velocity(np.array([0, -1, 0]), 1.5, *ahead, pose[:3, :3], 0.008), again)

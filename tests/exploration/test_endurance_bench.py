@@ -55,7 +55,7 @@ def test_unknown_options_are_refused():
 
 @pytest.mark.slow
 def test_a_run_becomes_a_row_of_the_process():
-    report = endurance.run(False, {"seconds": "5", "set": "run.time_limit=3.0"})
+    report = endurance.run(False, {"seconds": "2", "set": "run.time_limit=3.0"})
     (table,) = report.tables
     assert len(table.rows) >= 1
     assert table.columns[4] == "memory MB"

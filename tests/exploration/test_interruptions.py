@@ -16,7 +16,7 @@ from lwrprobe.scene import load_scene
 
 SMALL = [
     "truth.profile='ideal'",
-    "area.lower=[-0.012, 0.0, 0.006]",
+    "area.lower=[-0.012, 0.0, 0.020]",
     "area.upper=[0.012, 0.045, 0.06]",
     "strategy.step=0.02",
 ]

@@ -7,13 +7,13 @@ from lwrprobe.contracts import SteppedArm
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
-from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
 from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.scene import load_scene
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory
+from run_alone import run_alone
 
 pytestmark = pytest.mark.slow
 
@@ -150,14 +150,16 @@ def test_where_the_joints_are_counts_for_the_first_row():
 def test_a_run_in_one_go_and_a_run_cycle_by_cycle_leave_the_same_files(tmp_path, monkeypatch):
     """The same contacts to the last byte, and the same way, states and map."""
     settings = ["run.seed=7", "run.time_limit=20.0", "truth.profile=ideal"]
-    explore(load_scene("block", settings), tmp_path / "at once")
+    at_once = run_alone(load_scene("block", settings), tmp_path / "at once")
     offered = []
 
     def one_by_one(devices, n):
         offered.append(isinstance(devices.arm, SteppedArm))
 
     monkeypatch.setattr(SimulatedTime, "of", one_by_one)
-    explore(load_scene("block", settings), tmp_path / "one by one")
+    by_cycle = run_alone(load_scene("block", settings), tmp_path / "one by one")
+    for run in (at_once, by_cycle):
+        run.pipeline.voxels.write(run.out / "map.bt")
     for name in ("contacts.csv", "trace.csv", "states.csv", "map.bt"):
         assert (tmp_path / "at once" / name).read_bytes() == (tmp_path / "one by one" / name).read_bytes(), name
     assert offered == [True]

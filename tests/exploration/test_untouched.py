@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Area, TriangleMesh
-from lwrprobe.exploration.recording.untouched import REASONS, SMALLEST, untouched
+from lwrprobe.evaluation.summary import area_by_reason
+from lwrprobe.exploration.recording.untouched import (
+    FACES_DOWN,
+    MEETS,
+    NOT_FOLLOWED,
+    OUTSIDE,
+    SMALLEST,
+    UNKNOWN,
+    untouched,
+)
 
 RADIUS, PITCH = 0.005, 0.010
 AREA = Area(np.array([-0.06, -0.06, 0.006]), np.array([0.06, 0.06, 0.09]))
@@ -47,26 +56,45 @@ def test_a_side_without_contacts_is_one_place_with_its_area(without):
     (place,) = found(*(side for k, side in enumerate(SIDES) if k != without))
     whole = 4.0 * HALF * HALF if without == 4 else 2.0 * HALF * (HIGH - LOW)
     assert place.area == pytest.approx(whole, rel=0.1)
-    assert place.reason == REASONS[3]
+    assert place.reason == NOT_FOLLOWED
     row = place.as_dict()
     assert row["area_mm2"] == pytest.approx(1e6 * place.area, abs=0.06)
     assert len(row["place"]) == 2
 
 
-def test_where_the_probe_would_meet_what_was_touched_that_is_the_reason():
+@pytest.mark.parametrize("reason", [MEETS, UNKNOWN])
+def test_what_hinders_the_probe_at_a_place_is_the_reason(reason):
     sides = [side for side in SIDES if side != (1, -1)]
-    (place,) = untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, lambda centre: centre[1] < -HALF)
-    assert place.reason == REASONS[2]
-    (place,) = untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, lambda centre: centre[1] > HALF)
-    assert place.reason == REASONS[3]
+
+    def hindrance(centre, facing):
+        assert facing == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
+        assert centre[1] == pytest.approx(-HALF - RADIUS)
+        return reason
+
+    (place,) = untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, hindrance)
+    assert place.reason == reason
+
+
+def test_a_place_with_two_reasons_is_told_with_the_area_of_each():
+    sides = [side for side in SIDES if side != (1, -1)]
+    low = 0.025
+
+    def hindrance(centre, facing):
+        return UNKNOWN if centre[2] < low else NOT_FOLLOWED
+
+    found = [place.as_dict() for place in untouched(block(), *contacts(*sides), PITCH, RADIUS, AREA, hindrance)]
+    areas = dict(area_by_reason(found))
+    assert areas[UNKNOWN] == pytest.approx(2e6 * HALF * (low - LOW), rel=0.15)
+    assert areas[NOT_FOLLOWED] == pytest.approx(2e6 * HALF * (HIGH - low), rel=0.15)
+    assert list(areas) == [NOT_FOLLOWED, UNKNOWN], "largest first"
 
 
 def test_what_faces_down_and_what_lies_outside_the_area_is_said():
     (below,) = found(*SIDES[:5])
-    assert below.reason == REASONS[0], "the sphere would have to go below the area"
+    assert below.reason == OUTSIDE, "the sphere would have to go below the area"
     deep = Area(np.array([-0.06, -0.06, 0.001]), AREA.upper)
     (under,) = found(*SIDES[:5], area=deep)
-    assert under.reason == REASONS[1]
+    assert under.reason == FACES_DOWN
 
 
 def test_the_largest_place_comes_first_and_what_is_tiny_is_left_out():

@@ -7,7 +7,7 @@ from spatialmath import SE3
 from test_kinematics_tracking import TOOL
 
 from lwrprobe.contracts import InputError
-from lwrprobe.kinematics import IKSolver, IKStatus, Preference, follow, lwr4, puma560, straight_line
+from lwrprobe.kinematics import IKSolver, IKStatus, Preference, follow, lwr4, puma560, sensitivity, straight_line
 
 DOWN = np.deg2rad([0.0, 30, 0, -90, 0, 60, 0])
 
@@ -46,6 +46,29 @@ def test_a_path_in_the_middle_of_the_workspace_is_followed():
     assert 0.0 < report.speed_use.max() < 1.0
     for q, pose in zip(report.q, straight_line(start, SE3(0.05, -0.05, 0.05) * start)):
         np.testing.assert_allclose(robot.fk(q).A, pose, atol=2e-6)
+
+
+def bent(elbow):
+    """Joints of an arm that reaches upwards and out, with its elbow bent by an angle."""
+    return np.array([0.2, 0.4, 0.1, -elbow, 0.1, 1.0, 0.3])
+
+
+@pytest.mark.parametrize("elbow", [0.08, 0.2, 0.6, 1.2])
+def test_a_joint_is_the_more_sensitive_the_straighter_the_elbow_is(elbow):
+    robot = lwr4()
+    q = bent(elbow)
+    found = sensitivity(IKSolver(robot), robot.fk(q).A, q)
+    upper, lower = 0.4, 0.39  # m, links of the arm; law of cosines for the distance between shoulder and wrist
+    distance = np.sqrt(upper**2 + lower**2 + 2.0 * upper * lower * np.cos(elbow))
+    of_elbow = distance / (upper * lower * np.sin(elbow))
+    assert found >= 0.97 * of_elbow, "no joint less than the elbow"
+    if elbow < 0.3:
+        assert found == pytest.approx(of_elbow, rel=0.1)
+
+
+def test_at_the_end_of_the_reach_a_joint_is_sensitive_without_limit():
+    robot, q = lwr4(), bent(0.01)
+    assert sensitivity(IKSolver(robot), robot.fk(q).A, q) == np.inf
 
 
 def test_outward_beyond_the_straight_arm_stops_there_and_says_so():

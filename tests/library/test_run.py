@@ -29,6 +29,12 @@ def run(folder):
     return lp.explore("block", settings=SETTINGS, out=folder, progress=False)
 
 
+@pytest.fixture(scope="module")
+def bare():
+    """The same run without a folder."""
+    return lp.explore("block", settings=SETTINGS, progress=False)
+
+
 def test_contacts_are_arrays_of_one_length_with_unit_normals(run):
     c = run.contacts
     assert c.points.shape == c.normals.shape == (len(c), 3)
@@ -65,15 +71,13 @@ def test_a_run_read_back_is_the_same_run(run, folder):
     assert len(again.mesh.faces) == len(run.mesh.faces)
 
 
-def test_the_same_run_without_a_folder_finds_the_same(run):
-    bare = lp.explore("block", settings=SETTINGS, progress=False)
+def test_the_same_run_without_a_folder_finds_the_same(run, bare):
     assert bare.folder is None
     assert bare.contacts.points.tobytes() == run.contacts.points.tobytes()
     assert bare.summary.coverage == run.summary.coverage
 
 
-def test_a_run_in_memory_can_be_saved(run, tmp_path):
-    bare = lp.explore("block", settings=SETTINGS, progress=False)
+def test_a_run_in_memory_can_be_saved(bare, tmp_path):
     saved = bare.save(tmp_path / "saved")
     assert saved.folder == tmp_path / "saved"
     assert saved.contacts.points == pytest.approx(bare.contacts.points, abs=1e-7)

@@ -189,3 +189,54 @@ def distances(marked, edge):
     points = np.argwhere(np.ones(marked.shape, bool))
     squares = ((points[:, None] - free[None]) ** 2).sum(axis=2)
     return edge * np.sqrt(squares.min(axis=1)).reshape(marked.shape)
+
+
+def squares_under(points, pose, low, cell, shape, top):
+    """Row and column of the square under each point of a body below the top, or of the nearest one; and its height."""
+    for point in points:
+        x, y, z = pose[:3, :3] @ point + pose[:3, 3]
+        if z >= top:
+            continue
+        i, j = round((x - low[0]) / cell), round((y - low[1]) / cell)
+        yield min(max(i, 0), shape[0] - 1), min(max(j, 0), shape[1] - 1), z
+
+
+def body_depth(points, pose, heights, low, cell, top):
+    """How far a body reaches below what is under it."""
+    under = squares_under(points, pose, low, cell, heights.shape, top)
+    return max((heights[i, j] - z for i, j, z in under), default=-np.inf)
+
+
+def body_was(points, poses, shape, low, cell, top):
+    """The least height of the body over each square that is not on the border."""
+    lowest = np.full(shape, np.inf)
+    for pose in poses:
+        for i, j, z in squares_under(points, pose, low, cell, shape, top):
+            if 0 < i < shape[0] - 1 and 0 < j < shape[1] - 1:
+                lowest[i, j] = min(lowest[i, j], z)
+    return lowest
+
+
+def in_window(window, shape):
+    """Rows and columns of the squares in a window."""
+    i, end_i, j, end_j = window
+    return [(row, column) for row in range(i, min(end_i, shape[0])) for column in range(j, min(end_j, shape[1]))]
+
+
+def bridged(heights, known, beside, apart):
+    """The heights where known, and between two known squares in a row the tallest beside either; square by square."""
+    found = np.full(heights.shape, np.inf)
+    for i, j in np.ndindex(heights.shape):
+        if known[i, j]:
+            found[i, j] = heights[i, j]
+            continue
+        for flip in (False, True):
+            seen, good, at, across = (heights.T, known.T, j, i) if flip else (heights, known, i, j)
+            rows = np.flatnonzero(good[:, across])
+            if not ((rows < at).any() and (rows > at).any()):
+                continue
+            ends = rows[rows < at].max(), rows[rows > at].min()
+            if ends[1] - ends[0] <= apart:
+                near = seen[list(ends), max(across - beside, 0) : across + beside + 1]
+                found[i, j] = min(found[i, j], max(near[np.isfinite(near)], default=-np.inf))
+    return found

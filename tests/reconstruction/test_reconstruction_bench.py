@@ -39,7 +39,7 @@ def test_voxels_are_centres_with_unit_normals():
 
 @pytest.mark.slow
 def test_one_object():
-    report = run(True, {"scenes": "polystyrene_2"})
+    report = run(True, {"scenes": "bridge"})
     methods = [row[0] for row in report.tables[0].rows]
     assert {"contact_surface", "convex_hull", "concave_hull, 15 mm", "hermite_rbf"} <= set(methods)
     best = min(report.tables[0].rows, key=lambda row: row[2])

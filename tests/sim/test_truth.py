@@ -1,6 +1,7 @@
 """The table `[truth]`: what it draws, what it changes in the simulated world, and that nothing else reads it."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ from gantry_rig import CLEAN, Rig, gantry
 import lwrprobe_sim.driver as sim_driver
 from lwrprobe.contracts import DriverContext, SceneError
 from lwrprobe.evaluation.truth import with_given_area
-from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import load_scene, write_scene
 from lwrprobe.scene.actual_scene import actual_scene, placed
@@ -21,6 +21,7 @@ from lwrprobe_sim import world_kernels as kernels
 from lwrprobe_sim.actual_world import actual_world
 from lwrprobe_sim.start import start_joints
 from lwrprobe_sim.world import World
+from run_alone import run_alone
 
 ROOT = Path(__file__).resolve().parents[2]
 Q = np.array([0.3, 0.6, -0.2, -1.4, 0.1, 1.1, 0.4])
@@ -41,13 +42,19 @@ def tip(world):
 # --- who reads it
 
 
-def modules(*folders):
-    return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))]
+@cache
+def text(file):
+    return file.read_text()
+
+
+def modules(word, *folders):
+    """Those that hold the word: to parse them all takes seconds."""
+    return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py")) if word in text(file)]
 
 
 def imports(file):
     names = set()
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in ast.walk(ast.parse(text(file))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -59,7 +66,8 @@ def test_only_simulator_and_evaluation_know_the_modules_of_the_truth():
     knowing = {"lwrprobe.scene.truth", "lwrprobe.scene.actual_scene"}
     found = {
         str(file.relative_to(ROOT))
-        for file in modules("src/lwrprobe", "drivers", "strategies")
+        for word in ("truth", "actual_scene")
+        for file in modules(word, "src/lwrprobe", "drivers", "strategies")
         if imports(file) & knowing and file.parent != ROOT / "src/lwrprobe/scene"
     }
     judges = {"src/lwrprobe/evaluation/truth.py", "src/lwrprobe/bench/shapes.py"}
@@ -71,7 +79,7 @@ def test_what_compares_with_the_truth_is_used_after_a_run_alone():
     at_the_end = {package / "exploration/procedures" / name for name in ("explore.py", "merge.py")}
     parts = {
         file.relative_to(package).parts[0]
-        for file in modules("src/lwrprobe")
+        for file in modules("truth", "src/lwrprobe")
         if "lwrprobe.evaluation.truth" in imports(file) and file not in at_the_end
     }
     assert parts == {"evaluation", "runs", "views", "bench"}
@@ -80,7 +88,7 @@ def test_what_compares_with_the_truth_is_used_after_a_run_alone():
 def test_nothing_that_acts_during_a_run_imports_the_evaluation():
     acting = ("collision", "contact", "control", "kinematics", "mapping", "reconstruction", "trajectory")
     acting += ("exploration/loop", "exploration/safety", "exploration/stages")
-    files = modules(*(f"src/lwrprobe/{name}" for name in acting), "drivers", "strategies")
+    files = modules("evaluation", *(f"src/lwrprobe/{name}" for name in acting), "drivers", "strategies")
     importing = {
         str(file.relative_to(ROOT)): name
         for file in files
@@ -93,8 +101,8 @@ def test_nothing_that_acts_during_a_run_imports_the_evaluation():
 def test_no_stage_strategy_or_device_driver_reads_the_table():
     folders = [f"src/lwrprobe/{name}" for name in ("contact", "exploration", "mapping", "reconstruction", "trajectory")]
     drivers = [f"drivers/lwrprobe_{name}" for name in ("ati", "fri")]
-    for file in modules(*folders, *drivers, "strategies"):
-        for node in ast.walk(ast.parse(file.read_text())):
+    for file in modules(".truth", *folders, *drivers, "strategies"):
+        for node in ast.walk(ast.parse(text(file))):
             assert not (isinstance(node, ast.Attribute) and node.attr == "truth"), f"{file}:{node.lineno}"
 
 
@@ -110,7 +118,7 @@ def test_decisions_depend_on_sensor_data_and_not_on_the_table(tmp_path, monkeypa
     )
 
     def decisions(name, scene):
-        explore(scene, tmp_path / name)
+        run_alone(scene, tmp_path / name)
         return [(tmp_path / name / file).read_bytes() for file in ("contacts.csv", "trace.csv", "states.csv")]
 
     first = decisions("one", one)
@@ -467,7 +475,7 @@ def test_what_moves_nothing_leaves_the_area():
 @pytest.mark.slow
 def test_the_summary_says_what_was_drawn_and_compares_with_it(tmp_path):
     settings = ["truth.profile=ideal", "truth.object_shift_mm=[0.0, 3.0]", "run.time_limit=25.0", "run.seed=3"]
-    summary = explore(load_scene("block", settings), tmp_path)
+    summary = run_alone(load_scene("block", settings), tmp_path).finish().as_dict()
     assert summary["truth"] == {"profile": "ideal", "object_shift_mm": [0.0, 3.0]}
     assert summary["contacts"] > 5
     assert summary["contact_error_mm"]["median"] < 0.15

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lwrprobe.contracts import Clearance, Contact, Done, Goal, Observation, VelocityCommand
-from lwrprobe.control.contour_control import MAX_OUTWARD
+from lwrprobe.control.contour_kernels import MAX_OUTWARD
 from lwrprobe_strategies.planning.tracking_frame import MAX_RETURN
 
 Distance = Callable[[np.ndarray], float]

@@ -8,6 +8,7 @@ import pytest
 from lwrprobe.contracts import Area, Done, Goal, Observation, VelocityCommand
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.lean import UP, turned
@@ -88,6 +89,22 @@ def test_what_stands_on_one_of_two_lines_may_reach_the_other():
     # The block ends somewhere between the lines at 15 and 30 mm.
     assert found.depth(np.array([pose(0.03, 0.0, 0.03)]))[0] > 0.02
     assert found.depth(np.array([pose(0.075, 0.0, 0.0075)]))[0] < 0.0
+
+
+def test_one_noisy_normal_does_not_make_a_side_slope():
+    found, contacts = space(np.arange(-0.075, 0.0751, PITCH)), touched(xs=(0.0,))
+    for side in (-1.0, 1.0):
+        lowest = np.argmin(contacts[:, 2] + (side * contacts[:, 7] < 0.0))
+        contacts[lowest, 6:9] = np.array([0.0, side, 0.15]) / np.hypot(1.0, 0.15)
+
+    def leans(away):
+        return [leaning(angle, away) for angle in np.arange(2.5, 40.1, 2.5)]
+
+    lines = low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+    assert len(lines) == 2
+    for line in lines:
+        poses = [pose(line.place, y, line.height, line.rotation) for y in np.linspace(line.begin, line.begin / 2, 31)]
+        assert found.depth(np.array(poses)).max() <= 1e-9, "it leans so far that the wall is reached"
 
 
 class Straight(SkillStrategy):
@@ -191,6 +208,26 @@ def test_what_was_touched_on_the_border_goes_on_beyond_it():
     assert inside.depth(np.array([pose(-0.11, 0.0, 0.02)]))[0] < 0.0, "nothing stands beside the area"
 
 
+@pytest.mark.parametrize(("strategy", "leans"), [(OrientationChange(), True), (GridVersion(), False)])
+def test_a_strategy_tells_how_it_would_touch_a_place_and_whether_the_body_would_be_in_known_space(strategy, leans):
+    strategy.start(replace(task(links=LINKS, area=AREA), tallest=TALLEST))
+    low, out = np.array([0.0, -0.03, 0.0075]), np.array([0.0, -1.0, 0.0])
+    poses = strategy.touching_poses(low, out)
+    assert len(poses) > 10 if leans else len(poses) == 1
+    assert not any(known for _, known in poses), "nothing is known yet"
+    strategy.tip.body = space(np.arange(-0.075, 0.0751, PITCH))
+    known = [pose for pose, known in strategy.touching_poses(low, out) if known]
+    assert bool(known) == leans, "upright the body would meet the wall"
+    for touching in known:
+        np.testing.assert_array_equal(touching[:3, 3], low)
+        assert touching[1, 2] > 0.1, "the stick comes from the free side"
+    ((upright, on_top),) = strategy.touching_poses(np.array([0.0, 0.0, TALL]), UP)
+    np.testing.assert_array_equal(upright[:3, :3], DOWN)
+    assert on_top
+    strategy.tip.body = None
+    assert all(known for _, known in strategy.touching_poses(low, out)), "nothing is as tall as the stick is long"
+
+
 class Nowhere:
     """Lets the body go nowhere."""
 
@@ -199,6 +236,9 @@ class Nowhere:
 
     def survey(self):
         """Nothing is known."""
+
+    def clears(self, begin, turned, shift):
+        return False
 
     def allows(self, begin, end):
         return False

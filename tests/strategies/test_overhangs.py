@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import Clearance, Contact, Observation
+from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
 from lwrprobe_strategies.tip import Tip
@@ -66,6 +66,17 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
 
 
+@pytest.mark.parametrize(("force", "times", "known"), [(0.5, 1, False), (0.5, 2, True), (2.0, 1, True)])
+def test_two_contacts_of_the_stick_in_a_row_show_an_overhang_and_one_with_a_clear_force(force, times, known):
+    overhangs = Overhangs(AREA, task().probe, 0.015, clear_force=0.8)
+    here, met = np.array([0.0, -0.01, LOW]), np.array([0.0, -0.008, HIGH])
+    for _ in range(times):
+        pressed = Contact(0.0, met, -ALONG, -force * ALONG, here, 0.0, Doubt.AXIS_MISSES)
+        overhangs.note(pose_at(here), pressed)
+    overhangs.note(pose_at(here), contact(here + 0.005 * ALONG, -ALONG, confidence=0.2))
+    assert overhangs.ahead(np.array([0.005, -0.01, LOW]), ALONG) == known
+
+
 def test_where_the_stick_has_stood_nothing_is(overhangs):
     overhangs.stick_met(np.array([0.0, 0.0, LOW]))
     assert overhangs.ahead(np.array([0.0, -0.008, LOW]), ALONG)
@@ -113,5 +124,11 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     assert tip.climb_limit(slope) == np.inf
     touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
     assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
+    edge = np.array([0.0, 0.0, 0.05])
+    tip.here = edge
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "the line beside was as high and no higher"
+    touch(tip.overhangs, [0.01, 0.003, 0.055], np.array([0.0, 0.0, 1.0]))
+    assert tip.climb_limit(up) == np.inf, "the sphere went over the edge there"
+    tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"

@@ -91,10 +91,10 @@ def test_up_from_under_an_overhang_that_only_the_stick_has_passed_is_slow():
 def test_a_probe_that_turns_under_something_may_not_go_straight_up_any_more():
     leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
     free = column(0.0, 0.0, 0.03)
-    opened = len(free.open_places())
+    opened = len(free.open_places(0, 0.0))
     stand(free, *([0.0, 0.0, z] for z in np.arange(0.028, 0.01, -0.0011)), rotation=leaning)
     assert opened > 10
-    assert len(free.open_places()) == opened
+    assert len(free.open_places(0, 0.0)) == opened
     assert not stand(nowhere(), [0.0, 0.0, 0.02], [0.004, 0.0, 0.02], rotation=leaning).swept(
         np.array([0.0, 0.0, 0.02]), np.array([0.004, 0.0, 0.02])
     )

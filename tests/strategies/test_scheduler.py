@@ -19,12 +19,12 @@ def grid_alone(first_line="border"):
     return LineScheduler(task(), ContactMemory(), options)
 
 
-def touch_block(memory, xs, top=0.035, half=0.03):
+def touch_block(memory, xs, top=0.035, half=0.03, low=0.006):
     """Contacts of lines along y over a block, as the grid makes them: up the near side, over the top, down the far."""
     for x in xs:
-        path = [(-half - RADIUS, z, -1.0, 0.0) for z in np.arange(0.006, top, 0.001)]
+        path = [(-half - RADIUS, z, -1.0, 0.0) for z in np.arange(low, top, 0.001)]
         path += [(y, top + RADIUS, 0.0, 1.0) for y in np.arange(-half, half + 1e-9, 0.001)]
-        path += [(half + RADIUS, z, 1.0, 0.0) for z in np.arange(top, 0.006, -0.001)]
+        path += [(half + RADIUS, z, 1.0, 0.0) for z in np.arange(top, low, -0.001)]
         for y, z, ny, nz in path:
             centre, normal = np.array([x, y, z]), np.array([0.0, ny, nz])
             memory.add(centre, centre - RADIUS * normal, normal, x)
@@ -102,6 +102,39 @@ def test_after_the_grid_the_faces_along_the_lines_are_crossed(across):
     ends = {round(max(abs(line.begin), abs(line.end)), 6) for line in after}
     assert ends <= {round(max(touched) + 0.01, 6), round(-min(touched) + 0.01, 6)}
     assert all(abs(line.place) < 0.035 for line in after)
+
+
+class Body:
+    """Lets the body come as low as `needed` m, everywhere."""
+
+    needed = 0.02
+
+    def survey(self):
+        """It is known already."""
+
+    def lowest(self, line, rotation):
+        places = np.linspace(line.begin, line.end, 5)
+        return places, np.full(5, self.needed)
+
+
+@pytest.mark.parametrize(("then", "lines"), [(0.02, 0), (0.012, 2)])
+def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, lines):
+    memory, body = ContactMemory(), Body()
+    options = CoverageConfig(first_line="border", across=True, find_ends=False)
+    scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
+    x = scheduler.grid.x[3]
+    touch_block(memory, [x], low=0.0305)  # the grid was driven as high as that
+
+    sides = []
+    while (line := scheduler.next(FAR)) is not None:
+        if line.low and line.axis == 1:
+            sides.append((line.place, line.begin, line.height))
+            body.needed = then  # as what is driven since then shows
+    assert len(sides) == 2 + lines
+    first, again = sides[:2], sides[2:]
+    assert {side[:2] for side in first} == {(x, -BORDER), (x, BORDER)}
+    assert {side[:2] for side in again} <= {side[:2] for side in first}
+    assert all(side[2] == pytest.approx(then, abs=0.0026) for side in again)
 
 
 def test_neighbours_end_with_a_side_of_the_grid():

@@ -97,6 +97,26 @@ def test_a_transit_ends_where_something_is_touched():
     assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, 1.0])
 
 
+def test_a_transit_that_leaves_a_wall_notices_what_it_meets_there():
+    def corner(place):
+        return min(0.01 - place[1], 0.05 - place[2])  # a wall ahead in y, an underside above
+
+    surface = over(corner, [0.0, 0.01 - RADIUS + 0.00025, 0.03])
+    strategy = OneSkill(lambda tip: transit(tip, [Waypoint(np.array([0.0, tip.here[1], 0.08]), SpeedLimit.COLUMN)]))
+    strategy.start(replace(TASK, start=surface.place.copy()))
+    strategy.tip.observe(surface.look())
+    strategy.tip.leave()
+    motion, seen = None, surface.look()
+    while not isinstance(motion := strategy.step(seen), Done):
+        seen = surface.obey(motion)
+    assert strategy.end is Ended.CONTACT
+    assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, -1.0], abs=1e-6)
+    assert surface.peak < 1.2, "an overlarge force would be 2.1 N"
+    up = np.array([0.0, 0.0, 1.0])
+    assert surface.fastest <= strategy.tip.control.approach_speed(up, TASK.orientation) * 1.001
+    assert surface.fastest < 0.9 * strategy.tip.control.column_speed
+
+
 def test_a_transit_leaves_what_is_touched_even_when_the_force_is_overlarge():
     def body(tip):
         tip.leave()

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
+from task_functions import deadly, doubled, squared
 
 from lwrprobe.contracts import InputError, SceneError
 from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_local
@@ -25,38 +25,17 @@ from lwrprobe.sweeps.plan import read_plan
 from lwrprobe.sweeps.sweep import sweep
 from lwrprobe.sweeps.worker import THREADS
 
+# The area is the top of the sphere: a run over it takes some seconds of the robot's time.
 PLAN = """
 scenes = ["sphere"]
 strategies = ["grid_version", "surface_contour"]
 seeds = 2
-set = ["run.time_limit=30.0"]
+set = ["area.lower=[-0.012, -0.012, 0.045]", "area.upper=[0.012, 0.012, 0.058]"]
 
 [[variant]]
 name = "coarse"
 set = ["strategy.step=0.03"]
 """
-
-
-def squared(number: int) -> dict:
-    return {"status": "done", "square": number * number, "threads": [os.environ[name] for name in THREADS]}
-
-
-def doubled(number: int) -> dict:
-    return {"double": 2 * number}
-
-
-def deadly(number: int) -> dict:
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if number == 4:
-        raise ValueError("four is refused")
-    time.sleep(0.02)
-    return squared(number)
-
-
-def slow_square(number: int) -> dict:
-    time.sleep(0.15)
-    return squared(number)
 
 
 def test_results_of_all_tasks_come_back_from_processes_of_one_thread(monkeypatch):

@@ -31,7 +31,7 @@ def doctor(
         str | None, typer.Option(metavar="NAME", help="Check the sensor behind this driver: connect and read.")
     ] = None,
     scene: Annotated[
-        str, typer.Option(metavar="SCENE", help="Scene whose [drivers.*] tables hold the devices' addresses.")
+        str, typer.Option(metavar="SCENE", help="Scene whose tables drivers.NAME hold the devices' addresses.")
     ] = "empty",
     settings: Settings = None,
     seconds: Annotated[
@@ -70,7 +70,7 @@ def _installation() -> Iterator[tuple[str, bool]]:
 
 
 def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool | None]]:
-    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, InputError, MassiveArm
+    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError, InputError, MassiveArm
     from lwrprobe.contracts.options import configure
     from lwrprobe.contracts.plugins import load
     from lwrprobe.exploration.loop.devices import delay_of
@@ -82,8 +82,12 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
         plugin = load("driver", name, DRIVER_CONTRACT)
         config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
         driver = plugin(DriverContext(config, loaded))
+        try:
+            checks = driver.health_checks(seconds)
+        except DriverError as error:
+            yield f"{name} {'connection':<24} {error}", False
+            continue
         faces |= {role: getattr(driver, role)() for role in plugin.roles}
-        checks = driver.health_checks(seconds)
         if not checks:
             raise InputError("driver", name, "a driver of a device: a simulator has nothing to check")
         for reading in checks:

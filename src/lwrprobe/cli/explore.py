@@ -185,6 +185,8 @@ def _search(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    from lwrprobe.evaluation.summary import area_by_reason
+
     parts = summary["wall_time_parts_s"]
     rows = [
         ("status", f"{summary['status']}: {summary['reason']}"),
@@ -223,7 +225,8 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["untouched"]:
         left = summary["untouched"]
         area = sum(place["area_mm2"] for place in left)
-        rows.append(("untouched", f"{area:.0f} mm² of the mesh, the largest place {left[0]['area_mm2']:.0f} mm²"))
+        why = ", ".join(f"{part:.0f} mm²: {reason}" for reason, part in area_by_reason(left))
+        rows.append(("untouched", f"{area:.0f} mm² of the mesh ({why})"))
     if summary["certified_mm"] is not None:
         volume = summary["certificate"]["unknown_cm3"]
         text = f"nothing larger than {summary['certified_mm']:.1f} mm within reach; {volume:.0f} cm^3 there not swept"

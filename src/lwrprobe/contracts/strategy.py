@@ -71,7 +71,7 @@ class Task:
     tallest : m, nothing is known to be taller, inf = as tall as the area allows
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
-        within its joint limits and without a jump
+        within its joint limits, without a jump, and with joints that can follow the tip's acceleration
     clear : whether on that way no link comes nearer to what was touched than it may
     """
 
@@ -167,6 +167,17 @@ class SearchingStrategy(Protocol):
 
     @property
     def bounds(self) -> Bounds | None: ...
+
+
+@runtime_checkable
+class CarefulStrategy(Protocol):
+    """A strategy that keeps what feels nothing of the probe, all that is behind the stick, out of unknown space."""
+
+    def touching_poses(self, centre: Vector, facing: Vector) -> Sequence[tuple[np.ndarray, bool]]:
+        """Tip poses (4, 4) in which it would touch a surface that faces along a unit vector (3,), with the sphere's
+        centre at a place (3,) m; each with whether all behind the stick is in known space there, as far as it has come.
+        None of them: it does not say.
+        """
 
 
 @runtime_checkable

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, field
 
 from lwrprobe.contracts import InputError
+from lwrprobe.control import contour_kernels as kernels
 
 NO_OVERSHOOT = math.exp(-1.0)
 """Largest stability number without overshoot."""
@@ -26,7 +27,7 @@ MIN_DAMPING = 1.0
 def normal_velocity(error: float, damping: float, steady: float, inward: float, outward: float) -> float:
     """m/s along the outward normal: `error / damping + steady`, from -`inward` to `outward`.
 
-    This function is the law. Every loop over a normal force calls it.
+    This function is the law. Every loop over a normal force calls it, or its kernel from another kernel.
 
     Parameters
     ----------
@@ -35,12 +36,12 @@ def normal_velocity(error: float, damping: float, steady: float, inward: float, 
     steady : m/s, the part that takes up a constant error of the tangent; 0 where nothing slides
     inward, outward : m/s, largest speed towards the surface and away from it
     """
-    return min(max(error / damping + steady, -inward), outward)
+    return float(kernels.normal_velocity(error, damping, steady, inward, outward))
 
 
 def damping_without_overshoot(stiffness: float, delay: float) -> float:
     """N s/m, B = e K tau: the smallest damping without overshoot (S = 1/e)."""
-    return math.e * delay * stiffness
+    return float(kernels.damping_without_overshoot(stiffness, delay))
 
 
 @dataclass(slots=True, frozen=True)

@@ -21,6 +21,7 @@ from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.summary import area_by_reason
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.fits import fit
@@ -178,10 +179,8 @@ class _Page:
         left = self.summary.untouched
         if left:
             area, places = sum(one["area_mm2"] for one in left), "1 place" if len(left) == 1 else f"{len(left)} places"
-            found.append(
-                f"Untouched: {area:.0f} mm² of the mesh in {places}; the largest has {left[0]['area_mm2']:.0f} mm² "
-                f"({left[0]['reason']})"
-            )
+            why = ", ".join(f"{part:.0f} mm² ({reason})" for reason, part in area_by_reason(left))
+            found.append(f"Untouched: {area:.0f} mm² of the mesh in {places}: {why}")
         return found + [sentence[:1].upper() + sentence[1:] for sentence in self.summary.warnings]
 
     def _viewer(self) -> str:

@@ -221,3 +221,11 @@ class Summary:
         part.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
         part.replace(path)
         return path
+
+
+def area_by_reason(untouched: list[Table]) -> list[tuple[str, float]]:
+    """Reason and area [mm^2] of what was left untouched for it, largest first; of the places in `Summary.untouched`."""
+    areas: dict[str, float] = {}
+    for place in untouched:
+        areas[place["reason"]] = areas.get(place["reason"], 0.0) + float(place["area_mm2"])
+    return sorted(areas.items(), key=lambda one: -one[1])

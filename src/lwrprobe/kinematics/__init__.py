@@ -2,7 +2,7 @@
 
 from lwrprobe.kinematics.inertia import LinkInertia, apparent_mass, link_inertias, mass_matrix
 from lwrprobe.kinematics.models import iiwa14, lwr4, panda, puma560, robot_by_name, ur5e
-from lwrprobe.kinematics.path import FollowReport, follow, straight_line
+from lwrprobe.kinematics.path import FollowReport, follow, sensitivity, straight_line
 from lwrprobe.kinematics.preference import Preference
 from lwrprobe.kinematics.robot import Robot
 from lwrprobe.kinematics.rtb import from_roboticstoolbox, to_roboticstoolbox
@@ -35,6 +35,7 @@ __all__ = [
     "reachable",
     "robot_by_name",
     "sample_workspace",
+    "sensitivity",
     "straight_line",
     "to_roboticstoolbox",
     "ur5e",

@@ -15,6 +15,9 @@ from lwrprobe.kinematics.solver import IKSolver, IKStatus
 if TYPE_CHECKING:
     from spatialmath import SE3
 
+NUDGE = 1e-4
+"""m"""
+
 
 @dataclass(frozen=True, slots=True)
 class FollowReport:
@@ -78,6 +81,21 @@ def follow(
         limit_margin=np.minimum(qs - robot.lower, robot.upper - qs).min(axis=1),
         speed_use=_speed_use(robot, qs, seconds),
     )
+
+
+def sensitivity(solver: IKSolver, pose: Array, q: Array) -> float:
+    """rad/m (m/m for prismatic joints), how far the most affected joint moves for each m of the tip, whichever way.
+
+    The tip is at a pose (4, 4), held by q (n,). It is large near a stretched elbow, inf at the end of the reach.
+    """
+    moved, found, squares = pose.copy(), np.empty_like(q), np.zeros_like(q)
+    for axis in range(3):
+        moved[:3, 3] = pose[:3, 3]
+        moved[axis, 3] += NUDGE
+        if solver.track(moved, q, found) != IKStatus.CONVERGED:
+            return np.inf
+        squares += (found - q) ** 2
+    return float(np.sqrt(squares.max())) / NUDGE
 
 
 def why(robot: Robot, status: IKStatus, pose: Array, q_from: Array, q: Array) -> str:

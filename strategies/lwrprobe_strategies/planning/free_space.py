@@ -10,6 +10,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe.mapping import path_corners
+from lwrprobe_strategies.planning.growing_table import GrowingTable
 
 SPACING = 0.001
 """m between two places that are kept."""
@@ -57,19 +58,16 @@ class FreeSpace:
     def __init__(self, area: Area, body: float = np.inf) -> None:
         self._area, self._body = area, body
         self._top = float(area.upper[2])
-        self._rows: list[
-            tuple[float, ...]
-        ] = []  # place, place off the surface, stick's direction, open, upright, in its column
+        # Place, place off the surface, stick's direction; whether it is open, upright and in its column.
+        self._places = GrowingTable(12)
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
-        self._known = np.empty((0, 12))
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this reliable normal (3,), or None."""
-        x, y, z = pose[:3, 3].tolist()
-        ax, ay, az = pose[:3, 2].tolist()
-        if self._rows:
-            last = self._rows[-1]
+        (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
+        last = self._places.last
+        if last is not None:
             near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING
             if near and ax * last[6] + ay * last[7] + az * last[8] > TURNED:
                 return
@@ -84,12 +82,12 @@ class FreeSpace:
         border, column = self._on_border(x, y), self._column
         back = border or (column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN)
         known = float(border or column is not None), float(upright), float(back)
-        self._rows.append((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
+        self._places.add((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
 
     def clear_down_to(self, x: float, y: float) -> float:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
-        rows = self._table()
+        rows = self._places.rows()
         near = rows[np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE]
         level = min(self._top, float(near[near[:, 9] > 0.0, 2].min(initial=np.inf)))
         for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
@@ -103,13 +101,13 @@ class FreeSpace:
         level = self.clear_down_to(place.item(0), place.item(1))
         return min(level, place.item(2) + self._body)
 
-    def open_places(self) -> np.ndarray:
-        """(n, 3) m, places from which the probe may go straight up: it came down there.
+    def open_places(self, axis: int, place: float) -> np.ndarray:
+        """(n, 3) m, places from which the probe may go straight up, within `BORDER` of a place [m] on one axis.
 
-        On the area's border every place counts as open: nothing stands there.
+        It came down there. On the area's border every place counts as open: nothing stands there.
         """
-        rows = self._table()
-        return rows[rows[:, 9] > 0.0, :3]
+        rows = self._places.rows()
+        return rows[(np.abs(rows[:, axis] - place) < BORDER) & (rows[:, 9] > 0.0), :3]
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,)."""
@@ -117,8 +115,10 @@ class FreeSpace:
         length = float(np.sqrt(motion @ motion))
         if length < SPACING:
             return True
-        rows = self._table()
-        rows = rows[rows[:, 10] > 0.0, :3] - begin
+        rows = self._places.rows()
+        # Few are as high: the others are not looked at.
+        level = np.abs(rows[:, 2] - begin[2]) < SPACING + (1.0 + GAP / length) * abs(motion[2])
+        rows = rows[level & (rows[:, 10] > 0.0), :3] - begin
         along = rows @ (motion / length)
         beside = rows - along[:, None] * (motion / length)
         near = np.abs(beside).max(axis=1) < SPACING
@@ -131,7 +131,7 @@ class FreeSpace:
 
         Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
         """
-        rows = self._table()
+        rows = self._places.rows()
         if len(rows) < 2:
             return None
         places, here = [], rows[-1, 3:6]
@@ -154,7 +154,7 @@ class FreeSpace:
         None where the probe leans or has leaned, where that is too far back, where a piece of the path is not known,
         and where it leads through an inner edge: off one of its faces the sphere still touches the other.
         """
-        rows = self._table()[-FARTHEST_BACK:]
+        rows = self._places.rows()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
         near &= np.hypot(rows[:, 0] - place[0], rows[:, 1] - place[1]) < reach
         found = np.flatnonzero(near)
@@ -169,22 +169,15 @@ class FreeSpace:
         bends = (np.diff(off[touching], axis=0) * np.diff(path[touching, :3], axis=0)).sum(axis=1)
         if len(bends) and bends.min() < -HOLLOW:
             return None
-        first = len(self._rows) - len(rows)
-        return self._along(list(range(len(self._rows) - 1, first + int(found[-1]) - 1, -1)))
+        first = len(self._places) - len(rows)
+        return self._along(list(range(len(self._places) - 1, first + int(found[-1]) - 1, -1)))
 
     def _along(self, places: list[int]) -> list[Pose]:
         """The places with these indices, in this order; those that lie straight between others are left out."""
-        rows = self._table()
+        rows = self._places.rows()
         kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
         low, high = self._area.lower, self._area.upper
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
-
-    def _table(self) -> np.ndarray:
-        """(n, 12) all rows; asked for while the tip moves, so only what is new is converted."""
-        new = self._rows[len(self._known) :]
-        if new:
-            self._known = np.concatenate([self._known, np.array(new)])
-        return self._known

@@ -25,6 +25,9 @@ SPARE = 0.0015
 """m farther than to where the side is expected, that the body must be able to go."""
 HIGHER = 0.0025
 """m between two heights that are tried."""
+ALIKE = 0.005
+"""m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
+taken as far down as a line is high."""
 OVERLAP = 0.001
 """m, by which both contours overlap."""
 
@@ -68,7 +71,8 @@ def low_sides(
             away, end = np.zeros(3), float(low[axis])
             away[axis] = side
             whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
-            slope = max(float(low[8]), 0.0) / (side * float(low[6 + axis]))
+            last = facing[facing[:, Z] < low[Z] + ALIKE]
+            slope = max(float(np.median(last[:, 8] / (side * last[:, 6 + axis]))), 0.0)
             best: Line | None = None
             for rotation in leans(away):
                 line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)

@@ -13,6 +13,8 @@ from math import hypot
 import numpy as np
 
 from lwrprobe.contracts import Area, Confidence, Contact, Doubt, Probe
+from lwrprobe.mapping import PlanView
+from lwrprobe.mapping.plan_view import Window
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 
 CELL = 0.001
@@ -22,15 +24,18 @@ LEANS = -0.15
 WITNESSES = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
-"""Contacts of the stick in a row, from which on it is one: the first alone may be too weak to decide."""
+"""Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
 HIGHER = 0.002
-"""m above what is touched now, from which on a touch near it shows how a surface goes on."""
+"""m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
+
+Ahead = tuple[int, int, float, float]
+"""A square, and the direction of a motion along x and y."""
 
 
 class Overhangs:
@@ -40,53 +45,67 @@ class Overhangs:
     ----------
     area, probe : as in the task
     beside : m sideways from what was touched, within which more of the object may be
+    clear_force : N, above which one contact of the stick is certain
 
     Attributes
     ----------
     found : some touch has shown that the object overhangs
     """
 
-    def __init__(self, area: Area, probe: Probe, beside: float) -> None:
+    def __init__(self, area: Area, probe: Probe, beside: float, clear_force: float = np.inf) -> None:
         low = area.lower[:2] - beside
         shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
-        self._touched, self._overhang = np.full(shape, -np.inf), np.full(shape, -np.inf)
-        self._stood, self._lowest = np.full(shape, np.inf), np.full(shape, np.inf)
+        self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
+        self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
+        self._reached, self._highest_reached = PlanView(shape, -np.inf), -np.inf  # where the sphere touched, and m
         self._normal = np.zeros((*shape, 2))
+        self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
         self._cells = round(beside / CELL)
+        self._far = round(FAR * self._cells)
+        self._highest = -np.inf  # m, of all that was touched
         self._leaning, self._above, self.found = 0, 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
-        self._asked: tuple[tuple[slice, slice] | None, float] = None, -np.inf  # squares, and the tallest in them
+        self._ahead_of: dict[Ahead, tuple[float, float]] = {}  # m, see `_near`; void when something else is known
+        self._beside: tuple[int, int, float] = -1, -1, -np.inf  # square, and the tallest near it
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
         if contact is None:
-            x, y, z = pose[:3, 3].tolist()
+            (*_, x), (*_, y), (_, _, down, z), _ = pose.tolist()
             i, j = self._cell(x, y)
             column, height = self._last_stood
-            if -pose.item(2, 2) > UPRIGHT and not (column == (i, j) and z >= height):
+            if -down > UPRIGHT and not (z >= height and column == (i, j)):
                 self._last_stood = (i, j), z
-                stood = self._stood[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
-                np.minimum(stood, z, out=stood)
+                self._stood.lower(i, j, 1, z)
             return
+        px, py, pz = contact.point.tolist()
         if contact.confidence is Confidence.RELIABLE:
-            px, py, pz = contact.point.tolist()
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
-            if pz > self._touched.item(k, m):
-                self._touched[k, m], self._asked = pz, (None, -np.inf)
-            if pz < self._lowest.item(k, m) and up > LEANS:
-                self._lowest[k, m], self._normal[k, m] = pz, contact.normal[:2]
-            self._leaning = self._leaning + 1 if up < LEANS else 0
-            if self._leaning >= WITNESSES:
-                self._add(k, m, pz)
-        height = contact.point.item(2)
-        above = contact.reason is Doubt.AXIS_MISSES and height > pose.item(2, 3) + self._probe.radius
-        self._above = self._above + 1 if above else 0
-        if self._above >= TWICE:
-            self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), height)
+            if pz > self._touched.heights.item(k, m):
+                self._raise(k, m, pz)
+            z = pose.item(2, 3)
+            if z > self._reached.heights.item(k, m):
+                self._reached.heights[k, m], self._highest_reached = z, max(self._highest_reached, z)
+            if up < LEANS:
+                self._leaning += 1
+                if self._leaning >= WITNESSES:
+                    self._add(k, m, pz)
+            else:
+                self._leaning = 0
+                if pz < self._lowest.heights.item(k, m) and up > LEANS:
+                    self._lowest.heights[k, m], self._normal[k, m] = pz, contact.normal[:2]
+                    self._ahead_of.clear()
+        if contact.reason is Doubt.AXIS_MISSES and pz > pose.item(2, 3) + self._probe.radius:
+            self._above += 1
+            clear = float(contact.force @ contact.force) > self._clear_force**2
+            if clear or self._above >= TWICE:
+                self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), pz)
+        else:
+            self._above = 0
 
     def stick_met(self, place: np.ndarray) -> None:
         """Something touches the stick, at a height that is not known, while the sphere is at a place (3,)."""
@@ -94,8 +113,16 @@ class Overhangs:
 
     def _add(self, i: int, j: int, height: float) -> None:
         self.found = True
-        self._overhang[i, j] = max(self._overhang.item(i, j), height)
-        self._touched[i, j], self._asked = max(self._touched.item(i, j), height), (None, -np.inf)
+        self._overhang.heights[i, j] = max(self._overhang.heights.item(i, j), height)
+        self._raise(i, j, max(self._touched.heights.item(i, j), height))
+
+    def _raise(self, i: int, j: int, height: float) -> None:
+        """Something was touched in a square, as high as nothing before."""
+        self._touched.heights[i, j], self._highest = height, max(self._highest, height)
+        self._ahead_of.clear()
+        k, m, tallest = self._beside
+        if abs(i - k) <= self._cells and abs(j - m) <= self._cells:
+            self._beside = k, m, max(tallest, height)
 
     def reach(self, place: np.ndarray) -> float:
         """m above the sphere's centre, at a place (3,), up to which something may meet the stick."""
@@ -106,9 +133,9 @@ class Overhangs:
         if not self.found:
             return False
         z, (i, j) = place.item(2), self._ahead(place, along)
-        if self._overhang[_window(i, j, round(FAR * self._cells))].max() <= z:
+        if self._overhang.tallest(_window(i, j, self._far)) <= z:
             return False
-        return not self._free(z, i, j) and self._below_taller(z, _window(i, j, self._cells))
+        return not self._free(z, i, j) and self._tallest_beside(i, j) > z + self._probe.radius
 
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion through free space although no touch has shown any.
@@ -116,43 +143,52 @@ class Overhangs:
         Something taller is near, ahead or abreast, and no surface that faces the motion was touched at the sphere's
         height.
         """
-        z, (i, j) = place.item(2), self._ahead(place, along)
+        z, radius = place.item(2), self._probe.radius
+        if self._highest <= z + radius:
+            return False
+        (x, y, _), (i, j) = along.tolist(), self._ahead(place, along)
         if self._free(z, i, j):
             return False
-        side = max(hypot(along.item(0), along.item(1)), 1e-9)
-        near = _span(i, along.item(0) / side, self._cells), _span(j, along.item(1) / side, self._cells)
-        return self._below_taller(z, near) and not self._faced(z, along, i, j)
+        known = self._ahead_of.get((i, j, x, y))
+        tallest, facing = self._near(i, j, x, y) if known is None else known
+        return tallest > z + radius and not facing < z + 2.0 * radius
 
     def above(self, place: np.ndarray) -> bool:
         """Whether the sphere may meet one on the way up a surface, from a place (3,).
 
-        It may where something overhangs near, higher up, and where nothing as high was touched near: nobody knows then
-        what is above.
+        It may where something overhangs near, higher up, and where the sphere has touched nothing near from as high:
+        nobody knows then what is above.
         """
-        z, (i, j) = place.item(2), self._cell(place.item(0), place.item(1))
-        near = _window(i, j, self._cells)
-        if self.found and self._overhang[near].max() > z:
+        x, y, z = place.tolist()
+        i, j = self._cell(x, y)
+        if self.found and self._overhang.tallest(_window(i, j, self._cells)) > z:
             return True
-        return not self._below_taller(z + HIGHER - self._probe.radius, near)
+        if self._highest_reached <= z + HIGHER:
+            return True
+        return self._reached.tallest(_window(i, j, self._cells)) <= z + HIGHER
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
 
     def _free(self, z: float, i: int, j: int) -> bool:
         """Whether the stick has stood in a square, as low as a height [m]."""
-        return self._stood.item(i, j) < z + CELL
+        return self._stood.heights.item(i, j) < z + CELL
 
-    def _below_taller(self, z: float, near: tuple[slice, slice]) -> bool:
-        """Whether something taller than a height [m] was touched in some squares; asked with every sample."""
-        if near != self._asked[0]:
-            self._asked = near, float(self._touched[near].max())
-        return self._asked[1] > z + self._probe.radius
+    def _tallest_beside(self, i: int, j: int) -> float:
+        """m, the tallest that was touched near a square, to all sides."""
+        if self._beside[:2] != (i, j):
+            self._beside = i, j, self._touched.tallest(_window(i, j, self._cells))
+        return self._beside[2]
 
-    def _faced(self, z: float, along: np.ndarray, i: int, j: int) -> bool:
-        """Whether a surface that faces a motion was touched near a square, at the sphere's height."""
-        near = _window(i, j, round(FAR * self._cells))
-        facing = self._normal[near] @ along[:2] < -FACING * hypot(along.item(0), along.item(1))
-        return bool((facing & (self._lowest[near] < z + 2.0 * self._probe.radius)).any())
+    def _near(self, i: int, j: int, x: float, y: float) -> tuple[float, float]:
+        """m, the tallest that was touched near a square, ahead of a motion or abreast, and the lowest touch of a
+        surface near it that faces the motion.
+        """
+        side = max(hypot(x, y), 1e-9)
+        tallest = self._touched.tallest((*_span(i, x / side, self._cells), *_span(j, y / side, self._cells)))
+        facing = self._lowest.lowest_facing(self._normal, _window(i, j, self._far), (x, y), FACING)
+        self._ahead_of[i, j, x, y] = tallest, facing
+        return tallest, facing
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         """Indices of the square of a place; the nearest one where it is outside."""
@@ -162,12 +198,12 @@ class Overhangs:
         return min(max(i, 0), self._last_i), min(max(j, 0), self._last_j)
 
 
-def _window(i: int, j: int, cells: int) -> tuple[slice, slice]:
+def _window(i: int, j: int, cells: int) -> Window:
     """So many squares to all sides of a square."""
-    return slice(max(i - cells, 0), i + cells + 1), slice(max(j - cells, 0), j + cells + 1)
+    return max(i - cells, 0), i + cells + 1, max(j - cells, 0), j + cells + 1
 
 
-def _span(i: int, share: float, cells: int) -> slice:
+def _span(i: int, share: float, cells: int) -> tuple[int, int]:
     """Along one axis: so many squares ahead for a motion that has this share along it, and to both sides the less."""
     beside = round((1.0 - abs(share)) * cells)
-    return slice(max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1)
+    return max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1

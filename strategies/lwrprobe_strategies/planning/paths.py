@@ -92,7 +92,7 @@ class Waypoint:
     def reached(self, pose: np.ndarray) -> bool:
         """Whether the tip's pose (4, 4) is there."""
         (x, y, z), (tx, ty, tz) = pose[:3, 3].tolist(), self.place.tolist()
-        there = max(abs(x - tx), abs(y - ty), abs(z - tz)) < THERE
+        there = abs(x - tx) < THERE and abs(y - ty) < THERE and abs(z - tz) < THERE
         return there and (self.rotation is None or held(pose, self.rotation))
 
 
@@ -218,8 +218,7 @@ def _known_column(free: FreeSpace, start: np.ndarray, axis: int) -> np.ndarray |
 
     The cheapest of them all, counting what is left to be driven slowly from there; None where none is of use.
     """
-    places, aside = free.open_places(), 1 - axis
-    stood = places[np.abs(places[:, axis] - start[axis]) < BORDER]
+    stood, aside = free.open_places(axis, float(start[axis])), 1 - axis
     deep = np.maximum(stood[:, Z], start[Z])
     cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
     if not len(stood) or cost.min() > FARTHEST:

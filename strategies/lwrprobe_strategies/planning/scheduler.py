@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
 from lwrprobe_strategies.planning.lines import Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
-from lwrprobe_strategies.planning.low_sides import Leans, low_sides
+from lwrprobe_strategies.planning.low_sides import HIGHER, Leans, low_sides
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 
@@ -53,9 +53,11 @@ class LineScheduler:
         self._given_up: list[Line] = []
         self._raised: list[Line] = []
         self._across = np.empty(0)
+        self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
         gaps = (
             (options.near_sides, self._near_sides), (options.low_lines, self._low_lines),
             (options.across, self._lines_across), (options.across and options.near_sides, self._low_ends),
+            (options.across and options.near_sides, self._lower_sides),
             (options.find_ends, self._outlines),
         )  # fmt: skip
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in gaps if wanted)
@@ -180,10 +182,25 @@ class LineScheduler:
     def _low_ends(self) -> list[Line]:
         return [] if self._body is None else self._low_sides(X, self._across, self._body)
 
+    def _lower_sides(self) -> list[Line]:
+        """What the lines since then have shown to be free may let the body come lower beside some sides."""
+        if self._body is None:
+            return []
+        return self._low_sides(Y, self.grid.x, self._body) + self._low_sides(X, self._across, self._body)
+
     def _low_sides(self, axis: int, places: np.ndarray, body: BodySpace) -> list[Line]:
+        """Those that are lower than any that was driven up the same side before."""
         body.survey()
         contacts, leans = self._memory.contacts(), self._leans
-        return low_sides(contacts, axis, places, self._area, self._spacing, body, leans, self._reachable)
+        lines = low_sides(contacts, axis, places, self._area, self._spacing, body, leans, self._reachable)
+        lower = [line for line in lines if line.height < self._sides.get(_side(line), np.inf) - HIGHER]
+        self._sides |= {_side(line): line.height for line in lower}
+        return lower
 
     def _outlines(self) -> list[Line]:
         return outlines(self._memory.contacts(), self.grid.x, self.height)
+
+
+def _side(line: Line) -> tuple[int, float, float]:
+    """Which side a line leads up to: axis, place and beginning [m]."""
+    return line.axis, line.place, line.begin

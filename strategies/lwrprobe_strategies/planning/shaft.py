@@ -47,13 +47,13 @@ def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, f
     beside was above this one; from -inf to inf where nothing is known.
     """
     touched, trail = memory.contacts(), memory.trail()
-    touched = touched[np.abs(touched[:, line.aside] - line.place) < beside]
-    if not len(touched) and not (np.abs(trail[:, line.aside] - line.place) < beside).any():
+    near = np.abs(touched[:, line.aside] - line.place) < beside
+    if not near.any() and not (np.abs(trail[:, line.aside] - line.place) < beside).any():
         return -np.inf, np.inf, np.inf
-    facing = touched[line.sign * touched[:, 6 + line.axis] < 0.0]
-    if not len(facing):
+    along = line.sign * touched[near, line.axis]
+    facing = line.sign * touched[near, 6 + line.axis] < 0.0
+    if not facing.any():
         return np.inf, -np.inf, -np.inf
-    wall = float((line.sign * facing[:, line.axis]).min()) + BEHIND
-    above = touched[touched[:, Z] > line.height + ABOVE]
-    far = float((line.sign * above[:, line.axis]).max(initial=-np.inf))
+    wall = float(along[facing].min()) + BEHIND
+    far = float(along[touched[near, Z] > line.height + ABOVE].max(initial=-np.inf))
     return wall, wall + PASSED, far

@@ -110,13 +110,13 @@ class TrackingFrame:
         if self.level and self.height is None:
             return self.bounded(place, velocity)
         (vx, vy, vz), (nx, ny, nz), here = velocity.tolist(), normal.tolist(), place.tolist()
-        pull = [0.0, 0.0, 0.0]
         axis, wanted = (Z, self.height) if self.level else (self.line.aside, self.line.place)
         assert wanted is not None
-        pull[axis] = min(max(GAIN * (wanted - here[axis]), -MAX_RETURN), MAX_RETURN)
-        out = pull[X] * nx + pull[Y] * ny + pull[Z] * nz
-        back = pull[X] - out * nx, pull[Y] - out * ny, pull[Z] - out * nz
-        return self.bounded(place, np.array((vx + back[X], vy + back[Y], vz + back[Z])))
+        pull = min(max(GAIN * (wanted - here[axis]), -MAX_RETURN), MAX_RETURN)
+        out = pull * (nx, ny, nz)[axis]
+        guided = np.array((vx - out * nx, vy - out * ny, vz - out * nz))
+        guided[axis] += pull
+        return self.bounded(place, guided)
 
     def bounded(self, place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """`velocity` (3,) without what leads out of the area; changed in place. Past the end of a line a skill ends."""

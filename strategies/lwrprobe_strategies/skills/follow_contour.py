@@ -39,7 +39,7 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
         met = edge.normal(seen)
         normal = tip.normal() if met is None else met
         contact = seen.contact
-        if contact is not None and contact.confidence is not Confidence.NONE:
+        if contact is not None and (tip.reliable or contact.confidence is not Confidence.NONE):
             tip.memory.add(here, contact.point, contact.normal, frame.grid_x)
         overload = False
         try:
@@ -83,10 +83,10 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     if careful:
         sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
     binormal = frame.binormal
-    onward = np.array(tip.control.tangent(binormal))
+    onward = tip.control.tangent(binormal)
     sliding_speed = min(sliding_speed, tip.climb_limit(onward))
     if tip.stick_may_meet:
-        sliding_speed = min(sliding_speed, tip.stick_limit(onward))
+        sliding_speed = min(sliding_speed, tip.stick_limit(np.array(onward)))
     force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity = frame.guided(here, velocity, tip.control.normal)

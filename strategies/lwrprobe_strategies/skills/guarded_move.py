@@ -51,6 +51,8 @@ def guarded_move(
     if ahead is None:
         motion = end - tip.here
         ahead = motion / max(float(np.sqrt(motion @ motion)), 1e-9)
+    ax, ay, az = ahead.tolist()
+    last = float(end @ ahead) - AT_END
     goal: Goal | None = None
     speed = 0.0
     doubt = StickDoubt(rest)
@@ -77,7 +79,8 @@ def guarded_move(
         if tip.touches or (tip.seen.contact is not None and float(tip.normal() @ ahead) < FACING):
             tip.control.begin(tip.normal())
             return Ended.CONTACT
-        if float((tip.here - end) @ ahead) >= -AT_END:
+        x, y, z = tip.here.tolist()
+        if x * ax + y * ay + z * az >= last:
             return Ended.NO_CONTACT
 
 

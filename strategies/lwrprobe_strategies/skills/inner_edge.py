@@ -34,9 +34,10 @@ class InnerEdge:
         if self._met is not None:
             return
         force = seen.force
-        pressed = float(force.dot(control.normal))
+        (fx, fy, fz), (nx, ny, nz) = force.tolist(), control.normal.tolist()
+        pressed = fx * nx + fy * ny + fz * nz
         against = MAX_FRICTION * max(pressed, 0.0) + self._meets
-        if force.dot(force) <= pressed * pressed + against * against:
+        if fx * fx + fy * fy + fz * fz <= pressed * pressed + against * against:
             return  # in no direction along the surface is there so much
         onward = np.array(control.tangent(binormal))
         if -float(force @ onward) > against:

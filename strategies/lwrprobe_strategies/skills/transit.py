@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.skills.guarded_move import slowed
+from lwrprobe_strategies.skills.inner_edge import MAX_FRICTION
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
@@ -47,11 +48,18 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
         while True:
             if waypoint.speed_limit is SpeedLimit.GUARDED:
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
+            elif waypoint.speed_limit is SpeedLimit.COLUMN:
+                # What still touches may stand out above, too, and friction on it keeps the sphere from giving way.
+                along = direction(tip.here, waypoint.place)
+                touching = tip.control.approach_speed(along, tip.seen.pose[:3, :3]) if tip.leaving else speed
+                goal = slowed(goal, min(speed, touching))
             try:
                 yield goal
             except Overload:
                 if not yields(tip, waypoint):
                     raise
+            if meets(tip, waypoint):
+                tip.leaving = False
             if tip.touches:
                 tip.control.begin(tip.normal())
                 return Ended.CONTACT
@@ -69,8 +77,18 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
 def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """(3,) unit, from one place (3,) to another; downwards where they are the same."""
     motion = there - here
-    size = float(np.sqrt(motion @ motion))
+    size = sqrt(motion.dot(motion))
     return motion / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
+
+
+def meets(tip: Tip, waypoint: Waypoint) -> bool:
+    """Whether the force on the path away from what is touched acts against the motion, by more than friction there."""
+    if not tip.leaving:
+        return False
+    force = tip.seen.force
+    against = -float(force @ direction(tip.here, waypoint.place))
+    aside = float(force @ force) - against * against
+    return against > tip.task.force_threshold + MAX_FRICTION * sqrt(max(aside, 0.0))
 
 
 def yields(tip: Tip, waypoint: Waypoint) -> bool:

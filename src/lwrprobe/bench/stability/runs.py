@@ -1,16 +1,13 @@
-"""Whole explorations, short ones, and what they left behind."""
+"""Whole explorations, short ones, and what they found."""
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.scene import Scene, load_scene
 from lwrprobe.scene.solid import Solid
 
@@ -75,13 +72,14 @@ def strip(name: str, settings: list[str] | None = None, half_width: float = HALF
 
 
 def explored(name: str, settings: list[str]) -> Run:
-    """Explore a scene into a folder that is gone afterwards; 600 s of robot time at most unless set."""
+    """Explore a scene, keeping nothing on disk; 600 s of robot time at most unless set."""
     scene = load_scene(name, ['truth.profile="ideal"', "run.time_limit=600.0", *settings])
-    with tempfile.TemporaryDirectory() as folder:
-        summary = explore(scene, Path(folder))
-        left = read_run(folder)
-    solid = scene.solid()
-    points, normals, path = left.record.points, left.record.normals, left.trace
+    with Exploration(scene) as exploration:
+        for _ in exploration:
+            pass
+    summary = exploration.finish().as_dict()
+    solid, path = scene.solid(), exploration.recorder.trace()
+    points, normals = exploration.record.points, exploration.record.normals
     assert normals is not None
     distance = solid.signed_distance(points) if len(points) and scene.objects else np.full(len(points), np.nan)
     return Run(scene, summary, points, normals, distance, path[:, 1:4], path[:, 4], path[:, 5] > 0.0)

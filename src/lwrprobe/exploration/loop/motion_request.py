@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.contracts import Done, Goal, Motion
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.kinematics import IKStatus, follow, straight_line
+from lwrprobe.kinematics import IKStatus, follow, sensitivity, straight_line
 
 LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
@@ -59,11 +59,13 @@ class MotionRequest:
 
     def reachable(self, poses: Sequence[np.ndarray]) -> bool:
         """Whether the arm can take the tip straight through these poses (4, 4) in turn; see `Task.reachable`."""
-        begin, q = self._pipeline.trajectory.pose.copy(), self._arm.q
+        begin, q, solver = self._pipeline.trajectory.pose.copy(), self._arm.q, self._pipeline.solver
         for end in poses:
             line = straight_line(begin, end, STRIDE, STRIDE_TURN)
-            found = follow(self._pipeline.robot, line, q, solver=self._pipeline.solver)
+            found = follow(self._pipeline.robot, line, q, solver=solver)
             if not found.complete:
+                return False
+            if any(sensitivity(solver, *at) > self._pipeline.sensitivity for at in zip(line, found.q)):
                 return False
             begin, q = end, found.q[-1]
         return True

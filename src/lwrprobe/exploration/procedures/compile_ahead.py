@@ -124,6 +124,7 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     pipeline: Any = SimpleNamespace(
         voxels=voxels, surface=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(),
         area=scene.area.as_area(), explored=scene.area.as_area(), bounds=None,
+        touching_poses=lambda centre, facing: (),
         force=SimpleNamespace(report=dict), torque=None, left_out=[],
         line_spacing=DEFAULT_SPACING,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Bounds,
+    CarefulStrategy,
     Clearance,
     Contact,
     Doubt,
@@ -146,6 +147,10 @@ class Logged:
     def bounds(self) -> Bounds | None:
         """The strategy's own; None for one that does not search."""
         return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
+        """The strategy's own; none of one that does not say."""
+        return self.strategy.touching_poses(centre, facing) if isinstance(self.strategy, CarefulStrategy) else ()
 
     @property
     def trace(self) -> Sequence[tuple[float, str, str, str]]:

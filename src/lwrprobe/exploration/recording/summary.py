@@ -37,7 +37,7 @@ from lwrprobe.exploration.recording.certification import CertifiedRun
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.open_border import open_borders
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.untouched import untouched
+from lwrprobe.exploration.recording.untouched import MEETS, NOT_FOLLOWED, UNKNOWN, untouched
 from lwrprobe.exploration.stages.clearance import STICK, ClearanceStage
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
@@ -252,11 +252,17 @@ def _untouched(
     keeps = scene.clearance.threshold, scene.clearance.stick_threshold
     stage = ClearanceStage(pipeline.probe.links, pipeline.voxels, pipeline.surface, *keeps)
 
-    def meets(centre: np.ndarray) -> bool:
+    def hindrance(centre: np.ndarray, facing: np.ndarray) -> str:
         pose[:3, 3] = centre
-        return stage.threatens(pose)
+        hindered = MEETS
+        for touching, known in pipeline.touching_poses(centre, facing) or [(pose, True)]:
+            if not stage.threatens(touching):
+                if known:
+                    return NOT_FOLLOWED
+                hindered = UNKNOWN
+        return hindered
 
-    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.explored, meets)
+    places = untouched(surface.mesh, points, normals, pitch, pipeline.probe.radius, pipeline.explored, hindrance)
     return [place.as_dict() for place in places]
 
 

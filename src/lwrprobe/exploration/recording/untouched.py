@@ -19,23 +19,23 @@ TOGETHER = 0.004
 DOWN = -0.3
 """Share of the normal along z, below which a surface faces down."""
 
-REASONS = (
-    "below or beside the area",
-    "faces down",
-    "the stick or the body of an upright probe would touch",
-    "no line was followed there to its end",
-)
+OUTSIDE = "below or beside the area"
+FACES_DOWN = "faces down"
+MEETS = "the stick or the body of the probe would touch"
+UNKNOWN = "the body of the probe would enter unknown space"
+NOT_FOLLOWED = "no line was followed there to its end"
+REASONS = (OUTSIDE, FACES_DOWN, MEETS, UNKNOWN, NOT_FOLLOWED)
 
 
 @dataclass(slots=True, frozen=True)
 class Untouched:
-    """One place without contacts.
+    """One place without contacts, or the part of it that has the same reason.
 
     Attributes
     ----------
     area : m^2
     lower, upper : (3,) m, the box around it
-    reason : one of `REASONS`, of the larger part
+    reason : one of `REASONS`
     """
 
     area: float
@@ -56,7 +56,7 @@ def untouched(
     pitch: float,
     radius: float,
     area: Area,
-    meets: Callable[[np.ndarray], bool] = lambda centre: False,
+    hindrance: Callable[[np.ndarray, np.ndarray], str] = lambda centre, facing: NOT_FOLLOWED,
 ) -> list[Untouched]:
     """Places of the mesh without a contact within half the line pitch plus 1 mm that faces the same way; largest first.
 
@@ -67,7 +67,7 @@ def untouched(
     pitch : m, between two lines
     radius : m, of the sphere
     area : where the sphere's centre could go
-    meets : whether the probe, upright with its centre at a place (3,), would come too near to what was touched
+    hindrance : one of the last three `REASONS`, of a place (3,) of the sphere's centre and the normal (3,) there
     """
     floor = float(area.lower[2]) - radius
     try:
@@ -80,14 +80,16 @@ def untouched(
     samples, facing = samples[left], facing[left]
     centres = samples + radius * facing
     outside = ((centres < area.lower) | (centres > area.upper)).any(axis=1)
-    near = np.array([meets(centre) for centre in centres], dtype=bool)
-    why = np.where(outside, 0, np.where(facing[:, 2] < DOWN, 1, np.where(near, 2, 3)))
+    why = np.where(outside, REASONS.index(OUTSIDE), REASONS.index(FACES_DOWN))
+    for k in np.flatnonzero(~outside & (facing[:, 2] >= DOWN)):
+        why[k] = REASONS.index(hindrance(centres[k], facing[k]))
     found = []
     for place in _places(samples):
-        if len(place) * each >= SMALLEST:
-            reason = REASONS[int(np.bincount(why[place], minlength=len(REASONS)).argmax())]
-            box = samples[place].min(axis=0), samples[place].max(axis=0)
-            found.append(Untouched(len(place) * each, *box, reason))
+        if len(place) * each < SMALLEST:
+            continue
+        for reason in np.unique(why[place]):
+            part = samples[place[why[place] == reason]]
+            found.append(Untouched(len(part) * each, part.min(axis=0), part.max(axis=0), REASONS[reason]))
     return sorted(found, key=lambda one: -one.area)
 
 

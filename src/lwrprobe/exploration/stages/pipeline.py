@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos
 
@@ -21,6 +21,7 @@ from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Area,
     Bounds,
+    CarefulStrategy,
     LeftOut,
     Probe,
     Reconstructor,
@@ -47,6 +48,8 @@ UNNOTICED = 0.001
 """s by which the loop may be slower than stated: the reserve of the force limit covers it."""
 SURFACE = 0.0005
 """m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
+SENSITIVITY = 0.8
+"""Share of the acceleration that a joint may have, which the tip's acceleration may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
 
@@ -75,6 +78,8 @@ class Pipeline:
     options: object
     probe: Probe
     area: Area
+    sensitivity: float
+    """rad/m, up to which a joint follows the tip's acceleration within its own."""
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
@@ -83,6 +88,10 @@ class Pipeline:
     def bounds(self) -> Bounds | None:
         """Of an object that the strategy has searched for; None where it has not, or has not found any."""
         return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
+        """How the strategy would hold the probe to touch somewhere; see `CarefulStrategy`."""
+        return self.strategy.touching_poses(centre, facing) if isinstance(self.strategy, CarefulStrategy) else ()
 
     @property
     def explored(self) -> Area:
@@ -211,6 +220,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         options=choices.strategy_options,
         probe=probe,
         area=area,
+        sensitivity=SENSITIVITY * scene.safety.joint_acceleration / scene.motion.acceleration,
         left_out=[
             LeftOut(stage=stage, why=why)
             for stage, why in (

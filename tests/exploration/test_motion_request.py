@@ -1,0 +1,44 @@
+"""What the arm is asked before a motion is planned: whether it reaches, and whether it can follow the acceleration."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lwrprobe.exploration.loop.motion_request import MotionRequest
+from lwrprobe.exploration.stages.pipeline import SENSITIVITY
+from lwrprobe.kinematics import IKSolver, lwr4
+from lwrprobe.scene import load_scene
+
+BENT = np.array([0.2, 0.4, 0.1, -0.9, 0.1, 1.0, 0.3])
+
+
+def request(sensitivity):
+    """One for an arm with a bent elbow, and where its tip is (4, 4)."""
+    robot = lwr4()
+    here = robot.fk(BENT).A
+    pipeline: Any = SimpleNamespace(
+        robot=robot, solver=IKSolver(robot), trajectory=SimpleNamespace(pose=here), sensitivity=sensitivity
+    )
+    arm: Any = SimpleNamespace(q=BENT)
+    return MotionRequest(pipeline, arm), here
+
+
+def outward(here, distance):
+    """The pose with the wrist, where the tip is, `distance` m farther from the shoulder, where the arm's base is."""
+    found = here.copy()
+    found[:3, 3] += distance * here[:3, 3] / np.linalg.norm(here[:3, 3])
+    return found
+
+
+@pytest.mark.parametrize(("elbow", "reached"), [(0.5, True), (0.25, True), (0.12, False), (0.05, False)])
+def test_a_place_where_the_elbow_could_not_follow_the_acceleration_of_the_tip_is_out_of_reach(elbow, reached):
+    scene = load_scene("block")
+    limit = SENSITIVITY * scene.safety.joint_acceleration / scene.motion.acceleration
+    near, here = request(limit)
+    lengths = [np.sqrt(0.4**2 + 0.39**2 + 2.0 * 0.4 * 0.39 * np.cos(angle)) for angle in (elbow, 0.9)]
+    there = outward(here, lengths[0] - lengths[1])
+    assert near.reachable([there]) == reached
+    assert near.reachable([here, there]) == reached, "all along the path"
+    assert request(np.inf)[0].reachable([there]), "the arm can be there"
