@@ -50,11 +50,11 @@ def _chords(times: np.ndarray, centres: np.ndarray) -> np.ndarray:
     for run in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > GAP) + 1):
         if len(run) < 3:
             continue
-        way = centres[run]
-        travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        places = centres[run]
+        travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
         inside = np.flatnonzero((travel >= REACH) & (travel <= travel[-1] - REACH))
         ends = (travel[inside] + REACH, travel[inside] - REACH)
-        behind, before = (np.column_stack([np.interp(end, travel, axis) for axis in way.T]) for end in ends)
+        behind, before = (np.column_stack([np.interp(end, travel, axis) for axis in places.T]) for end in ends)
         chord = behind - before
         length = np.linalg.norm(chord, axis=1)
         # Where the sphere stands, its noise travels and leads nowhere.
