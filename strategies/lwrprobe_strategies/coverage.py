@@ -87,8 +87,7 @@ class Coverage(SkillStrategy):
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
         self.options = self.task.options or self.Config()
         self.upright = self.tip.rotation
-        body = BodySpace(self.task, self.options.step)
-        self.tip.body = body if body.needed else None
+        self.tip.body = BodySpace(self.task, self.options.step) if BodySpace.needed(self.task) else None
         self.lines = self.scheduler()
         self.rest, self.back = False, np.inf
         self.beside = BESIDE * self.options.step

@@ -52,9 +52,9 @@ def space(lines=(), half=(0.05, 0.025), area=AREA):
 
 
 def test_an_object_that_is_lower_than_the_stick_is_long_needs_none():
-    assert BodySpace(task(links=LINKS, area=AREA), PITCH).needed
+    assert BodySpace.needed(task(links=LINKS, area=AREA))
     low = Area(AREA.lower, np.array([0.085, 0.06, 0.058]))
-    assert not BodySpace(task(links=LINKS, area=low), PITCH).needed
+    assert not BodySpace.needed(task(links=LINKS, area=low))
 
 
 def test_at_first_the_body_stays_above_the_tallest():

@@ -50,7 +50,7 @@ class BodySpace:
         shape = tuple(np.ceil((high - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
         self._stood = PlanView(shape, np.inf)
-        self._top = min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
+        self._top = _top(task)
         self._task, self._spacing = task, spacing
         self._below = BELOW * task.probe.radius
         behind = [link for link in task.probe.links if link.name != "stick"]
@@ -62,11 +62,11 @@ class BodySpace:
         heights = np.where(self._border, -np.inf, self._top)
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
 
-    @property
-    def needed(self) -> bool:
+    @staticmethod
+    def needed(task: Task) -> bool:
         """Whether the body of an upright probe can come down to what the area may hold at all."""
-        bottom = min((bottom for _, bottom in body(self._task)), default=np.inf)
-        return float(self._task.area.lower[Z]) + bottom < self._top
+        bottom = min((bottom for _, bottom in body(task)), default=np.inf)
+        return float(task.area.lower[Z]) + bottom < _top(task)
 
     def note(self, pose: np.ndarray, touches: bool) -> None:
         """The tip is at a pose (4, 4), and touches something or nothing; called with every sample."""
@@ -126,6 +126,11 @@ class BodySpace:
         poses[:, :3, :3] = rotation
         poses[:, line.aside, 3], poses[:, line.axis, 3], poses[:, Z, 3] = line.place, places, LOW
         return places, np.maximum.accumulate(self.depth(poses) + LOW)
+
+
+def _top(task: Task) -> float:
+    """m, above which nothing of the object is."""
+    return min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
 
 
 def _surface(link: LinkShape) -> np.ndarray:
