@@ -61,6 +61,7 @@ def test_what_no_touch_shows_stays_at_its_prior(drawn):
     assert (solution.sigma("dh") < 1.001 * solution.parameters.sigma[at]).all()
 
 
+@pytest.mark.slow
 def test_residuals_are_those_of_the_plain_formulas():
     world = draw(4)
     made = touches(world, orientations()[:3], 2, 4)

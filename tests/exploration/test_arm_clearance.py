@@ -184,6 +184,7 @@ class Leaning:
         return Progress("leaning")
 
 
+@pytest.mark.slow
 def test_a_run_refuses_the_goal_before_the_arm_moves(monkeypatch, tmp_path):
     loaded = pipeline.load
     monkeypatch.setattr(pipeline, "load", lambda role, *rest: Leaning if role == "strategy" else loaded(role, *rest))

@@ -71,6 +71,7 @@ def test_done_is_never_held():
     assert Operator().confirm(3).filter(done) is done
 
 
+@pytest.mark.slow
 def test_refused_first_motion_leaves_the_tip_at_its_start(tmp_path):
     operator = Operator(*[None] * 40, "q")
     scene = load_scene("block", ["run.time_limit=30.0", "truth.profile=ideal"])

@@ -46,6 +46,7 @@ def test_bad_plans_are_named():
         repeat(load_scene("block", ["truth.profile=ideal"]), Plan(speeds=(0.5,)))
 
 
+@pytest.mark.slow
 def test_nothing_there_is_said():
     plan = Plan(above=np.array([0.0, 0.0, 0.09]), reach=0.01, speeds=(0.001,), count=2)
     with pytest.raises(SafetyStop, match="nothing was touched within 10 mm"):

@@ -31,6 +31,7 @@ def test_its_import_takes_less_than_three_tenths_of_a_second():
     assert int(rows[0][1]) < 300_000
 
 
+@pytest.mark.slow
 def test_a_scene_is_loaded_without_kernels_and_pictures():
     assert not loaded_by("import lwrprobe as lp; lp.load_scene('block')") & {"matplotlib", "trimesh", "rich", "typer"}
 

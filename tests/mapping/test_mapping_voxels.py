@@ -169,6 +169,7 @@ def test_nearest_in_filled_cubes_and_on_an_empty_map():
         assert voxels.nearest(point)[0] == pytest.approx(naive.nearest(cells, EDGE, point), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_full_cubes_are_pruned_and_still_all_there():
     points = block((64, 64, 64))
     voxels = VoxelMap(EDGE)

@@ -66,6 +66,7 @@ def inside(strategy, half, x, y, angle):
         ((0.025, 0.025), 0.04, -0.03, -0.02, 0.0),
     ],
 )
+@pytest.mark.slow
 def test_a_block_is_found_and_bounded_wherever_it_is(half, height, x, y, angle):
     strategy, done, surface, places = explore(at(box(half, height), x, y, angle))
     assert done.reason == "bounded"

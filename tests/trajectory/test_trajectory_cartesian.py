@@ -96,6 +96,7 @@ def act(watch, action):
 
 @settings(max_examples=40, deadline=None)
 @given(actions=actions, cycle=st.sampled_from([1e-3, 4e-3, 0.02]))
+@pytest.mark.slow
 def test_limits_hold_at_every_tick_of_any_sequence_and_the_last_goal_is_reached_exactly(actions, cycle):
     watch = Watch(tip_at_rest(cycle))
     for action in actions:
@@ -366,6 +367,7 @@ def test_very_long_and_very_short_moves_end_exactly(speed, length):
     assert elapsed == pytest.approx(expected, rel=0.01, abs=0.3 if length < 1.0 else 0.0)
 
 
+@pytest.mark.slow
 def test_orthonormality_does_not_drift_over_many_plans():
     tip = tip_at_rest(0.02)
     rng = np.random.default_rng(2)

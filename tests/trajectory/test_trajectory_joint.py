@@ -60,6 +60,7 @@ joints = st.tuples(*[st.one_of(st.floats(-1.0, 1.0), st.sampled_from([-1.0, 1.0]
     ),
     cycle=st.sampled_from([1e-3, 4e-3, 0.02]),
 )
+@pytest.mark.slow
 def test_limits_hold_at_every_tick_of_any_sequence_and_the_last_goal_is_reached_exactly(actions, cycle):
     arm = arm_at_rest(cycle)
     for action, ticks in actions:
