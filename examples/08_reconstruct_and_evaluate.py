@@ -1,4 +1,4 @@
-"""Meshes from one run by several methods, each compared with the true shape."""
+"""Meshes from one run by several methods, each moved onto the true shape and compared with it."""
 
 import lwrprobe as lp
 
@@ -7,5 +7,5 @@ print(f"{len(run.contacts)} contacts on lines 20 mm apart")
 print(f"{'method':18} {'mean mm':>8} {'largest mm':>11} {'volume error':>13}")
 for method in ("contact_surface", "convex_hull", "hermite_rbf"):
     mesh = lp.reconstruct(run, method=method)
-    error = lp.evaluate(mesh, run.scene).mesh
+    error = lp.evaluate(mesh, run.scene, align=True).mesh
     print(f"{method:18} {1e3 * error.mean:8.3f} {1e3 * error.hausdorff:11.3f} {error.volume_error:13.2%}")

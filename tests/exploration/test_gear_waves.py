@@ -87,6 +87,21 @@ def test_what_is_larger_than_any_wave_is_not_taken_for_one():
     assert np.array_equal(recorder.points(), before)
 
 
+@pytest.mark.parametrize("turn", [0.005, 0.0065, 0.008])
+def test_a_bend_of_the_surface_on_all_lines_is_not_taken_for_a_wave(turn):
+    """60 lines over the same bend, along which a joint turns by half a wave: a wave of any length fits to that."""
+    rng, along = np.random.default_rng(2), np.linspace(-1.0, 1.0, 150)
+    heights = 4e-5 * along**3 + 2e-6 * rng.standard_normal((60, 150))
+    times = np.arange(60)[:, None] + 8e-4 * np.arange(150)
+    centres = np.stack(np.broadcast_arrays(0.006 * along, 0.002 * np.arange(60)[:, None], heights), axis=-1)
+    joints, linear = np.zeros((60 * 150, 7)), np.zeros((60 * 150, 3, 7))
+    joints[:, 3], linear[:, 2, 3] = np.tile(turn * along, 60), 0.5
+    up = np.tile([0.0, 0.0, 1.0], (60 * 150, 1))
+    found = learn(Touches(times.ravel(), centres.reshape(-1, 3), up, joints, linear), WAVES, STATED)
+    assert not found.sine.any()
+    assert not found.cosine.any()
+
+
 def test_a_path_that_is_travelled_more_slowly_says_no_more():
     recorder, _ = touched(AMPLITUDE, noise=2e-6)
     joints = np.array([q for q, _ in recorder.states])

@@ -4,7 +4,8 @@ Between motor and link of a harmonic drive lies a wave of the joint value with a
 smooth surface it makes the sphere seem to go up and down while it is led along: its centre's height over a short,
 smooth piece of the path is a parabola and the wave's share along the normal, `n . J (a sin kq + b cos kq)`, with the
 same a and b in all pieces. They are found in least squares, with what the scene states of their size as prior. Only
-joints whose wave is sure are corrected; the others, such as those that hardly turned, are left as they are.
+joints whose wave is sure are corrected, and surer than waves of other lengths, which no gear has; the others, such as
+those that hardly turned, are left as they are.
 """
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ ALIKE = 1.5e-3
 """m of path on which heights have one and the same error, however slowly it is travelled."""
 SURE = 5.0
 """Standard deviations from zero, from which on a wave is one. Heights have other causes that repeat with the joints."""
+OTHERS = (0.6, 0.7, 0.8, 1.2, 1.35, 1.5)
+"""Times the number of waves a turn, at which no gear has one."""
+CLEARER = 1.2
+"""Times as many standard deviations as at any of those: a bend of the surface looks like a wave of every length."""
 ROUNDS = 3
 """Of the weights, by which pieces that are not smooth count less."""
 LARGEST = 3.0
@@ -127,16 +132,26 @@ def learn(touches: Touches, waves: float, stated: float) -> GearWaves:
     while (np.hypot(found[:n], found[n:]) > LARGEST * stated).any():
         asked[np.argmax(np.hypot(found[:n], found[n:]))] = False
         found, covariance = _solved(pieces, np.tile(asked, 2), stated)
+    sure = np.where(asked, _sureness(found, covariance), 0.0)
+    if (sure >= SURE).any():
+        every = np.ones(2 * n, dtype=bool)
+        others = [_sureness(*_solved(list(_pieces(touches, times * waves)), every, stated)) for times in OTHERS]
+        sure[sure < CLEARER * np.max(others, axis=0)] = 0.0
     # What the links do more than the motors is not in the measured height.
     sine, cosine, error = -found[:n], -found[n:], np.full(n, stated / sqrt(2.0))
-    for j in range(n):
-        pair = [j, n + j]
-        own = covariance[np.ix_(pair, pair)]
-        if not asked[j] or found[pair] @ np.linalg.solve(own, found[pair]) < SURE**2:
-            sine[j] = cosine[j] = 0.0
-        else:
-            error[j] = sqrt(0.5 * float(np.trace(own)))
+    sine[sure < SURE], cosine[sure < SURE] = 0.0, 0.0
+    for j in np.flatnonzero(sure >= SURE):
+        error[j] = sqrt(0.5 * (covariance[j, j] + covariance[n + j, n + j]))
     return GearWaves(waves, sine, cosine, error)
+
+
+def _sureness(found: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(n,) standard deviations that each joint's wave is from zero."""
+    n = len(found) // 2
+    pairs = [[j, n + j] for j in range(n)]
+    return np.array(
+        [sqrt(found[pair] @ np.linalg.solve(covariance[np.ix_(pair, pair)], found[pair])) for pair in pairs]
+    )
 
 
 def _solved(pieces: list[Piece], asked: np.ndarray, stated: float) -> tuple[np.ndarray, np.ndarray]:
