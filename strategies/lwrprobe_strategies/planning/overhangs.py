@@ -34,9 +34,6 @@ HIGHER = 0.002
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
-Ahead = tuple[int, int, float, float]
-"""A square, and the direction of a motion along x and y."""
-
 
 class Overhangs:
     """Heights in the plan view: of what was touched, of what overhangs, and down to where the stick has stood.
@@ -68,7 +65,8 @@ class Overhangs:
         self._highest = -np.inf  # m, of all that was touched
         self._leaning, self._above, self.found = 0, 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
-        self._ahead_of: dict[Ahead, tuple[float, float]] = {}  # m, see `_near`; void when something else is known
+        # m, see `_near`, by square and direction of a motion; void when something else is known
+        self._ahead_of: dict[tuple[int, int, float, float], tuple[float, float]] = {}
         self._beside: tuple[int, int, float] = -1, -1, -np.inf  # square, and the tallest near it
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
