@@ -199,7 +199,7 @@ def test_tip_waits_for_one_lost_sample_and_gives_way_at_two():
         assert [begun[k] for k in found] == expected
         assert guard.yields == expected.count(Silence.MISSING)
         if found:
-            assert found[0] - 96 <= 1e3 * (0.008 + guard.late) + 1, "ms after the last sample"
+            assert found[0] - 98 <= 1e3 * (0.008 + guard.late) + 1, "ms after the last sample"
 
 
 def test_reaction_is_as_stated_until_something_is_late():
