@@ -84,6 +84,21 @@ def test_nothing_is_known_between_lines_that_are_too_far_apart():
     assert whole.depth(there)[0] < 0.0 < gap.depth(there)[0]
 
 
+def test_a_flight_above_all_there_is_hides_nothing_that_lines_have_shown():
+    found, crossed = space(), space()
+    for known in (found, crossed):
+        for x in np.arange(-0.075, 0.0751, PITCH):
+            for y in np.arange(-0.06, -0.0349, 0.0005):
+                known.note(pose(x, y, LOW), False)
+    for x in np.arange(-0.05, 0.0501, 0.0005):
+        crossed.note(pose(x, -0.032, TALLEST + 0.01), False)
+    found.survey()
+    crossed.survey()
+    beside = [pose(x, -0.046, 0.0075) for x in np.arange(-0.05, 0.0501, 0.005)]
+    assert found.depth(np.array(beside)).max() < 0.0
+    np.testing.assert_array_equal(crossed.depth(np.array(beside)), found.depth(np.array(beside)))
+
+
 def test_what_stands_on_one_of_two_lines_may_reach_the_other():
     found = space([-0.075, -0.06, -0.045, -0.03, -0.015, 0.0, 0.015, 0.03, 0.045, 0.06, 0.075], half=(0.02, 0.025))
     # The block ends somewhere between the lines at 15 and 30 mm.
