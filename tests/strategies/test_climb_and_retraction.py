@@ -225,6 +225,20 @@ def test_a_detour_is_left_out_on_the_way_back():
     assert path[:, 2].max() < 0.008, "not up the wall again"
 
 
+@pytest.mark.parametrize(("normal", "in_plane"), [((-0.59, 0.81, 0.0), True), ((-0.95, 0.31, 0.0), False)])
+def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_line(normal, in_plane):
+    """What the body may rely on between two lines would end where one of them is left."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    strategy.tip.observe(seen([0.0, 0.0, 0.02], 1.0))
+    strategy.tip.control.begin(np.array(normal))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
+    strategy.tip.trace.running.clear()
+    velocity = next(strategy.retract_onward()).velocity
+    assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
+    assert (abs(velocity[0]) < 1e-9) == in_plane
+
+
 def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():
     place, normal = [0.01, 0.0, 0.03], np.array([0.6, 0.0, -0.8])
     (out,) = out_from_under(seen(place, 1.0), normal, 0.005)
