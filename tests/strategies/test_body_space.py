@@ -12,7 +12,7 @@ from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.lean import UP, turned
-from lwrprobe_strategies.planning.lines import X, Y
+from lwrprobe_strategies.planning.lines import Line, X, Y
 from lwrprobe_strategies.planning.low_sides import low_sides
 from lwrprobe_strategies.skills import guarded_move
 from lwrprobe_strategies.supervisor import SkillStrategy
@@ -195,6 +195,21 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert ends == [], "no touch faces along x"
 
 
+@pytest.mark.parametrize("degrees", [-35.0, 0.0, 35.0])
+def test_the_probe_leans_off_the_side_as_it_stands_and_not_along_the_line(degrees):
+    found, contacts, asked = space(np.arange(-0.075, 0.0751, PITCH)), touched(xs=(0.0,)), []
+    turn = np.radians(degrees)
+    contacts[:, 6:8] = contacts[:, 7:8] * [np.sin(turn), np.cos(turn)]
+
+    def leans(away):
+        asked.append(away)
+        return []
+
+    low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+    expected = np.array([np.sin(turn), np.cos(turn), 0.0])
+    np.testing.assert_allclose(asked, [-expected, expected], atol=1e-12)
+
+
 def test_the_body_may_come_back_the_way_it_went_whatever_is_known_beside_it():
     found = space()
     way = [pose(0.0, y, 0.0075, leaning(20.0)) for y in np.arange(-0.055, -0.0349, 0.001)]
@@ -285,3 +300,13 @@ def test_a_motion_is_judged_by_the_depth_of_the_body_on_its_path():
         allowed.append(expected)
     assert sum(allowed) > 50
     assert len(allowed) - sum(allowed) > 10
+
+
+@pytest.mark.parametrize("aside", [-0.0008, 0.0008])
+def test_a_line_may_be_driven_at_its_height_a_little_beside_it_too(aside):
+    found = space(np.arange(-0.075, 0.0751, PITCH), half=(0.022, 0.025))
+    for x in np.arange(0.028, 0.04, 0.0004):
+        line, held = Line(Y, float(x), -0.06, 0.0, LOW), leaning(10.0)
+        places, heights = found.lowest(line, held)
+        poses = [pose(line.place + aside, y, z, held) for y, z in zip(places, heights, strict=True)]
+        assert found.depth(np.array(poses)).max() <= 1e-9
