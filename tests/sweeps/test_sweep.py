@@ -30,7 +30,7 @@ PLAN = """
 scenes = ["sphere"]
 strategies = ["grid_version", "surface_contour"]
 seeds = 2
-set = ["area.lower=[-0.012, -0.012, 0.045]", "area.upper=[0.012, 0.012, 0.058]"]
+set = ["truth.profile=ideal", "area.lower=[-0.012, -0.012, 0.045]", "area.upper=[0.012, 0.012, 0.058]"]
 
 [[variant]]
 name = "coarse"
