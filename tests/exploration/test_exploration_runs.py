@@ -185,6 +185,7 @@ def test_what_was_touched_survives_a_kill(tmp_path):
     code = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
     top = ["--set", "area.lower=[-0.012, -0.012, 0.045]", "--set", "area.upper=[0.012, 0.012, 0.058]"]
     arguments = ["explore", "sphere", "--out", "run", "--quiet", "--realtime", *top]
+    arguments += ["--set", "truth.profile=ideal"]
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=tmp_path)
     contacts = tmp_path / "run" / "contacts.csv"
     give_up = time.monotonic() + 240.0

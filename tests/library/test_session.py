@@ -56,6 +56,32 @@ class Descent:
         return lp.Progress("descending", 0.5, "descent")
 
 
+class Listening:
+    """A display that keeps what it was shown."""
+
+    def __init__(self):
+        self.messages, self.seen = [], []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.closed = True
+
+    def message(self, sentence):
+        self.messages.append(sentence)
+
+    def watch(self, snapshot):
+        self.seen.append(snapshot)
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """A whole run, and the display that followed it."""
+    display = Listening()
+    return lp.explore("block", settings=SHORT, seed=3, progress=display), display
+
+
 def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
     with session() as s:
         assert s.observation is None
@@ -82,8 +108,8 @@ def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
     assert s.step() is None
 
 
-def test_a_loop_gives_the_run_that_one_call_gives():
-    whole = lp.explore("block", settings=SHORT, seed=3, progress=False)
+def test_a_loop_gives_the_run_that_one_call_gives(shown):
+    whole, _ = shown
     with session(seed=3) as s:
         times = [seen.time for seen in s]
         run = s.finish()
@@ -213,25 +239,8 @@ def test_a_scene_gets_settings_on_top_and_stays_as_it_was():
     assert (scene.probe.radius, scene.run.seed) == (0.005, 1)
 
 
-def test_progress_is_shown_where_it_is_asked_for():
-    class Listening:
-        def __init__(self):
-            self.messages, self.seen = [], []
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            self.closed = True
-
-        def message(self, sentence):
-            self.messages.append(sentence)
-
-        def watch(self, snapshot):
-            self.seen.append(snapshot)
-
-    display = Listening()
-    lp.explore("block", settings=SHORT, progress=display)
+def test_progress_is_shown_where_it_is_asked_for(shown):
+    _, display = shown
     assert "exploring" in display.messages
     assert display.seen[-1].time > 11.0
     assert display.closed
