@@ -33,6 +33,7 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
+from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
@@ -97,6 +98,7 @@ class Exploration:
     explorer : the loop; its `outcome` says how the run ended
     recorder : contacts and path so far
     surface : the mesh, None before `finish` and where there is none
+    budget : how far each contact may be off, likewise
 
     Raises InputError and its kin for a scene that cannot be run; inside the `with` block, DriverError for devices that
     do not open. What ends the run early after that stands in the summary's `status` and `reason`.
@@ -117,6 +119,7 @@ class Exploration:
         self._observations: Generator[Observation, None, None] | None = None
         self._began = perf_counter()
         self.surface: Reconstruction | None = None
+        self.budget: ErrorBudget | None = None
         self._summary: Summary | None = None
 
     def _prepare(self) -> None:
@@ -271,7 +274,7 @@ class Exploration:
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        budget = recorded_budget(scene, pipeline, recorder, waves, turned)
+        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
