@@ -158,7 +158,10 @@ def _of_turned_normals(known: Contacts, probe: Probe, of: Any, random: np.random
         values = sigma * random.standard_normal(len(knots))
         return np.interp(times, knots, values) - sigma * random.standard_normal()
 
-    force, torque = float(of("zero_wander_force_mn", 1, 1e-3)[0]), float(of("zero_wander_torque_unm", 1, 1e-6)[0])
+    # Half the width of the hysteresis, by which a reading lags behind the load, in either sense.
+    lag = 0.5 * float(of("sensor_hysteresis_percent", 1, 1e-2)[0])
+    force = np.hypot(float(of("zero_wander_force_mn", 1, 1e-3)[0]), lag * float(probe.force_range[0]))
+    torque = np.hypot(float(of("zero_wander_torque_unm", 1, 1e-6)[0]), lag * float(probe.torque_range[0]))
     axis = np.hypot(torque, force * probe.sensor_distance) / probe.radius
     along = ALONG * wandering(axis) / size
     aside = ASIDE * wandering(axis) / size + wandering(force) / size
