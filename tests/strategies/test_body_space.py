@@ -195,6 +195,20 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert ends == [], "no touch faces along x"
 
 
+def test_a_side_that_lines_beside_went_up_already_is_not_driven_again():
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+
+    def leans(away):
+        return [leaning(angle, away) for angle in np.arange(2.5, 40.1, 2.5)]
+
+    def lines(*beside):
+        known = np.concatenate([touched(xs=(0.0,)), *(touched(0.008, xs=(x,)) for x in beside)])
+        return low_sides(known, Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+
+    assert len(lines()) == len(lines(-PITCH)) == len(lines(-PITCH, PITCH)) == 2
+    assert lines(-0.4 * PITCH, 0.4 * PITCH) == []
+
+
 @pytest.mark.parametrize("degrees", [-35.0, 0.0, 35.0])
 def test_the_probe_leans_off_the_side_as_it_stands_and_not_along_the_line(degrees):
     found, contacts, asked = space(np.arange(-0.075, 0.0751, PITCH)), touched(xs=(0.0,)), []

@@ -28,6 +28,10 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
+GRAIN = 0.0015
+"""m between two places of a side that are looked at."""
+WORTH = 0.4
+"""Square pitches that a line must add to what is touched: other lines may have gone up the same side."""
 OVERLAP = 0.001
 """m, by which both contours overlap."""
 
@@ -83,9 +87,29 @@ def low_sides(
                     best = line
                 if best is not None and best.height <= floor + HIGHER:
                     break
-            if best is not None:
+            if best is not None and _left(best, low[3:6], away, slope, contacts, pitch) > WORTH * pitch * pitch:
                 lines.append(replace(best, end=end - side * BEYOND))
     return lines
+
+
+def _left(
+    line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float
+) -> float:
+    """m^2 that a line up a side would touch and nothing has touched yet: no more than half a pitch beside and below it.
+
+    The side goes on below and beside a `touch` (3,) with the horizontal normal `away` (3,), and out by `slope` m for
+    each m below.
+    """
+    half = 0.5 * pitch
+    beside = np.linspace(-half, half, max(round(pitch / GRAIN), 2))
+    heights = np.arange(line.height - half, line.ceiling, GRAIN)
+    s, z = (ticks.ravel() for ticks in np.meshgrid(beside, heights, indexing="ij"))
+    out = slope * (touch[Z] - z)
+    there = np.stack([touch[0] + out * away[0] - s * away[1], touch[1] + out * away[1] + s * away[0], z], axis=1)
+    near = contacts[contacts[:, 6:9] @ away > FACING]
+    near = near[np.abs(near[:, 3:5] - touch[:2]).max(axis=1) < 2.0 * pitch, 3:6]
+    apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1)
+    return float((apart > half * half).mean()) * pitch * max(line.ceiling - line.height + half, 0.0)
 
 
 def _lowest(line: Line, highest: float, slope: float, body: BodySpace) -> Line | None:
