@@ -178,6 +178,7 @@ def test_a_level_contour_whose_stick_has_met_something_does_not_press_on(reason,
 def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_back_the_way_it_came():
     strategy = SurfaceContour()
     strategy.start(task())
+    strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
     strategy.frame = strategy.frame.horizontal(1.0)
     assert strategy.following(Ended.SHAFT_CONTACT) is None, "the line is given up"
     assert strategy.back == strategy.options.retreat
