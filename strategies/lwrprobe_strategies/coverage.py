@@ -145,6 +145,10 @@ class Coverage(SkillStrategy):
                 return self.next_in_passing()
             case Ended.TURN_WANTED:
                 return self.turn()
+            case Ended.SHAFT_CONTACT if self.frame.level:  # back the way it came: what is above the sphere stands out
+                self.tip.overhangs.stick_met(self.tip.here)
+                self.back = self.options.retreat
+                return self.give_up()
             case Ended.SHAFT_CONTACT:
                 self.rest = True
                 return self.raise_line()

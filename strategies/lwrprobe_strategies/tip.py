@@ -7,7 +7,7 @@ from math import hypot, inf
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Observation, Task
+from lwrprobe.contracts import Confidence, Doubt, Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
@@ -34,6 +34,8 @@ UPWARDS = 0.7
 NEAR = 0.0015
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
 reaches 3 mm further out, would have met a plain wall before."""
+CLEAR = 1.25
+"""Times the wanted force, from which on one contact of the stick is certain."""
 TOWARDS = 0.3
 """Share of the sideways motion towards what is near; a motion along a wall has less."""
 
@@ -157,6 +159,22 @@ class Tip:
             if reach > self.task.probe.radius and closing > TOWARDS * side:
                 limit = min(limit, self.control.stick_speed(reach) / closing)
         return limit
+
+    def level_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) at which a level contour may lead in under what stands out above; inf where
+        nothing may be.
+        """
+        reach = self.overhangs.beneath(self.here, along)
+        return self.control.stick_speed(reach) if reach > 0.0 else inf
+
+    @property
+    def stick_touches(self) -> bool:
+        """The stick is what is touched, and by a force that leaves no doubt."""
+        contact = self.seen.contact
+        if contact is None or contact.reason is not Doubt.AXIS_MISSES:
+            return False
+        above = float((contact.point - self.here) @ self.seen.pose[:3, 2]) < -self.task.probe.radius
+        return above and float(self.seen.force @ self.seen.force) > (CLEAR * self.task.force_target) ** 2
 
     def climb_limit(self, along: Sequence[float]) -> float:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf

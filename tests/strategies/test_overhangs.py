@@ -5,7 +5,12 @@ import pytest
 
 from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
+from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.skills import release
+from lwrprobe_strategies.skills.follow_contour import slide
+from lwrprobe_strategies.surface_contour import SurfaceContour
 from lwrprobe_strategies.tip import Tip
 from strategy_task import AREA, DOWN, task
 
@@ -132,3 +137,50 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
+
+
+def level_contour(place, normal, reason=None, force=0.8):
+    """A tip that follows a wall in the level plane at a place (3,), with something touched above the sphere or not."""
+    tip, place, normal = Tip(task(approach=0.03)), np.array(place), np.array(normal)
+    met = place - 0.005 * normal if reason is None else place + np.array([0.0, 0.002, 0.03])
+    met = Contact(0.0, met, normal, force * normal, place, 1.0 if reason is None else 0.0, reason)
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    tip.observe(Observation(0.0, pose_at(place), np.zeros(3), force * normal, met))
+    tip.control.begin(normal)
+    return tip, TrackingFrame.around(AREA, 1.0, place[2])
+
+
+def test_a_level_contour_below_what_is_taller_is_as_slow_as_the_stick_may_be_met():
+    """Nothing but the stick would meet what stands out of a wall above the sphere."""
+    wall, here = np.array([-1.0, 0.0, 0.0]), [0.0, 0.0, LOW]
+    tip, frame = level_contour(here, wall)
+    fast = float(np.linalg.norm(slide(tip, frame, wall, "").velocity[:2]))
+    assert fast == pytest.approx(tip.task.contour_speed, rel=0.1), "nothing near is taller"
+    touch(tip.overhangs, [0.0, -0.01, HIGH], wall)
+    slow = tip.control.stick_speed(HIGH - LOW)
+    assert np.linalg.norm(slide(tip, frame, wall, "").velocity[:2]) == pytest.approx(slow, rel=0.1)
+    assert slow < 0.5 * fast
+    for step in np.linspace(-0.006, 0.006, 13):
+        tip.overhangs.note(pose_at([0.0, step, LOW]), None)
+    assert np.linalg.norm(slide(tip, frame, wall, "").velocity[:2]) == pytest.approx(fast), "the stick stood there"
+
+
+@pytest.mark.parametrize(("reason", "end"), [(Doubt.AXIS_MISSES, Ended.SHAFT_CONTACT), (None, Ended.RELEASED)])
+def test_a_level_contour_whose_stick_has_met_something_does_not_press_on(reason, end):
+    tip, frame = level_contour([0.0, 0.0, LOW], [-1.0, 0.0, 0.0], reason, force=2.5)
+    skill = release(tip, frame)
+    next(skill)
+    with pytest.raises(StopIteration) as stop:
+        skill.send(tip.observe(Observation(0.008, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.array([-0.5, 0.0, 0.0]))))
+    assert stop.value.value is end
+
+
+def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_back_the_way_it_came():
+    strategy = SurfaceContour()
+    strategy.start(task())
+    strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
+    strategy.frame = strategy.frame.horizontal(1.0)
+    assert strategy.following(Ended.SHAFT_CONTACT) is None, "the line is given up"
+    assert strategy.back == strategy.options.retreat
+    assert strategy.tip.overhangs.found
+    assert not strategy.lines.next(strategy.tip.here).raised, "it was no line that led in under that"

@@ -40,6 +40,10 @@ FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
 BORDER = 0.001
 """m, within which a place is one on the border."""
+CUT = 0.015
+"""m from what was touched, within which more of an object may stand on a border through which it goes."""
+CAME_DOWN, JUST_THERE, ON_BORDER = 9, 11, 12
+"""Columns of the table of places."""
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Place (3,) m of the sphere's centre, and orientation (3, 3) of the tip."""
@@ -58,8 +62,9 @@ class FreeSpace:
     def __init__(self, area: Area, body: float = np.inf) -> None:
         self._area, self._body = area, body
         self._top = float(area.upper[2])
-        # Place, place off the surface, stick's direction; whether it is open, upright and in its column.
-        self._places = GrowingTable(12)
+        # Place, place off the surface, stick's direction; whether the sphere came down near it, the stick is upright,
+        # the sphere came down just there, and it is on the border.
+        self._places = GrowingTable(13)
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
 
@@ -83,16 +88,17 @@ class FreeSpace:
             held = ax * stick[0] + ay * stick[1] + az * stick[2] > TURNED
             self._column = self._column if held and max(abs(x - cx), abs(y - cy)) < SIDE else None
         border, column = self._on_border(x, y), self._column
-        back = border or (column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN)
-        known = float(border or column is not None), float(upright), float(back)
+        back = column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN
+        known = float(column is not None), float(upright), float(back), float(border)
         self._places.add((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
 
     def clear_down_to(self, x: float, y: float) -> float:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
         rows = self._places.rows()
-        near = rows[np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE]
-        level = min(self._top, float(near[near[:, 9] > 0.0, 2].min(initial=np.inf)))
+        beside = np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE
+        near, above = rows[beside], self._open(rows, beside, CAME_DOWN)
+        level = min(self._top, float(rows[above, 2].min(initial=np.inf)))
         for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
             if level - z > GAP:
                 break
@@ -107,10 +113,10 @@ class FreeSpace:
     def open_places(self, axis: int, place: float) -> np.ndarray:
         """(n, 3) m, places from which the probe may go straight up, within `BORDER` of a place [m] on one axis.
 
-        It came down there. On the area's border every place counts as open: nothing stands there.
+        It came down there, or it is on the area's border where nothing was touched: nothing stands there.
         """
         rows = self._places.rows()
-        return rows[(np.abs(rows[:, axis] - place) < BORDER) & (rows[:, 9] > 0.0), :3]
+        return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, CAME_DOWN), :3]
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,)."""
@@ -138,7 +144,8 @@ class FreeSpace:
         rows, all_back = self._places.rows(), not np.isfinite(distance)
         if len(rows) < 2:
             return None
-        open_places = np.flatnonzero(rows[:, 11] > 0.0) if all_back else np.zeros(1, dtype=int)
+        whole = np.ones(len(rows), dtype=bool)
+        open_places = np.flatnonzero(self._open(rows, whole, JUST_THERE)) if all_back else np.zeros(1, dtype=int)
         if not len(open_places):
             return None
         end, k, left = int(open_places[-1]), len(rows) - 1, distance
@@ -183,6 +190,23 @@ class FreeSpace:
             return None
         first = len(self._places) - len(rows)
         return self._along(list(range(len(self._places) - 1, first + int(found[-1]) - 1, -1)))
+
+    @staticmethod
+    def _open(rows: np.ndarray, wanted: np.ndarray, came_down: int) -> np.ndarray:
+        """(n,) of the `wanted` (n,) rows, from which nothing is above: by a column of the table, or on the border.
+
+        Where something was touched on the border the area is cut through an object: that may overhang there, too, near
+        what was touched of it.
+        """
+        on_border, touching = rows[:, ON_BORDER] > 0.0, (rows[:, 3:6] != rows[:, :3]).any(axis=1)
+        border = wanted & on_border
+        if border.any() and (on_border & touching).any():
+            from scipy.spatial import cKDTree
+
+            places = np.flatnonzero(border)
+            apart, _ = cKDTree(rows[touching, :2]).query(rows[places, :2], p=np.inf)
+            border[places[apart < CUT]] = False
+        return border | (wanted & (rows[:, came_down] > 0.0))
 
     def _along(self, places: list[int]) -> list[Pose]:
         """The places with these indices, in this order; those that lie straight between others are left out."""

@@ -150,6 +150,18 @@ class Overhangs:
         tallest, facing = self._near(i, j, x, y) if known is None else known
         return tallest > z + radius and not facing < z + 2.0 * radius
 
+    def beneath(self, place: np.ndarray, along: np.ndarray) -> float:
+        """m above the sphere's centre, up to which one may be ahead of a level contour although no touch has shown any.
+
+        For a sphere that goes from a place (3,) along a unit vector (3,): as tall as what was touched near. 0 where that
+        is no taller than the sphere, and where the stick has stood.
+        """
+        z, (i, j) = place.item(2), self._ahead(place, along)
+        tallest = self._tallest_beside(i, j)
+        if tallest <= z + self._probe.radius or self._free(z, i, j):
+            return 0.0
+        return min(tallest - z, self.reach(place))
+
     def above(self, place: np.ndarray) -> bool:
         """Whether the sphere may meet one on the way up a surface, from a place (3,).
 

@@ -30,7 +30,8 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
 
     Returns
     -------
-    What `until` says, Ended.LINE_END, Ended.CEILING, or Lost with the point touched last
+    What `until` says, Ended.LINE_END, Ended.CEILING, Ended.SHAFT_CONTACT where a level contour has led the stick against
+    something, or Lost with the point touched last
     """
     edge, corner = InnerEdge(tip.task.force_target), CornerWatch()
     binormal = frame.binormal
@@ -49,12 +50,15 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
         except Overload:
             overload = True
         finally:
-            edge.watch(tip.seen, tip.control, binormal)
+            if not tip.stick_touches:
+                edge.watch(tip.seen, tip.control, binormal)
         if overload:
             released = yield from release(tip, frame)
             if released is not Ended.RELEASED:
                 return released
             continue
+        if frame.level and tip.stick_touches:
+            return Ended.SHAFT_CONTACT
         if frame.past_end(tip.here):
             return Ended.LINE_END
         if frame.at_ceiling(tip.here) and leaves_upwards(tip, frame, motion):
@@ -80,6 +84,8 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     if not tip.reliable:
         # The stick may be what touches, and above the sphere nothing is known then.
         sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
+    if frame.level:
+        sliding_speed = min(sliding_speed, tip.level_limit(np.array(tip.control.tangent(frame.binormal))))
     if careful:
         sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
     binormal = frame.binormal

@@ -28,16 +28,19 @@ def release(tip: Tip, frame: TrackingFrame) -> Procedure:
 
     Returns
     -------
-    Ended.RELEASED, Ended.LINE_END where the line ends on the path, or Ended.CEILING where only a motion upwards out of
-    the area would release the force
+    Ended.RELEASED, Ended.SHAFT_CONTACT where it was the stick that a level contour has led against something,
+    Ended.LINE_END where the line ends on the path, or Ended.CEILING where only a motion upwards out of the area would
+    release the force
     """
+    stick = False
     while True:
+        stick |= frame.level and tip.stick_touches
         velocity = tip.control.release_velocity(tip.seen.force, tip.seen.pose[:3, :3])
         upwards = bool(velocity[Z] > UPWARDS * np.sqrt(velocity @ velocity))
         yield VelocityCommand(frame.bounded(tip.here, velocity), reason=release.name)
         if frame.past_end(tip.here):
             return Ended.LINE_END
         if np.sqrt(tip.seen.force @ tip.seen.force) <= RELEASED * tip.task.force_target:
-            return Ended.RELEASED
+            return Ended.SHAFT_CONTACT if stick else Ended.RELEASED
         if upwards and frame.at_ceiling(tip.here):
             return Ended.CEILING
