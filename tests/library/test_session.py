@@ -77,9 +77,9 @@ class Listening:
 
 @pytest.fixture(scope="module")
 def shown():
-    """A whole run, and the display that followed it."""
+    """A whole run with a reconstructor by name, and the display that followed it."""
     display = Listening()
-    return lp.explore("block", settings=SHORT, seed=3, progress=display), display
+    return lp.explore("block", reconstructor="convex_hull", settings=SHORT, seed=3, progress=display), display
 
 
 def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
@@ -99,11 +99,15 @@ def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
         assert s.time > before
         assert len(s.map) > 0
         assert len(s.contacts) > 5
-        points = s.contacts.points
+        seen = s.contacts
     assert s.outcome.status == "ended early"
     assert s.outcome.reason == "stopped by the caller"
     run = s.finish()
-    assert run.contacts.points[: len(points)].tobytes() == points.tobytes()
+    assert run.contacts.times[: len(seen)].tobytes() == seen.times.tobytes()
+    # After the run normals are turned towards the path, about the sphere's centre.
+    radius = run.scene.probe.radius
+    before, after = (c.points + radius * c.normals for c in (seen, run.contacts))
+    assert after[: len(seen)] == pytest.approx(before, abs=1e-12)
     assert s.finish().summary is run.summary
     assert s.step() is None
 
@@ -164,7 +168,7 @@ def test_what_a_strategy_does_wrong_ends_the_run_with_its_name():
         assert strategy.__name__ in run.summary.reason
 
 
-def test_ones_own_reconstructor_makes_the_mesh():
+def test_ones_own_reconstructor_makes_the_mesh(shown):
     class Box:
         def reconstruct(self, record):
             mesh = lp.load_scene("block").solid().mesh()
@@ -173,7 +177,7 @@ def test_ones_own_reconstructor_makes_the_mesh():
     run = lp.explore("block", reconstructor=Box(), settings=SHORT, progress=False)
     assert run.summary.mesh_error_mm["method"] == "box"
     assert run.mesh.volume == pytest.approx(0.1 * 0.05 * 0.05)
-    named = lp.explore("block", reconstructor="convex_hull", settings=SHORT, progress=False)
+    named, _ = shown
     assert named.summary.mesh_error_mm["method"] == "convex_hull"
 
 
