@@ -66,6 +66,8 @@ BESIDE_LINE = 0.002
 """m across a line, from which on what is touched is not on it."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
+ASLANT = 0.8
+"""Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -287,9 +289,14 @@ class Coverage(SkillStrategy):
         return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
 
     def retract_onward(self) -> Procedure:
-        """Off the surface, and on along the line."""
-        away = self.tip.control.normal.copy()
+        """Off the surface, and on along the line: in its plane, where that leads off the surface as well.
+
+        What the body may rely on between two lines ends where one of them is left.
+        """
+        away, aside = self.tip.control.normal.copy(), self.frame.line.aside
         away[Z] = max(away[Z], 0.0)
+        if abs(away[aside]) < ASLANT:
+            away[aside] = 0.0
         return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
     def give_up(self) -> Procedure | None:

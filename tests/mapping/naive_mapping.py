@@ -237,6 +237,6 @@ def bridged(heights, known, beside, apart):
                 continue
             ends = rows[rows < at].max(), rows[rows > at].min()
             if ends[1] - ends[0] <= apart:
-                near = seen[list(ends), max(across - beside, 0) : across + beside + 1]
-                found[i, j] = min(found[i, j], max(near[np.isfinite(near)], default=-np.inf))
+                near = np.s_[list(ends), max(across - beside, 0) : across + beside + 1]
+                found[i, j] = min(found[i, j], max(seen[near][good[near]], default=-np.inf))
     return found

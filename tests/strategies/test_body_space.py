@@ -12,7 +12,7 @@ from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.lean import UP, turned
-from lwrprobe_strategies.planning.lines import X, Y
+from lwrprobe_strategies.planning.lines import Line, X, Y
 from lwrprobe_strategies.planning.low_sides import low_sides
 from lwrprobe_strategies.skills import guarded_move
 from lwrprobe_strategies.supervisor import SkillStrategy
@@ -82,6 +82,21 @@ def test_nothing_is_known_between_lines_that_are_too_far_apart():
     whole, gap = space(np.arange(-0.075, 0.0751, PITCH)), space(lines)
     there = np.array([pose(-0.02, -0.05, 0.0075)])
     assert whole.depth(there)[0] < 0.0 < gap.depth(there)[0]
+
+
+def test_a_flight_above_all_there_is_hides_nothing_that_lines_have_shown():
+    found, crossed = space(), space()
+    for known in (found, crossed):
+        for x in np.arange(-0.075, 0.0751, PITCH):
+            for y in np.arange(-0.06, -0.0349, 0.0005):
+                known.note(pose(x, y, LOW), False)
+    for x in np.arange(-0.05, 0.0501, 0.0005):
+        crossed.note(pose(x, -0.032, TALLEST + 0.01), False)
+    found.survey()
+    crossed.survey()
+    beside = [pose(x, -0.046, 0.0075) for x in np.arange(-0.05, 0.0501, 0.005)]
+    assert found.depth(np.array(beside)).max() < 0.0
+    np.testing.assert_array_equal(crossed.depth(np.array(beside)), found.depth(np.array(beside)))
 
 
 def test_what_stands_on_one_of_two_lines_may_reach_the_other():
@@ -180,6 +195,21 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert ends == [], "no touch faces along x"
 
 
+@pytest.mark.parametrize("degrees", [-35.0, 0.0, 35.0])
+def test_the_probe_leans_off_the_side_as_it_stands_and_not_along_the_line(degrees):
+    found, contacts, asked = space(np.arange(-0.075, 0.0751, PITCH)), touched(xs=(0.0,)), []
+    turn = np.radians(degrees)
+    contacts[:, 6:8] = contacts[:, 7:8] * [np.sin(turn), np.cos(turn)]
+
+    def leans(away):
+        asked.append(away)
+        return []
+
+    low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: True)
+    expected = np.array([np.sin(turn), np.cos(turn), 0.0])
+    np.testing.assert_allclose(asked, [-expected, expected], atol=1e-12)
+
+
 def test_the_body_may_come_back_the_way_it_went_whatever_is_known_beside_it():
     found = space()
     way = [pose(0.0, y, 0.0075, leaning(20.0)) for y in np.arange(-0.055, -0.0349, 0.001)]
@@ -270,3 +300,13 @@ def test_a_motion_is_judged_by_the_depth_of_the_body_on_its_path():
         allowed.append(expected)
     assert sum(allowed) > 50
     assert len(allowed) - sum(allowed) > 10
+
+
+@pytest.mark.parametrize("aside", [-0.0008, 0.0008])
+def test_a_line_may_be_driven_at_its_height_a_little_beside_it_too(aside):
+    found = space(np.arange(-0.075, 0.0751, PITCH), half=(0.022, 0.025))
+    for x in np.arange(0.028, 0.04, 0.0004):
+        line, held = Line(Y, float(x), -0.06, 0.0, LOW), leaning(10.0)
+        places, heights = found.lowest(line, held)
+        poses = [pose(line.place + aside, y, z, held) for y, z in zip(places, heights, strict=True)]
+        assert found.depth(np.array(poses)).max() <= 1e-9

@@ -196,6 +196,49 @@ def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
     assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"
 
 
+def test_the_way_back_leads_off_what_was_touched_before_its_normal_was_sure():
+    strategy = GridVersion()
+    strategy.start(task())
+    tip, free = strategy.tip, [[0.0, y, 0.006] for y in np.arange(-0.1, 0.0, 0.0012)]
+    for place in free:
+        tip.observe(seen(place))
+    tip.observe(seen([0.0, 0.0012, 0.006], 0.2))
+    tip.observe(seen([0.0, 0.0012, 0.0075], 1.0))
+    places = np.array([piece.place for piece in return_path(tip.seen, tip.free)])
+    touched = places[np.abs(places[:, 1] - 0.0012) < 1e-9]
+    assert touched[:, 2].min() >= 0.006 + LIFT - 1e-9
+
+
+def test_a_detour_is_left_out_on_the_way_back():
+    """Back and forth along a wall, as after a touch on the way back: the way to the open end stays as long as it was."""
+    normal, leaning = np.array([0.0, -1.0, 0.0]), turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
+    free, once = FreeSpace(AREA), None
+    stand(free, *([0.0, y, 0.006] for y in np.arange(-0.1, 0.0301, 0.0012)), rotation=leaning)
+    wall = [[0.0, 0.0312, z] for z in np.arange(0.006, 0.05, 0.0012)]
+    for _ in range(20):
+        stand(free, *wall, rotation=leaning, normal=normal)
+        stand(free, *wall[::-1], rotation=leaning, normal=normal)
+        path = np.array([piece.place for piece in return_path(seen(wall[0], 1.0, leaning), free)])
+        once = path if once is None else once
+    assert path[-1] == pytest.approx([0.0, -0.1, 0.006], abs=1e-9), "on the border, where it came from"
+    assert len(path) == len(once)
+    assert path[:, 2].max() < 0.008, "not up the wall again"
+
+
+@pytest.mark.parametrize(("normal", "in_plane"), [((-0.59, 0.81, 0.0), True), ((-0.95, 0.31, 0.0), False)])
+def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_line(normal, in_plane):
+    """What the body may rely on between two lines would end where one of them is left."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    strategy.tip.observe(seen([0.0, 0.0, 0.02], 1.0))
+    strategy.tip.control.begin(np.array(normal))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
+    strategy.tip.trace.running.clear()
+    velocity = next(strategy.retract_onward()).velocity
+    assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
+    assert (abs(velocity[0]) < 1e-9) == in_plane
+
+
 def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():
     place, normal = [0.01, 0.0, 0.03], np.array([0.6, 0.0, -0.8])
     (out,) = out_from_under(seen(place, 1.0), normal, 0.005)

@@ -66,6 +66,20 @@ def test_an_inserted_line_comes_next_and_is_none_of_the_grid():
     assert [line.place for line in drain(lines)] == list(lines.grid.x[1:])
 
 
+def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_lower():
+    options = CoverageConfig(first_line="border", find_ends=False)
+    lines = LineScheduler(task(), ContactMemory(), options, body=object())
+    heights = iter([0.03, 0.02, 0.01])
+
+    def low_sides(axis, places, body):
+        height = next(heights, None) if lines.count()[0] >= len(lines.grid) and axis == 1 else None
+        return [] if height is None else [Line(1, 0.0, BORDER, 0.0, height, low=True)]
+
+    lines._low_sides = low_sides
+    low = [line.height for line in drain(lines) if line.low]
+    assert low == [0.03, 0.02, 0.01]
+
+
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)

@@ -172,9 +172,8 @@ def bridge(heights, known, half, farthest, along_x, out):
                 continue
             tallest = -np.inf
             for beside in range(first, last + 1):
-                height = heights[place, beside] if along_x else heights[beside, place]
-                if height < np.inf:
-                    tallest = max(tallest, height)
+                if known[place, beside] if along_x else known[beside, place]:
+                    tallest = max(tallest, heights[place, beside] if along_x else heights[beside, place])
             between = max(before, tallest)
             if begin >= 0 and place - begin <= farthest:
                 for inside in range(begin + 1, place):

@@ -64,7 +64,10 @@ class FreeSpace:
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
-        """The tip is at a pose (4, 4) and touches a surface with this reliable normal (3,), or None."""
+        """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
+
+        A normal that is not reliable is that of the force, and leads off what is touched as well.
+        """
         (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
         last = self._places.last
         if last is not None:
@@ -129,24 +132,33 @@ class FreeSpace:
     def return_path(self, distance: float = np.inf) -> list[Pose] | None:
         """Back on the probe's path: for `distance` m, or to where it came down; None where that is too far.
 
-        Along a surface it leads a little off it. The probe fits in all of it, as fast as it likes.
+        Along a surface it leads a little off it, and a detour on it is left out. The probe fits in all of it, as fast as
+        it likes.
         """
-        rows = self._places.rows()
+        rows, all_back = self._places.rows(), not np.isfinite(distance)
         if len(rows) < 2:
             return None
-        places, here = [], rows[-1, 3:6]
-        last, left = len(rows) - 1, distance
-        for k in range(last, max(last - FARTHEST_BACK, -1), -1):
-            place = rows[k, 3:6]
-            left -= float(np.abs(place - here).max())
-            here = place
-            places.append(k)
-            if left <= 0.0 or (rows[k, 11] > 0.0 and not np.isfinite(distance)):
+        open_places = np.flatnonzero(rows[:, 11] > 0.0) if all_back else np.zeros(1, dtype=int)
+        if not len(open_places):
+            return None
+        end, k, left = int(open_places[-1]), len(rows) - 1, distance
+        places = [k]
+        while k > end and left > 0.0:
+            if len(places) == FARTHEST_BACK:
+                if all_back:
+                    return None
                 break
-        else:
-            if not np.isfinite(distance):
-                return None
+            before = self._first_at(k, end)
+            k = before if before < k else k - 1
+            left -= float(np.abs(rows[k, 3:6] - rows[places[-1], 3:6]).max())
+            places.append(k)
         return self._along(places)
+
+    def _first_at(self, k: int, end: int) -> int:
+        """Index from `end` on of the first place where the probe was held as at place `k`, and was as good as there."""
+        rows = self._places.rows()[end : k + 1]
+        near = (np.abs(rows[:, 3:6] - rows[-1, 3:6]).max(axis=1) < SPACING) & (rows[:, 6:9] @ rows[-1, 6:9] > TURNED)
+        return end + int(np.argmax(near))
 
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
         """Back on the upright probe's path, to the latest place as high as `place` (3,) within `reach` m of it.

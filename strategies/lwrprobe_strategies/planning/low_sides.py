@@ -32,7 +32,9 @@ OVERLAP = 0.001
 """m, by which both contours overlap."""
 
 Leans = Callable[[np.ndarray], Sequence[np.ndarray]]
-"""Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first."""
+"""Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first.
+
+The side's own normal counts, not the line's axis: an object stands as it likes."""
 
 
 def low_sides(
@@ -68,10 +70,11 @@ def low_sides(
             low = facing[np.argmin(facing[:, Z])]
             if low[Z] - floor <= 0.5 * pitch:
                 continue
-            away, end = np.zeros(3), float(low[axis])
-            away[axis] = side
+            end = float(low[axis])
             whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
             last = facing[facing[:, Z] < low[Z] + ALIKE]
+            out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
+            away = out / float(np.sqrt(out @ out))
             slope = max(float(np.median(last[:, 8] / (side * last[:, 6 + axis]))), 0.0)
             best: Line | None = None
             for rotation in leans(away):

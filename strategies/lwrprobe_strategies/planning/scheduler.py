@@ -72,7 +72,10 @@ class LineScheduler:
         if self._number < len(self.grid):
             return self._grid_line(here)
         while not self._coming and self._passes:
-            self._coming.extend(self._passes.popleft()())
+            plan = self._passes.popleft()
+            self._coming.extend(plan())
+            if self._coming and plan == self._lower_sides:
+                self._passes.appendleft(plan)  # each of its lines shows more to be free
         if not self._coming:
             return None
         line = self._coming.popleft()
