@@ -18,7 +18,7 @@ from pyarrow import parquet
 from task_functions import deadly, doubled, squared
 
 from lwrprobe.contracts import InputError, SceneError
-from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_local
+from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_kept, run_local
 from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.page import pareto
 from lwrprobe.sweeps.plan import read_plan
@@ -51,6 +51,17 @@ def test_results_of_all_tasks_come_back_from_processes_of_one_thread(monkeypatch
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_tasks(workers):
     assert [result["double"] for result in run_in_order([5, 3, 4], doubled, workers)] == [10, 6, 8]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_a_journal_has_is_not_made_again(tmp_path, workers):
+    journal = tmp_path / "j.jsonl"
+    first = run_kept({"a": 5, "b": 3}, doubled, workers, journal)
+    assert {key: result["double"] for key, result in first.items()} == {"a": 10, "b": 6}
+    both = run_kept({"c": 4, "a": -1}, doubled, workers, journal)
+    assert {key: result["double"] for key, result in both.items()} == {"c": 8, "a": 10}
+    assert list(both) == ["c", "a"]
 
 
 def test_a_process_that_dies_costs_its_own_task():
