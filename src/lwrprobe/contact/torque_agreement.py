@@ -22,7 +22,7 @@ SOLVE_EVERY = 0.1
 SURPRISE = 2.0
 """Ratio of found to expected disagreement from which on more is expected."""
 LARGE = 0.05
-"""Disagreement from which on normals are wrong for its sake, expected or not: with a lever of ten radii, half a radius."""
+"""Disagreement from which on normals are wrong for its sake, expected or not: half a radius with a lever of ten."""
 GAP = 6.25
 """Periods of the sensor between two samples, from which on the earlier one says nothing."""
 LARGEST = 10.0
