@@ -75,6 +75,16 @@ def test_an_error_far_beyond_the_expected_is_found_said_and_weighted_down_at_onc
     assert late.disagreement == pytest.approx(np.sqrt((matrix**2).sum(axis=0)).max() / 0.05, rel=0.25)
 
 
+@pytest.mark.parametrize(("share", "doubted"), [(0.02, False), (0.1, True)])
+def test_a_sensor_stated_as_bad_is_doubted_where_it_is_bad(share, doubted):
+    """Expected or not: touches before the error was learnt have wrong normals, and must not tell of the object."""
+    lever = PROBE.sensor_distance
+    stated = TorqueAgreement(PROBE, np.full(3, share * lever), ZERO, 0.02)
+    watch = slid(share * lever * np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), agreement=stated)
+    assert watch.surprise == 1.0
+    assert (watch.doubt > 0.0) is doubted
+
+
 def test_a_probe_that_sticks_or_lands_teaches_nothing():
     watch = TorqueAgreement(PROBE, EXPECTED, ZERO, 0.02)
     matrix = wrong(5.0)

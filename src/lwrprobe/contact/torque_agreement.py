@@ -21,6 +21,8 @@ SOLVE_EVERY = 0.1
 """s of usable samples after which the matrix is found anew."""
 SURPRISE = 2.0
 """Ratio of found to expected disagreement from which on more is expected."""
+LARGE = 0.05
+"""Disagreement from which on normals are wrong for its sake, expected or not: half a radius with a lever of ten."""
 GAP = 6.25
 """Periods of the sensor between two samples, from which on the earlier one says nothing."""
 LARGEST = 10.0
@@ -72,6 +74,12 @@ class TorqueAgreement:
     def surprise(self) -> float:
         """Ratio of the disagreement found to the one expected, 1 where it is as expected or less."""
         return max(self._scale, self._excess)
+
+    @property
+    def doubt(self) -> float:
+        """The disagreement where normals rest on it, else 0: more than expected, or large, as that of a sensor that was
+        never calibrated. What was touched before it was learnt has wrong normals."""
+        return self.disagreement if self.surprise > 1.0 or self.disagreement > LARGE else 0.0
 
     @property
     def _excess(self) -> float:

@@ -118,7 +118,7 @@ class SampleStep:
         pipeline, torque = self._pipeline, self._pipeline.torque
         pipeline.force.update(wrench, pose, contact, torque is None or torque.surprise < DISAGREEING)
         if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
-            doubt = torque.disagreement if torque is not None and torque.surprise > 1.0 else 0.0
+            doubt = torque.doubt if torque is not None else 0.0
             pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:
