@@ -115,6 +115,23 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 
+def test_a_few_presses_that_scatter_refuse_nothing():
+    """Batches of ten changes of the force scatter by half of the compliance; three of them had refused a touch."""
+    force, _ = stage()
+    force.begin(0.0135)
+    down, free = VelocityCommand(np.array([0.0, 0.0, -0.005])), wrench(0.0, (0, 0, 0))
+    force.update(free, np.block([[DOWN, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), None)
+    first = force.limit(down, free, 1.0).velocity[2]
+    for compliance in (1e-6, 3.4e-5, 2e-6):
+        press(force, compliance=compliance, seconds=0.11)
+        force.update(free, np.eye(4), None)
+    assert force.limit(down, free, 1.0).velocity[2] == first
+    for compliance in 4 * (1.5e-5, 3.4e-5, 7e-5):
+        press(force, compliance=compliance, seconds=0.11)
+    assert force.limit(down, free, 1.0).velocity[2] == -0.005, "as stated, within what is known"
+    assert force.compliance == 0.0
+
+
 def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
     (light, _), (heavy, _) = stage(), stage()
     light.begin(0.0135)

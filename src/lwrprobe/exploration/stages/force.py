@@ -34,8 +34,6 @@ SPEED_STEPS = 20
 """Steps in which a speed is reduced."""
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
-AGREED = 2
-"""Batches of presses after which the speeds follow the stiffness."""
 TOUCHES_AGREED = 3
 """Fitted touches after which contacts are corrected: a single one may rest on a wrong normal."""
 APART = 3.0
@@ -87,10 +85,11 @@ class ForceStage:
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._press = PressCompliance(self._bend, rate)
         # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
-        stiffest = 1.0 + DOUBT * 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
+        self._arm_sigma = 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
+        stiffest = 1.0 + DOUBT * self._arm_sigma
         self._at_first = self._of_stiffness = min(COVERED / stiffest, 1.0)
         self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-        self._compliance = 0.0
+        self._compliance, self._by_presses = 0.0, False
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
@@ -236,8 +235,8 @@ class ForceStage:
         if self._press.batches == 0:
             return
         self._press, self._of_stiffness = PressCompliance(self._bend, self._rate), self._at_first
-        if self._compliance > 0.0:
-            self._compliance = 0.0
+        if self._by_presses:
+            self._by_presses, self._compliance = False, 0.0
             self._estimator.set_indentation(1.0 / self._contact.stiffness)
 
     def _judge_presses(self) -> None:
@@ -245,9 +244,10 @@ class ForceStage:
 
         Raises TouchRefused where no speed is safe.
         """
-        stated, found = 1.0 / self._contact.stiffness, self._press.value
-        if self._press.batches < AGREED:
+        stated = 1.0 / self._contact.stiffness
+        if not math.isfinite(self._press.sigma):
             return
+        found = self._press.value if self._differs() else stated
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
         share = (found + self._axial) / (stated + self._axial)
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
@@ -255,9 +255,19 @@ class ForceStage:
             law = touch_law(self._scene, self._delay, self._tip_mass, found)
             if isinstance(law, Refusal):
                 raise TouchRefused(f"touch refused: {law.reason}")
-        if abs(found - stated) > APART * self._press.sigma:
-            self._compliance = found
+        if found != stated or self._by_presses:
+            self._by_presses = found != stated
+            self._compliance = found if self._by_presses else 0.0
             self._estimator.set_indentation(found)
+
+    def _differs(self) -> bool:
+        """Whether presses show another compliance than is stated, by more than both are known.
+
+        An object adds compliance; what takes some away is an arm stiffer than stated.
+        """
+        stated, found, sigma = 1.0 / self._contact.stiffness, self._press.value, self._press.sigma
+        doubt = math.hypot(sigma, self._arm_sigma * stated) if found < stated else sigma
+        return abs(found - stated) > APART * doubt
 
     def _adopt(self, found: float) -> None:
         """A touch has been fitted: subtract its indentation from now on, check the damping against its stiffness."""
@@ -278,14 +288,15 @@ class ForceStage:
         """For the summary."""
         changes = self._drift.changes
         found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
-        report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if self._press.batches >= AGREED else None}
-        if self._press.batches >= AGREED and self._of_stiffness < 1.0:
+        known = math.isfinite(self._press.sigma)
+        report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if known else None}
+        if known and self._of_stiffness < 1.0:
             report["warnings"] = [
                 *report.get("warnings", []),
                 f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
                 f"{1.0 / stated:.3g}: the probe moves slower",
             ]
-        elif abs(pressed - stated) > APART * self._press.sigma:
+        elif known and self._differs():
             report["warnings"] = [
                 *report.get("warnings", []),
                 f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
