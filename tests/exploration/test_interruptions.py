@@ -10,7 +10,7 @@ from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.reaction import MAX_LATE, ReactionExcess
-from lwrprobe.exploration.safety.silence_guard import SilenceGuard
+from lwrprobe.exploration.safety.silence_guard import Silence, SilenceGuard
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.scene import load_scene
 
@@ -187,14 +187,19 @@ def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute)
     assert_replayed(tmp_path)
 
 
-def test_one_lost_sample_is_no_gap_and_two_are():
-    for lost, expected in ((1, 0), (2, 1), (5, 1)):
-        guard, begun = SilenceGuard(0.1, 0.001, 0.008), 0
+def test_tip_waits_for_one_lost_sample_and_gives_way_at_two():
+    for lost, expected in ((0, []), (1, [Silence.OVERDUE]), (2, [Silence.OVERDUE, Silence.MISSING])):
+        guard, begun = SilenceGuard(0.1, 0.001, 0.008), []
         for k in range(400):
-            if k % 8 == 0 and not 100 <= k < 100 + 8 * lost:
+            late = 2 if k // 8 % 3 == 0 else 0  # samples come a quarter of a period late
+            if k % 8 == late and not 104 <= k < 104 + 8 * lost:
                 guard.update(0)
-            begun += guard.check(0.001 * k)
-        assert begun == guard.yields == expected
+            begun.append(guard.check(0.001 * k))
+        found = [k for k, silence in enumerate(begun) if silence]
+        assert [begun[k] for k in found] == expected
+        assert guard.yields == expected.count(Silence.MISSING)
+        if found:
+            assert found[0] - 98 <= 1e3 * (0.008 + guard.late) + 1, "ms after the last sample"
 
 
 def test_reaction_is_as_stated_until_something_is_late():

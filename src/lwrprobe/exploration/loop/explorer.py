@@ -36,7 +36,7 @@ from lwrprobe.exploration.loop.stop_rules import StopRules
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.safety.motion_guard import MotionStop
-from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, SilenceGuard
+from lwrprobe.exploration.safety.silence_guard import SensorLost, SensorSilent, Silence, SilenceGuard
 from lwrprobe.exploration.stages.object_motion import ObjectMoved
 from lwrprobe.exploration.stages.pipeline import Pipeline, reaction_delay
 from lwrprobe.exploration.stages.touch_law import arm_stiffness, tip_mass
@@ -326,8 +326,11 @@ class Explorer:
         if samples:
             arm.excess.note_age(arm.time - samples[-1].time)
         seen = [self._sample.process(sample) for sample in samples]
-        if self._silence.check(arm.time):
-            arm.excess.note_silence(self._silence.tolerated)
+        silence = self._silence.check(arm.time)
+        if silence is Silence.OVERDUE:
+            self._request.pause()
+        elif silence is Silence.MISSING:
+            arm.excess.note_silence(self._silence.late)
             self._sample.give_way()
         cycles = 1
         if not isinstance(self._request.current, Done):

@@ -57,6 +57,10 @@ class MotionRequest:
                     return
             trajectory.set_velocity(motion.velocity, motion.hold, motion.pose)
 
+    def pause(self) -> None:
+        """Come to rest until the next motion is adopted."""
+        self._pipeline.trajectory.stop()
+
     def reachable(self, poses: Sequence[np.ndarray]) -> bool:
         """Whether the arm can take the tip straight through these poses (4, 4) in turn; see `Task.reachable`."""
         begin, q, solver = self._pipeline.trajectory.pose.copy(), self._arm.q, self._pipeline.solver

@@ -16,7 +16,7 @@ class ReactionExcess:
     """Time by which the measured reaction to a force exceeds the stated one, at its worst of late.
 
     It is a sum: the cycles in a row in which the arm got no answer in time and went on all the same; and the age of
-    the samples when they arrive, or the silence after which the tip gives way where that is longer.
+    the samples when they arrive, or the silence after which the tip stands still where that is longer.
 
     Parameters
     ----------
@@ -61,6 +61,6 @@ class ReactionExcess:
             self.largest = max(self.largest, self.seconds)
 
     def note_silence(self, seconds: float) -> None:
-        """So long [s] after the last sample the tip had to give way."""
+        """Samples were missing, and the tip stood still so much later [s] than with all of them."""
         self._silence = max(self._silence, seconds)
         self.largest = max(self.largest, self.seconds)

@@ -1,16 +1,18 @@
-"""A sensor that says nothing usable: soon the tip gives way, then it retreats, at last the run ends.
+"""A sensor that says nothing usable: the tip stands still, then it gives way, then it retreats, at last the run ends.
 
 Set points have a guard of their own.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 from lwrprobe.contact.wrench import UNUSABLE
 from lwrprobe.contracts import SafetyStop, SampleStatus
 
 _SATURATED = int(SampleStatus.SATURATED)
 _SATURATED_RUN = 3  # samples in a row; one alone may be a spike
-_MISSING = 2.5  # periods of the sensor; one lost sample alone is two of them
+_OVERDUE, _MISSING = 1.5, 2.5  # periods of the sensor; one lost sample alone is two of them
 
 
 class SensorLost(SafetyStop):
@@ -19,6 +21,16 @@ class SensorLost(SafetyStop):
 
 class SensorSilent(SensorLost):
     """No usable sample comes just now; the stream may come back."""
+
+
+class Silence(IntEnum):
+    """What a look at the sensor's silence has found to begin."""
+
+    NOTHING = 0
+    OVERDUE = 1
+    """A sample has not come in time: a tip that may touch something stands still until the next one."""
+    MISSING = 2
+    """Two have not come: the tip gives way."""
 
 
 class SilenceGuard:
@@ -40,13 +52,14 @@ class SilenceGuard:
 
     def __init__(self, allowed: float, cycle: float, period: float) -> None:
         self.allowed = allowed
-        self.tolerated = min(_MISSING * period + 0.9 * cycle, allowed)
-        """s of silence in which one sample may be missing; beyond it two are."""
+        self._begins = tuple(min(share * period + 0.9 * cycle, allowed) for share in (_OVERDUE, _MISSING))
+        self.late = self._begins[0] - period
+        """s by which the tip reacts later to a force than with all samples, at worst, before it stands still."""
         self.yields = 0
         self._max_step = cycle
         self._last: float | None = None
         self._silent = 0.0
-        self._missing = False
+        self._stage = Silence.NOTHING
         self._saturated = 0
 
     def update(self, status: int) -> None:
@@ -56,7 +69,7 @@ class SilenceGuard:
         """
         if status & UNUSABLE:
             return
-        self._silent, self._missing = 0.0, False
+        self._silent, self._stage = 0.0, Silence.NOTHING
         self._saturated = self._saturated + 1 if status & _SATURATED else 0
         if self._saturated >= _SATURATED_RUN:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
@@ -64,7 +77,7 @@ class SilenceGuard:
     @property
     def looks_left(self) -> int:
         """How many looks, one a cycle, may follow before there is anything to be seen."""
-        return int(((self.allowed if self._missing else self.tolerated) - self._silent) / self._max_step)
+        return int(((*self._begins, self.allowed)[self._stage] - self._silent) / self._max_step)
 
     @property
     def silent(self) -> float:
@@ -73,10 +86,10 @@ class SilenceGuard:
 
     def forget(self) -> None:
         """Begin anew: the arm stood still meanwhile, or moved without need of the sensor."""
-        self._last, self._silent, self._missing = None, 0.0, False
+        self._last, self._silent, self._stage = None, 0.0, Silence.NOTHING
 
-    def check(self, time: float, looks: int = 1) -> bool:
-        """Whether samples have just begun to be missing; `looks` are those that this one stands for.
+    def check(self, time: float, looks: int = 1) -> Silence:
+        """What has just begun; `looks` are those that this one stands for.
 
         Raises SensorSilent after `allowed` seconds of silence.
         """
@@ -85,8 +98,8 @@ class SilenceGuard:
         self._last = time
         if self._silent > self.allowed:
             raise SensorSilent(f"no usable wrench sample for {self._silent:.3f} s (allowed {self.allowed:.3f} s)")
-        begun = self._silent > self.tolerated and not self._missing
-        if begun:
-            self._missing = True
-            self.yields += 1
-        return begun
+        if self._stage is Silence.MISSING or self._silent <= self._begins[self._stage]:
+            return Silence.NOTHING
+        self._stage = Silence(self._stage + 1)
+        self.yields += self._stage is Silence.MISSING
+        return self._stage
