@@ -210,7 +210,7 @@ def test_the_way_back_leads_off_what_was_touched_before_its_normal_was_sure():
 
 
 def test_a_detour_is_left_out_on_the_way_back():
-    """Back and forth along a wall, as after a touch on the way back: the way to the open end stays as long as it was."""
+    """Back and forth along a wall, as after a touch on the way back: the way to the open end stays as it was."""
     normal, leaning = np.array([0.0, -1.0, 0.0]), turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
     free, once = FreeSpace(AREA), None
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.1, 0.0301, 0.0012)), rotation=leaning)

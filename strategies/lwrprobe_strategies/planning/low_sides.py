@@ -92,9 +92,7 @@ def low_sides(
     return lines
 
 
-def _left(
-    line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float
-) -> float:
+def _left(line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float) -> float:
     """m^2 that a line up a side would touch and nothing has touched yet: no more than half a pitch beside and below it.
 
     The side goes on below and beside a `touch` (3,) with the horizontal normal `away` (3,), and out by `slope` m for

@@ -153,8 +153,8 @@ class Overhangs:
     def beneath(self, place: np.ndarray, along: np.ndarray) -> float:
         """m above the sphere's centre, up to which one may be ahead of a level contour although no touch has shown any.
 
-        For a sphere that goes from a place (3,) along a unit vector (3,): as tall as what was touched near. 0 where that
-        is no taller than the sphere, and where the stick has stood.
+        For a sphere that goes from a place (3,) along a unit vector (3,): as tall as what was touched near. 0 where
+        that is no taller than the sphere, and where the stick has stood.
         """
         z, (i, j) = place.item(2), self._ahead(place, along)
         tallest = self._tallest_beside(i, j)

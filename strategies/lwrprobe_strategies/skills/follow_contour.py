@@ -30,8 +30,8 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
 
     Returns
     -------
-    What `until` says, Ended.LINE_END, Ended.CEILING, Ended.SHAFT_CONTACT where a level contour has led the stick against
-    something, or Lost with the point touched last
+    What `until` says, Ended.LINE_END, Ended.CEILING, Ended.SHAFT_CONTACT where a level contour has led the stick
+    against something, or Lost with the point touched last
     """
     edge, corner = InnerEdge(tip.task.force_target), CornerWatch()
     binormal = frame.binormal
