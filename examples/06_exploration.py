@@ -2,7 +2,7 @@
 
 import lwrprobe as lp
 
-run = lp.explore("cylinder_vertical", seed=7, settings={"strategy.step": 0.02}, out="runs/cylinder")
+run = lp.explore("cylinder_vertical", seed=7, settings={"strategy.step": 0.03}, out="runs/cylinder")
 summary = run.summary
 print(summary.status, "because", summary.reason)
 print(len(run.contacts.points), "contacts in", summary.voxels, "voxels,", f"{summary.sim_time_s:.0f} s of robot time")

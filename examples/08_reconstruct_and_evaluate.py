@@ -2,8 +2,8 @@
 
 import lwrprobe as lp
 
-run = lp.explore("cylinder_vertical", seed=7, settings={"strategy.step": 0.02})
-print(f"{len(run.contacts)} contacts on lines 20 mm apart")
+run = lp.explore("cylinder_vertical", seed=7, settings={"strategy.step": 0.03, "truth.profile": "ideal"})
+print(f"{len(run.contacts)} contacts on lines 30 mm apart")
 print(f"{'method':18} {'mean mm':>8} {'largest mm':>11} {'volume error':>13}")
 for method in ("contact_surface", "convex_hull", "hermite_rbf"):
     mesh = lp.reconstruct(run, method=method)

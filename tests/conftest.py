@@ -77,13 +77,15 @@ def upper_edge() -> dict:
 
 @pytest.fixture(scope="session")
 def recorded_cylinder(made_once, upper_edge) -> Path:
-    """The folder of a short run with a bag."""
+    """The folder of a short run with a bag, with enough lines that the last of them says little."""
     import lwrprobe as lp
+
+    settings = {**upper_edge, "strategy.step": 0.006}
 
     return made_once(
         "recorded_cylinder",
         lambda folder: lp.explore(
-            "cylinder_vertical", seed=5, settings=upper_edge, out=folder, record=True, progress=False
+            "cylinder_vertical", seed=5, settings=settings, out=folder, record=True, progress=False
         ),
     )
 

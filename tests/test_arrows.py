@@ -1,6 +1,7 @@
 """The arrows between the packages point one way (docs/architecture.md)."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,7 @@ PLUGINS = {
 """Which packages of the library each plug-in may know."""
 
 
+@cache
 def imported(file: Path) -> set[str]:
     """Full names of all modules that a file imports, wherever in it the import stands."""
     names = set()

@@ -68,6 +68,8 @@ MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
 """Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
+ABOVE_FOOT = 0.002
+"""m above the area's floor, from which on a wall is taken for one that goes on below."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -128,6 +130,8 @@ class Coverage(SkillStrategy):
     def following(self, outcome: Outcome) -> Procedure | None:
         """What follows from how a skill ended; None = this line is done."""
         match outcome:
+            case Ended.TABLE | Ended.UNDERSIDE | Ended.LINE_END if self.frame.backward:
+                return self.contour_upright()
             case Ended.ARRIVED | Ended.RETRACTED | Ended.NOTHING_FOUND:  # nothing there: on along the line (4.2.4)
                 return self.along_line()
             case Ended.TABLE:
@@ -188,7 +192,7 @@ class Coverage(SkillStrategy):
     def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
-        self.threats, self.circling = 0, CirclingWatch(self.task.area)
+        self.threats, self.circling, self.foot_felt = 0, CirclingWatch(self.task.area), False
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
         if tip.body is not None:
@@ -228,7 +232,9 @@ class Coverage(SkillStrategy):
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
         line, normal = self.frame.line, self.tip.control.normal
-        if line.outline:
+        if self._begins_above_a_foot():
+            self.foot_felt, self.frame = True, self.frame.back_down()
+        elif line.outline:
             sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
             self.frame = self.frame.horizontal(sense, line.height)
         return self.contour()
@@ -282,6 +288,8 @@ class Coverage(SkillStrategy):
 
     def answer_threat(self) -> Procedure | None:
         """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
+        if self.frame.backward:
+            return self.contour_upright()
         if self._beneath():
             return self.raise_line()
         self.threats += 1
@@ -289,6 +297,8 @@ class Coverage(SkillStrategy):
 
     def answer_unknown(self) -> Procedure | None:
         """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
+        if self.frame.backward:
+            return self.contour_upright()
         self.threats += 1
         return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
 
@@ -341,6 +351,15 @@ class Coverage(SkillStrategy):
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
 
+    def _begins_above_a_foot(self) -> bool:
+        """Whether a line that had to be raised meets a wall above its foot.
+
+        There the sphere goes in under what the stick met, as far as both fit.
+        """
+        line, ahead = self.frame.line, float(self.tip.control.normal @ self.frame.line.ahead)
+        wall = self.tip.trace.ended is guarded_move and ahead < NEAR_SIDE and not self.frame.level
+        return line.raised and not self.foot_felt and wall and self.tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT
+
     def _beside_the_line(self) -> bool:
         """Whether what is touched stands beside the line, on the path to its beginning."""
         line = self.frame.line
@@ -362,9 +381,12 @@ class Coverage(SkillStrategy):
 
     def _climbs_instead(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""
-        if not self.options.climb or self.tip.seen.contact is None or not self.leaves_descents(self.frame.line):
+        frame = self.frame
+        if frame.backward or not self.options.climb or self.tip.seen.contact is None:
             return False
-        up = descent.climb(self.tip.seen, self.frame, self.upright)
+        if not self.leaves_descents(frame.line):
+            return False
+        up = descent.climb(self.tip.seen, frame, self.upright)
         if up is None or self.lines.blocked_before(up):
             return False
         self.lines.insert(up)

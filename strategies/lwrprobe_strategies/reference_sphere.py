@@ -83,7 +83,7 @@ class _Options:
     radius: float = 0.015
     places: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.015),)
     spread: float = 0.02
-    force: float = 0.5
+    force: float = 0.65
     leans: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 1.6, 0.0))
     touches: int = 4
     table: float = 0.0

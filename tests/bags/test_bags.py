@@ -23,6 +23,8 @@ from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.recording.run_bag import SAMPLE_COLUMNS, quaternion
 
+pytestmark = pytest.mark.slow  # its imports take seconds
+
 TOPICS = {
     "/joint_states", "/wrench", "/probe_tip", "/tf", "/contacts", "/map", "/markers", "/goal", "/rosout",
     "/lwrprobe/run", "/lwrprobe/samples", "/lwrprobe/state",
@@ -42,7 +44,6 @@ def decoded(run) -> list[tuple[str, int, object]]:
         return [(c.topic, m.log_time, decoded) for _, c, m, decoded in reader.iter_decoded_messages()]
 
 
-@pytest.mark.slow
 def test_mcap_and_its_ros_decoder_read_all_messages(run, decoded):
     assert {topic for topic, _, _ in decoded} >= TOPICS
     assert len(decoded) == sum(1 for _ in read_bag(run))
@@ -55,7 +56,6 @@ def test_mcap_and_its_ros_decoder_read_all_messages(run, decoded):
         assert [w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z] == row.tolist()
 
 
-@pytest.mark.slow
 def test_rosbags_reads_folder_metadata_and_messages(run):
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Reader(run / "bag") as reader:
@@ -69,7 +69,6 @@ def test_rosbags_reads_folder_metadata_and_messages(run):
     assert read[0].name == [f"lwr4_joint_{k}" for k in range(1, 8)]
 
 
-@pytest.mark.slow
 def test_contacts_and_map_are_those_of_the_run(run, decoded):
     clouds = [m for topic, _, m in decoded if topic == "/contacts"]
     rows = np.vstack([np.frombuffer(bytes(m.data), np.float32).reshape(-1, 9) for m in clouds])
@@ -84,10 +83,9 @@ def test_contacts_and_map_are_those_of_the_run(run, decoded):
     covered = [json.loads(m.data)["covered"] for topic, _, m in decoded if topic == "/lwrprobe/state"]
     assert covered == sorted(covered)
     assert covered[0] == 0.0
-    assert covered[-1] > 0.66  # two of three lines: the third ends the run
+    assert covered[-1] > 0.9
 
 
-@pytest.mark.slow
 def test_the_tip_is_where_the_joints_put_it(run, decoded):
     robot = lp.kinematics.robot_by_name("lwr4")
     scene = lp.load_scene(run / "scene.toml")
@@ -111,7 +109,6 @@ def test_quaternions_agree_with_scipy(q):
     assert abs(np.dot(quaternion(pose), expected)) == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.slow
 def test_a_replay_gives_the_same_bytes(run, tmp_path):
     recording = read_recording(run)
     outcome = Replay(recording, recorded_scene(recording), tmp_path / "again").run()
@@ -120,7 +117,6 @@ def test_a_replay_gives_the_same_bytes(run, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
 
 
-@pytest.mark.slow
 def test_the_bag_alone_is_enough(run, tmp_path):
     file = tmp_path / "alone.mcap"
     file.write_bytes((run / "bag" / "bag_0.mcap").read_bytes())
@@ -129,7 +125,6 @@ def test_the_bag_alone_is_enough(run, tmp_path):
     assert (tmp_path / "again" / "contacts.csv").read_bytes() == (run / "contacts.csv").read_bytes()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize("streams", [("/joint_states",), ("/probe_tip",)])
 def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams, storage):
@@ -171,7 +166,6 @@ def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams, storage)
     assert np.median(cKDTree(own_points).query(points)[0]) < 1e-4
 
 
-@pytest.mark.slow
 def test_three_estimators_on_one_recording(run):
     from lwrprobe.runs.replay import replay
 

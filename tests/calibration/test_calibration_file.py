@@ -19,10 +19,14 @@ from lwrprobe.calibration.calibration_file import LENGTHS
 from lwrprobe.cli.app import app
 from lwrprobe.contact import identify_payload
 from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
+from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
+from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD
 from lwrprobe.kinematics.path import rotations
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.actual_scene import actual_scene
 from lwrprobe.scene.calibrated_scene import calibrated, stated_hash
 
 VALUES = {
@@ -98,6 +102,16 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     assert plane[1] / plane[2] == pytest.approx(-0.002)
     assert used.uncertainty.probe_length_mm == pytest.approx(0.01)
     assert calibrated(load_scene("block")) == load_scene("block")
+
+
+@pytest.mark.slow
+def test_a_run_with_another_table_than_stated_is_in_the_world_of_its_scene(calibration, tmp_path):
+    """The simulated world is built from what the scene states, not from what the calibration has found."""
+    write_calibration(calibration, tmp_path / "c.toml")
+    settings = [f'calibration="{tmp_path / "c.toml"}"', "truth.profile=lab", "run.time_limit=1.0"]
+    scene = load_scene("block", settings)
+    assert not is_world_of(actual_scene(scene), calibrated(scene)), "its objects rise with the table"
+    assert ANOTHER_WORLD not in explore(scene)["warnings"]
 
 
 def test_sensor_is_read_with_its_matrix_and_clock(calibration):

@@ -129,6 +129,7 @@ def test_a_voxel_added_later_is_seen_without_a_rebuild():
     )
 
 
+@pytest.mark.slow
 def test_filled_blocks_of_voxels_count_as_solid():
     grid = np.stack(np.meshgrid(*[np.arange(-16, 16)] * 3), -1).reshape(-1, 3) * 0.002 + 0.001
     voxels = VoxelMap(0.002)

@@ -23,6 +23,7 @@ def noisy(rng, values, count, first=0):
     return [sample(first + k, np.round((values + STEP * rng.normal(size=6)) / STEP) * STEP) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_kernel_agrees_with_its_naive_twin_on_streams_with_every_fault():
     rng = np.random.default_rng(5)
     probe = Probe(mass=0.02, centre_of_mass=np.array([0.001, -0.002, 0.03]))

@@ -123,6 +123,7 @@ def test_torque_covariance_is_the_dense_product():
         np.testing.assert_allclose(cov, dense, rtol=1e-10, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_axis_information_and_its_helpers_are_the_dense_products():
     rng = np.random.default_rng(5)
     for _ in range(50):
@@ -200,6 +201,7 @@ def test_slip_is_the_velocity_of_the_contact_point_also_while_the_probe_turns():
         np.testing.assert_allclose(speed * slip, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_learning_the_zero_is_a_dense_kalman_step():
     rng = np.random.default_rng(14)
     params = np.zeros(fk.PARAMS)

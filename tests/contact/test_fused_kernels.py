@@ -406,6 +406,7 @@ def test_a_sequence_with_all_that_happens_to_a_sphere(mu):
 EXTREME = st.sampled_from([0.0, -0.0, 1e-12, -1e-5, 0.05, 1.0, -30.0, 1e4, np.nan, np.inf, -np.inf])
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @drawn(
     force=st.lists(EXTREME, min_size=3, max_size=3),

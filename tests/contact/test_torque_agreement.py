@@ -52,6 +52,7 @@ def test_what_agrees_is_left_alone():
     assert np.abs(watch.corrected(wrench)[0].torque - wrench.torque).max() < 3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5, 10))
 def test_an_expected_error_is_found_within_its_standard_deviation(seed):
     matrix = wrong(1.0, seed)

@@ -19,6 +19,7 @@ def stiffness_along(t, normal):
     return 1.0 / (1.0 / t.stiffness + give)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: sqrt(sum(x * x for x in v)) > 0.1),
@@ -123,6 +124,7 @@ def velocity_of(t, control, last, steady, normal, force, binormal, speed, rotati
     return n, steady, slide * tangent + press * n
 
 
+@pytest.mark.slow
 def test_the_velocity_is_that_of_the_law_along_the_tracked_normal_and_the_tangent():
     t, random = task(), np.random.default_rng(3)
     control, tracked, steady, dives = ContourControl(t), np.array([0.0, -1.0, 0.0]), 0.0, 0

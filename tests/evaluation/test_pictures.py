@@ -54,6 +54,7 @@ def test_a_ramp_meets_its_stops_and_saturates(ramp):
     assert all(stop in ramp.css() for stop in ramp.stops)
 
 
+@pytest.mark.slow
 def test_the_preview_shows_what_there_is_and_says_where_there_is_nothing(tmp_path):
     solid = load_scene("block").solid()
     points, _ = solid.sample_surface(500, 1)

@@ -44,6 +44,7 @@ def test_an_upright_probe_reaches_the_top_and_not_what_is_under_it(table):
     assert not reached[hidden].any()
 
 
+@pytest.mark.slow
 def test_the_error_of_a_larger_ball_is_the_difference_of_the_radii():
     true, larger = (trimesh.creation.icosphere(5, radius) for radius in (0.02, 0.021))
     judge = TrueMesh(np.asarray(true.vertices), np.asarray(true.faces))

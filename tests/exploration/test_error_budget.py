@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from lwrprobe.bench.budget import Contacts, drawn_errors
+from lwrprobe.contact import Settings
 from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rigid_motion
 from lwrprobe.exploration.recording.error_sources import _of_arm, error_budget
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
+from lwrprobe.exploration.stages.sensor_errors import estimator_settings
 from lwrprobe.scene import load_scene
 
 Q = np.array([[0.3, 0.6, -0.2, -1.4, 0.1, 1.1, 0.4], [-0.2, 0.7, 0.1, -1.2, 0.3, 0.9, 0.0]])
@@ -75,6 +77,18 @@ def test_a_wider_belief_gives_a_wider_band():
     lab, sheet = (budget(load_scene("block", [f"uncertainty.profile={p}", *known])) for p in ("lab", "datasheet"))
     assert sheet.report()["whole_mm"] > 2.0 * lab.report()["whole_mm"]
     assert lab.report()["whole_mm"] > lab.report()["shape_mm"] >= lab.report()["random_mm"]
+
+
+def test_the_hysteresis_of_the_sensor_turns_normals_as_its_zero_does():
+    """A reading stands half the width of the loop away from the load: 0.3 % of 12 N are 18 mN, as those of a zero."""
+    none, wide = (budget(alone("zero_force_mn=6.0", f"sensor_hysteresis_percent={h}")) for h in (0.0, 0.3))
+    same = budget(alone(f"zero_force_mn={np.hypot(6.0, 18.0)}", "zero_torque_unm=180.0"))
+    assert np.trace(wide.covariance()[0]) == pytest.approx(np.trace(same.covariance()[0]))
+    assert np.trace(wide.covariance()[0]) > 2.0 * np.trace(none.covariance()[0])
+    assert estimator_settings(alone("sensor_hysteresis_percent=0.3")).zero_error == Settings().zero_error
+    lab, worse = (load_scene("block", s) for s in ([], ["uncertainty.sensor_hysteresis_percent=0.3"]))
+    assert estimator_settings(lab).zero_error == pytest.approx(np.hypot(6e-3, 6e-3))
+    assert estimator_settings(worse).zero_error == pytest.approx(np.hypot(6e-3, 18e-3))
 
 
 def test_a_rigid_motion_is_no_error_of_shape():

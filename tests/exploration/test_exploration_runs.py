@@ -140,6 +140,18 @@ def test_orientation_change_reaches_lower_than_grid_version(stacked):
     assert lowest["orientation_change"] < 0.007
 
 
+@pytest.mark.slow
+def test_both_sides_of_a_lying_cylinder_are_touched_as_far_under_as_the_stick_allows():
+    area = {"area.lower": [-0.055, -0.012, 0.006], "area.upper": [0.055, 0.012, 0.056], "truth.profile": "ideal"}
+    run = lp.explore("cylinder_horizontal", strategy="surface_contour", settings=area, progress=False)
+    points, normals = run.contacts.points, run.contacts.normals
+    for side in (-1.0, 1.0):
+        lowest = points[side * normals[:, 0] > 0.8, 2].min()
+        assert lowest < 0.015, "the stick allows 14 mm, the equator is at 24"
+    assert run.summary.status == "done"
+    assert run.summary.true_peak_force_n < 3.0
+
+
 def test_what_the_arm_cannot_reach_is_named_before_it_moves():
     messages = []
     far = ["area.lower=[-0.05, -0.05, 0.006]", "area.upper=[0.25, 0.05, 0.058]", "run.time_limit=2.0"]
@@ -185,6 +197,7 @@ def test_what_was_touched_survives_a_kill(tmp_path):
     code = "import sys; sys.argv[0] = 'lwrprobe'; from lwrprobe.cli.app import main; main()"
     top = ["--set", "area.lower=[-0.012, -0.012, 0.045]", "--set", "area.upper=[0.012, 0.012, 0.058]"]
     arguments = ["explore", "sphere", "--out", "run", "--quiet", "--realtime", *top]
+    arguments += ["--set", "truth.profile=ideal"]
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], cwd=tmp_path)
     contacts = tmp_path / "run" / "contacts.csv"
     give_up = time.monotonic() + 240.0

@@ -145,6 +145,7 @@ def test_edges_say_nothing_of_waves():
     assert found.error == pytest.approx(STATED / np.sqrt(2.0))
 
 
+@pytest.mark.slow
 def test_the_budget_counts_what_remains_of_the_waves():
     recorder, _ = touched(AMPLITUDE)
     pipeline = compose(SCENE, choose(SCENE), 0.001, 125.0)

@@ -80,6 +80,7 @@ def test_a_file_too_large_is_one_sentence(tmp_path):
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000)); "
     limit += "import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
     command = [sys.executable, "-c", limit + START, "explore", "sphere", "--quiet", "--out", str(tmp_path / "run")]
+    command += ["--set", "truth.profile=ideal"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 1
     assert "File too large" in done.stderr

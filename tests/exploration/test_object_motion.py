@@ -157,6 +157,20 @@ def test_the_force_direction_alone_is_given_more_room():
     assert slide(knows_friction=True) > 0.2
 
 
+@pytest.mark.parametrize(("zero", "noticed"), [(0.0, True), (0.03, False)])
+def test_a_small_force_whose_zero_is_wrong_points_anywhere(zero, noticed):
+    """Sliding on with 0.12 N, of which the zero of the sensor turns the direction by 25 degrees more than friction."""
+    monitor, moved = watch(zero=zero), False
+    force = 0.12 * np.array([0.0, -np.sin(0.9), np.cos(0.9)])
+    for k, place in enumerate(along((0, 0, 0), (0, 0.03, 0))):
+        try:
+            monitor.see(0.008 * k, place, force, None)
+        except ObjectMoved:
+            moved = True
+            break
+    assert moved is noticed
+
+
 def test_the_kernel_agrees_with_its_definition():
     random = np.random.default_rng(1)
     for _ in range(200):

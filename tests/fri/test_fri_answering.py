@@ -300,6 +300,7 @@ def test_cycles_without_a_measurement_are_braked_through():
     assert line.controller.error == 0
 
 
+@pytest.mark.slow
 def test_bad_line_is_counted_and_never_makes_the_driver_break_a_limit():
     faults = LinkFaults(resize=0.02, duplicate=0.1, reorder=0.03, jitter=0.002, loss=0.01)
     line = CountedLine(faults, bridged=50, leave_quality=0)

@@ -19,6 +19,7 @@ def files(tmp_path_factory):
     return well_formed(tmp_path_factory.mktemp("files"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files_are_read_or_refused(files, tmp_path, name):
     @settings(max_examples=40)

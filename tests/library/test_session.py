@@ -56,6 +56,32 @@ class Descent:
         return lp.Progress("descending", 0.5, "descent")
 
 
+class Listening:
+    """A display that keeps what it was shown."""
+
+    def __init__(self):
+        self.messages, self.seen = [], []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.closed = True
+
+    def message(self, sentence):
+        self.messages.append(sentence)
+
+    def watch(self, snapshot):
+        self.seen.append(snapshot)
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """A whole run with a reconstructor by name, and the display that followed it."""
+    display = Listening()
+    return lp.explore("block", reconstructor="convex_hull", settings=SHORT, seed=3, progress=display), display
+
+
 def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
     with session() as s:
         assert s.observation is None
@@ -73,17 +99,21 @@ def test_it_goes_on_step_by_step_and_everything_can_be_looked_at():
         assert s.time > before
         assert len(s.map) > 0
         assert len(s.contacts) > 5
-        points = s.contacts.points
+        seen = s.contacts
     assert s.outcome.status == "ended early"
     assert s.outcome.reason == "stopped by the caller"
     run = s.finish()
-    assert run.contacts.points[: len(points)].tobytes() == points.tobytes()
+    assert run.contacts.times[: len(seen)].tobytes() == seen.times.tobytes()
+    # After the run normals are turned towards the path, about the sphere's centre.
+    radius = run.scene.probe.radius
+    before, after = (c.points + radius * c.normals for c in (seen, run.contacts))
+    assert after[: len(seen)] == pytest.approx(before, abs=1e-12)
     assert s.finish().summary is run.summary
     assert s.step() is None
 
 
-def test_a_loop_gives_the_run_that_one_call_gives():
-    whole = lp.explore("block", settings=SHORT, seed=3, progress=False)
+def test_a_loop_gives_the_run_that_one_call_gives(shown):
+    whole, _ = shown
     with session(seed=3) as s:
         times = [seen.time for seen in s]
         run = s.finish()
@@ -138,7 +168,7 @@ def test_what_a_strategy_does_wrong_ends_the_run_with_its_name():
         assert strategy.__name__ in run.summary.reason
 
 
-def test_ones_own_reconstructor_makes_the_mesh():
+def test_ones_own_reconstructor_makes_the_mesh(shown):
     class Box:
         def reconstruct(self, record):
             mesh = lp.load_scene("block").solid().mesh()
@@ -147,7 +177,7 @@ def test_ones_own_reconstructor_makes_the_mesh():
     run = lp.explore("block", reconstructor=Box(), settings=SHORT, progress=False)
     assert run.summary.mesh_error_mm["method"] == "box"
     assert run.mesh.volume == pytest.approx(0.1 * 0.05 * 0.05)
-    named = lp.explore("block", reconstructor="convex_hull", settings=SHORT, progress=False)
+    named, _ = shown
     assert named.summary.mesh_error_mm["method"] == "convex_hull"
 
 
@@ -213,25 +243,8 @@ def test_a_scene_gets_settings_on_top_and_stays_as_it_was():
     assert (scene.probe.radius, scene.run.seed) == (0.005, 1)
 
 
-def test_progress_is_shown_where_it_is_asked_for():
-    class Listening:
-        def __init__(self):
-            self.messages, self.seen = [], []
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            self.closed = True
-
-        def message(self, sentence):
-            self.messages.append(sentence)
-
-        def watch(self, snapshot):
-            self.seen.append(snapshot)
-
-    display = Listening()
-    lp.explore("block", settings=SHORT, progress=display)
+def test_progress_is_shown_where_it_is_asked_for(shown):
+    _, display = shown
     assert "exploring" in display.messages
     assert display.seen[-1].time > 11.0
     assert display.closed

@@ -63,6 +63,7 @@ def test_where_the_body_was_is_kept_below_the_top_and_off_the_border():
     assert not over.note(rest), "it has hardly moved"
 
 
+@pytest.mark.slow
 def test_what_is_plainly_clear_is_clear_all_along():
     """A motion is called clear only where the body is above everything on its path; and most are that are."""
     chance = np.random.default_rng(4)

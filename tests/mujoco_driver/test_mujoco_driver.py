@@ -13,6 +13,8 @@ from lwrprobe_mujoco import MujocoConfig, MujocoDriver
 from lwrprobe_mujoco.solids import SKIN, pieces
 from lwrprobe_sim import SimConfig, SimDriver
 
+pytestmark = pytest.mark.slow  # its imports take seconds
+
 QUIET = {
     "noise_force": 0.0, "noise_torque": 0.0, "loss": 0.0, "quantisation": False, "bias_force": (0.0, 0.0, 0.0),
     "bias_torque": (0.0, 0.0, 0.0), "drift_force": (0.0, 0.0, 0.0), "late_share": 0.0,

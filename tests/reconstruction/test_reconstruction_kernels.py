@@ -87,6 +87,7 @@ def test_field_of_a_ball():
     assert far[0] < 2e-4 < 1e-3 < far[1]
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seeds)
 def test_foot_on_a_triangle(seed):

@@ -130,6 +130,7 @@ def test_upsampling_stays_on_the_surface(dome):
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_poisson_needs_its_extra_or_gives_the_dome(dome):
     try:
         import open3d  # noqa: F401

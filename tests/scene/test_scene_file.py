@@ -12,6 +12,9 @@ from lwrprobe.scene import Scene, json_schema, load_scene, profile_names, scene_
 
 BAD = Path(__file__).with_name("bad")
 
+COSTLY = pytest.param("jaw_chuck", marks=pytest.mark.slow)
+SCENES = [COSTLY if name == "jaw_chuck" else name for name in scene_names()]
+
 # file: (key the message must name, what it must show of the value, what it must say is allowed)
 REFUSED = {
     "syntax": ("syntax.toml", "line 1", "TOML"),
@@ -97,7 +100,7 @@ def test_an_impossible_solid_gives_one_clear_error(stem):
     assert allowed in caught.value.allowed
 
 
-@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("name", SCENES)
 def test_a_written_scene_loads_as_an_equal_one(name, tmp_path):
     scene = load_scene(name, ["strategy.step=0.005", "drivers.sim.noise=0.001"])
     write_scene(scene, tmp_path / "scene.toml")
@@ -182,7 +185,7 @@ def test_built_in_scenes_are_all_there():
     assert set(scene_names()) >= {*source.split(), *limits.split(), "stacked_blocks"}
 
 
-@pytest.mark.parametrize("name", [name for name in scene_names() if name != "empty"])
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "empty"])
 def test_the_area_leaves_room_around_the_object(name):
     scene = load_scene(name)
     lower, upper = scene.solid().bounds()

@@ -13,8 +13,9 @@ from lwrprobe.scene.solid_kernels import nearest, outside_bounds, sphere_contact
 from lwrprobe.scene.surface_kernels import surface_gradient, surface_value, tree_value
 
 RADIUS = 0.005
-SCENES = [name for name in scene_names() if name != "empty"]
-JUDGED = ["bridge", "combination", "jaw_chuck", "wedge_15deg", "polystyrene_1", "polystyrene_2", *odd.ODD]
+COSTLY = pytest.param("jaw_chuck", marks=pytest.mark.slow)
+SCENES = [COSTLY if name == "jaw_chuck" else name for name in scene_names() if name != "empty"]
+JUDGED = ["bridge", "combination", COSTLY, "wedge_15deg", "polystyrene_1", "polystyrene_2", *odd.ODD]
 
 
 def shapes_of(name):
@@ -37,6 +38,7 @@ def test_membership_is_that_of_the_definition(name):
     assert ((solid.signed_distance(points) < 0) == expected).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JUDGED)
 def test_the_nearest_point_is_on_the_boundary_and_none_of_a_dense_boundary_is_nearer(name):
     shapes, solid = shapes_of(name)
@@ -63,7 +65,7 @@ def _on_boundary(shapes, points):
     return (inside > 0) & (inside < 200)
 
 
-@pytest.mark.parametrize("name", [n for n in JUDGED if n != "jaw_chuck"])
+@pytest.mark.parametrize("name", [name for name in JUDGED if name is not COSTLY])
 def test_the_nearest_point_cannot_be_bettered_by_a_step(name):
     shapes, solid = shapes_of(name)
     points = around(solid, 30, 0.02, seed=3)
@@ -140,6 +142,7 @@ def test_the_bound_never_exceeds_the_distance(name):
         assert tree_value(solid.numbers, solid.indices, *point) <= max(distance, 0.0) + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["bridge", "combination", "inner_corner", "slot_12mm", "overhang", "cross_drilled", "tee"]
 )

@@ -10,7 +10,8 @@ from lwrprobe.evaluation import is_watertight
 from lwrprobe.scene import load_scene, scene_names
 from lwrprobe.scene.mesh_distance import MeshDistance
 
-SCENES = [name for name in scene_names() if name != "empty"]
+COSTLY = pytest.param("jaw_chuck", marks=pytest.mark.slow)
+SCENES = [COSTLY if name == "jaw_chuck" else name for name in scene_names() if name != "empty"]
 
 AREAS = {
     "block": 2 * (0.1 * 0.05 + 0.1 * 0.05 + 0.05 * 0.05),

@@ -81,6 +81,7 @@ def test_balance_is_where_slow_relaxation_ends(seed):
     assert x == pytest.approx(naive.balance_by_relaxation(rows, free, compliance, STEP), abs=2e-12)
 
 
+@pytest.mark.slow
 def test_random_stiff_jammed_and_rigid_cases_all_balance():
     rng = np.random.default_rng(7)
     in_turns = 0

@@ -46,7 +46,7 @@ def test_joints_give_way_by_the_transposed_jacobian():
 
 @pytest.mark.parametrize("stiffness", 10.0 ** np.arange(2, 8))
 @pytest.mark.parametrize("damping", [0.0, 5.0, 5e3])
-@pytest.mark.parametrize("cycle", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("cycle", [pytest.param(1e-4, marks=pytest.mark.slow), 1e-3, 5e-3])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_energy_is_never_created(stiffness, damping, cycle, friction):
     material = [f"object.0.{k}={v}" for k, v in dict(stiffness=stiffness, damping=damping, friction=friction).items()]

@@ -430,6 +430,7 @@ def test_a_single_object_stands_free_and_several_stay():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["block", "bridge", "stacked_blocks"])
 def test_the_area_holds_the_object_wherever_it_may_be(scene):
     area = load_scene(scene, ["truth.profile=lab"]).area

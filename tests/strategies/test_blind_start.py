@@ -80,6 +80,7 @@ def test_a_block_is_found_and_bounded_wherever_it_is(half, height, x, y, angle):
     assert (places <= AREA.upper + 1e-3).all()
 
 
+@pytest.mark.slow
 def test_a_flat_object_is_found_last():
     strategy, _, _, places = explore(at(box((0.02, 0.02), 0.008), 0.0, 0.0), SMALL)
     low = places[:, 2] < 0.02

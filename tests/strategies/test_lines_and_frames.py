@@ -56,6 +56,18 @@ def test_the_tangent_leads_onward_over_the_top_and_up_a_wall_ahead(axis, sign):
     assert frame.past_end(line.at(line.end))
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_backward_leads_down_a_wall_ahead_until_the_line_begins(axis, sign):
+    line = Line(axis, 0.01, -0.05 * sign, 0.05 * sign, 0.006)
+    back = TrackingFrame(line, AREA).back_down()
+    np.testing.assert_allclose(np.cross(-line.ahead, back.binormal), [0.0, 0.0, -1.0], atol=1e-12)
+    assert back.past_end(line.start)
+    assert not back.past_end(line.at(line.end))
+    assert back.upright() == TrackingFrame(line, AREA)
+    assert back.horizontal(1.0) == TrackingFrame(line, AREA).horizontal(1.0)
+
+
 def test_a_probe_pushed_off_its_line_is_pulled_back_within_the_surface():
     frame = TrackingFrame(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
     normal = np.array([0.6, 0.0, 0.8])

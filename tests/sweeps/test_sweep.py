@@ -18,19 +18,21 @@ from pyarrow import parquet
 from task_functions import deadly, doubled, squared
 
 from lwrprobe.contracts import InputError, SceneError
-from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_local
+from lwrprobe.sweeps.execute import KILLED, run_cluster, run_in_order, run_kept, run_local
 from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.page import pareto
 from lwrprobe.sweeps.plan import read_plan
 from lwrprobe.sweeps.sweep import sweep
 from lwrprobe.sweeps.worker import THREADS
 
+pytestmark = pytest.mark.slow  # its imports take seconds
+
 # The area is the top of the sphere: a run over it takes some seconds of the robot's time.
 PLAN = """
 scenes = ["sphere"]
 strategies = ["grid_version", "surface_contour"]
 seeds = 2
-set = ["area.lower=[-0.012, -0.012, 0.045]", "area.upper=[0.012, 0.012, 0.058]"]
+set = ["truth.profile=ideal", "area.lower=[-0.012, -0.012, 0.045]", "area.upper=[0.012, 0.012, 0.058]"]
 
 [[variant]]
 name = "coarse"
@@ -52,6 +54,16 @@ def test_results_come_in_the_order_of_the_tasks(workers):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_a_journal_has_is_not_made_again(tmp_path, workers):
+    journal = tmp_path / "j.jsonl"
+    first = run_kept({"a": 5, "b": 3}, doubled, workers, journal)
+    assert {key: result["double"] for key, result in first.items()} == {"a": 10, "b": 6}
+    both = run_kept({"c": 4, "a": -1}, doubled, workers, journal)
+    assert {key: result["double"] for key, result in both.items()} == {"c": 8, "a": 10}
+    assert list(both) == ["c", "a"]
+
+
 def test_a_process_that_dies_costs_its_own_task():
     found = dict(run_local({str(k): k for k in range(9)}, deadly, 2))
     assert found["3"]["status"] == KILLED
@@ -72,7 +84,6 @@ def swept(plan, made_once) -> Path:
     return made_once("swept", lambda folder: sweep(plan, folder, workers=2))
 
 
-@pytest.mark.slow
 def test_the_tables_hold_a_row_each_run(swept, plan, tmp_path):
     out = shutil.copytree(swept, tmp_path / "out")
     found = sweep(plan, out)
@@ -90,7 +101,6 @@ def test_the_tables_hold_a_row_each_run(swept, plan, tmp_path):
     assert "surface_contour" in page
 
 
-@pytest.mark.slow
 def test_a_sweep_that_was_cut_off_does_the_rest(swept, plan, tmp_path):
     content = (swept / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (tmp_path / "journal.jsonl").write_bytes(b"".join(content[:2]) + content[2][:40])
@@ -101,7 +111,6 @@ def test_a_sweep_that_was_cut_off_does_the_rest(swept, plan, tmp_path):
     assert (tmp_path / "results.csv").read_bytes() == (swept / "results.csv").read_bytes()
 
 
-@pytest.mark.slow
 @pytest.mark.realtime
 def test_a_cluster_that_loses_a_worker_gives_the_same_table(swept, plan, tmp_path):
     """A real scheduler and two workers on loopback; one is killed after the first run."""

@@ -437,6 +437,7 @@ def test_a_bound_that_is_none_is_refused(bad):
             call()
 
 
+@pytest.mark.slow
 def test_poses_of_any_memory_layout_and_se3_are_accepted():
     from spatialmath import SE3
 

@@ -130,6 +130,7 @@ def one_axis(target, rate, second, max_rate, max_second, max_jerk):
     return request
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("units", [common_units, natural_units])
 def test_plans_end_on_their_target_over_the_whole_range_of_validity(units):
     rng = np.random.default_rng(3)

@@ -67,11 +67,11 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         errors = drawn_errors(known, profile, seed)
         left = aligned_points(budget.points + errors, budget.points) - budget.points
         for aligned, found in ((False, errors), (True, left)):
-            squares[aligned].append(squared_deviations(budget.covariance(aligned), found))
+            squares[aligned].append(budget.squares(found, np.ones(len(found), dtype=bool), aligned))
     curves, rows = {}, []
     for aligned, name in ((False, "absolute"), (True, "after alignment")):
         pooled = np.concatenate(squares[aligned])
-        curves[name] = [float((pooled <= chi2.ppf(level, 3)).mean()) for level in LEVELS]
+        curves[name] = shares_inside(pooled)
         share = curves[name][LEVELS.index(0.95)]
         each = [float((one <= chi2.ppf(0.95, 3)).mean()) for one in squares[aligned]]
         rows.append([name, share, *(float(np.percentile(each, p)) for p in (5.0, 50.0, 95.0))])
@@ -82,7 +82,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.table(
         "Share inside by stated share", ["stated", *curves], [list(row) for row in zip(LEVELS, *curves.values())]
     )
-    report.figures["calibration"] = lambda figure: _draw(figure, curves)
+    report.figures["calibration"] = lambda figure: draw_calibration(figure, curves)
     return report
 
 
@@ -109,11 +109,6 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
     )
     known = Contacts(scene, pipeline.robot, [recorder.contacts[k] for k in at], joints, velocities, gives)
     return known, error_budget(scene, pipeline, known.contacts, joints, velocities)
-
-
-def squared_deviations(covariance: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """(n,) squares of errors (n, 3) m in standard deviations, with covariances (n, 3, 3) m^2."""
-    return np.einsum("ni,ni->n", errors, np.linalg.solve(covariance, errors[:, :, None])[:, :, 0])
 
 
 def drawn_errors(known: Contacts, profile: str, seed: int) -> np.ndarray:
@@ -163,7 +158,10 @@ def _of_turned_normals(known: Contacts, probe: Probe, of: Any, random: np.random
         values = sigma * random.standard_normal(len(knots))
         return np.interp(times, knots, values) - sigma * random.standard_normal()
 
-    force, torque = float(of("zero_wander_force_mn", 1, 1e-3)[0]), float(of("zero_wander_torque_unm", 1, 1e-6)[0])
+    # Half the width of the hysteresis, by which a reading lags behind the load, in either sense.
+    lag = 0.5 * float(of("sensor_hysteresis_percent", 1, 1e-2)[0])
+    force = np.hypot(float(of("zero_wander_force_mn", 1, 1e-3)[0]), lag * float(probe.force_range[0]))
+    torque = np.hypot(float(of("zero_wander_torque_unm", 1, 1e-6)[0]), lag * float(probe.torque_range[0]))
     axis = np.hypot(torque, force * probe.sensor_distance) / probe.radius
     along = ALONG * wandering(axis) / size
     aside = ASIDE * wandering(axis) / size + wandering(force) / size
@@ -192,7 +190,13 @@ def _arm(robot: Robot, of: Any) -> Robot:
     )
 
 
-def _draw(figure: Any, curves: dict[str, list[float]]) -> None:
+def shares_inside(squares: np.ndarray) -> list[float]:
+    """Share of squared deviations (n,) inside the regions of each of `LEVELS`."""
+    return [round(float((squares <= chi2.ppf(level, 3)).mean()), 4) for level in LEVELS]
+
+
+def draw_calibration(figure: Any, curves: dict[str, list[float]]) -> None:
+    """Shares inside the regions of `LEVELS` against what is stated, a line each."""
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color="0.7", label="as stated")
     for name, shares in curves.items():

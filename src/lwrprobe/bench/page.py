@@ -146,11 +146,14 @@ SUMMARIES = {
         "{count: Cases|outcome|pass} cases pass.",
     ),
     "reality": Summary(
-        "One departure at a time",
-        "The simulated world was made to differ from what the scene says of it, one departure at a time.",
-        "Runs that came to their end: {measured: status done}; runs in which the probe pressed with at most 3 N: "
-        "{measured: true peak}.",
-        "the world differs by, status, peak N, contact median mm, contact p95 mm, mesh mean mm, coverage, warnings",
+        "Worlds",
+        "Explorations were run in simulated worlds that differ from what the scene says of them: `lab`, measured with "
+        "care; `datasheet`, nothing measured; `calibrated`, the same after `lwrprobe calibrate`.",
+        "Done: {Worlds|lab|status done} runs in `lab`, {Worlds|calibrated|status done} in `calibrated`; silently "
+        "correct or warned of: {Worlds|datasheet|nothing silently wrong} in `datasheet`.",
+        "profile, runs, status done, true peak force <= 3 N, coverage of what the strategy can reach >= 0.95, "
+        "nothing silently wrong, in 95 % regions, in 95 % regions aligned, the world differs by, status, peak N, "
+        "contact median mm, contact p95 mm, mesh mean mm, coverage, warnings",
     ),
     "physics": Summary(
         "grid_version",

@@ -101,6 +101,9 @@ class Summary:
     gear_waves: Table | None = None
     """Waves of the gears that the contacts were corrected for, joint by joint: `amplitude_deg`, 0 where none was sure,
     and `error_deg`, the standard deviation of the joint value that remains; null where nothing was corrected."""
+    side_turn: Table | None = None
+    """Turn of all normals about their path that the contacts were corrected for: `angle_deg` and `error_deg`, the
+    standard deviation of what is left; null where nothing was learnt."""
     error_budget: Table | None = None
     """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`; after the
     rigid motion that aligns all contacts `causes_aligned_mm` and `shape_mm` [mm]."""

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from platform import node
 from time import perf_counter
 from typing import Any, TypeVar, cast
 
 from lwrprobe.errors import InputError, MissingExtraError
+from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.worker import one_thread
 
 Task = TypeVar("Task")
@@ -35,6 +38,26 @@ def run_in_order(tasks: Sequence[Task], work: Callable[[Task], Result], workers:
         return [work(task) for task in tasks]
     results = dict(run_local({str(number): task for number, task in enumerate(tasks)}, work, workers))
     return [results[str(number)] for number in range(len(tasks))]
+
+
+def run_kept(
+    tasks: Mapping[str, Task], work: Callable[[Task], Result], workers: int, journal: Path | None
+) -> dict[str, Result]:
+    """Results by the tasks' keys, each written to a journal as it comes; those that it has are not made again.
+
+    Processes are those of `run_in_order`. Raises StorageError for a journal that cannot be written.
+    """
+    with closing(Journal(journal)) as kept:
+        left = {key: task for key, task in tasks.items() if not is_settled(kept.results.get(key))}
+        made = ((key, work(task)) for key, task in left.items()) if workers == 1 else run_local(left, work, workers)
+        for key, result in made:
+            kept.add(key, result)
+        return {key: kept.results[key] for key in tasks}
+
+
+def is_settled(result: Result | None) -> bool:
+    """Whether a task has a result; one whose process was killed is done again."""
+    return result is not None and result.get("status") != KILLED
 
 
 def run_local(tasks: Mapping[str, Task], work: Callable[[Task], Result], workers: int) -> Iterator[tuple[str, Result]]:

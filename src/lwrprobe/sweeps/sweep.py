@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from lwrprobe.sweeps.execute import KILLED, Result, cores, prepare_here, run_cluster, run_local
+from lwrprobe.sweeps.execute import Result, cores, is_settled, prepare_here, run_cluster, run_local
 from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.page import write_page
 from lwrprobe.sweeps.plan import SweepTask, check_scenes, read_plan
@@ -59,7 +59,7 @@ def sweep(
     tasks = read_plan(file)
     check_scenes(tasks)
     with closing(Journal(out / "journal.jsonl", restart)) as journal:
-        left = {task.key: task for task in tasks if not _settled(journal.results.get(task.key))}
+        left = {task.key: task for task in tasks if not is_settled(journal.results.get(task.key))}
         known = len(tasks) - len(left)
         names = {key: f"{Path(task.scene).stem}, {task.strategy}, seed {task.seed}" for key, task in left.items()}
         for done, (key, result) in enumerate(_results(left, workers, scheduler), start=known + 1):
@@ -69,11 +69,6 @@ def sweep(
         ended = [journal.results[task.key] for task in tasks if task.key in journal.results]
     seconds = sum(result.get("seconds") or 0.0 for result in ended)
     return Swept(rows, [*write_tables(out, rows), write_page(out, rows, seconds)], known)
-
-
-def _settled(result: Result | None) -> bool:
-    """A run whose process was killed is done again."""
-    return result is not None and result.get("status") != KILLED
 
 
 def _results(left: dict[str, SweepTask], workers: int | None, scheduler: str | None) -> Iterator[tuple[str, Result]]:

@@ -37,7 +37,8 @@ class TrackingFrame:
     ----------
     line : the line
     area : in which the tip has to stay
-    level : the plane is horizontal plane
+    level : the plane is horizontal
+    backward : a contour in the upright plane leads against the line, down what stands ahead
     sense : +1 or -1, the sense in which a horizontal contour runs around the object
     height : m, of a horizontal contour, None where it may drift
     binormal : unit normal of the plane, signed so that the tangent (contact normal x binormal) leads onward
@@ -49,13 +50,15 @@ class TrackingFrame:
     level: bool = False
     sense: float = 1.0
     height: float | None = None
+    backward: bool = False
     binormal: Vector = field(init=False)
     grid_x: float = field(init=False)
     _low: list[float] = field(init=False, repr=False, compare=False)
     _high: list[float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        upright = (self.line.sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -self.line.sign, 0.0)
+        sign = -self.line.sign if self.backward else self.line.sign
+        upright = (sign, 0.0, 0.0) if self.line.axis == Y else (0.0, -sign, 0.0)
         object.__setattr__(self, "binormal", (0.0, 0.0, self.sense) if self.level else upright)
         object.__setattr__(self, "grid_x", nan if self.level else self.line.grid_x)
         # Asked for with every sample.
@@ -75,12 +78,16 @@ class TrackingFrame:
         return cls(Line(axis, float(place[1 - axis]), float(place[axis]), end, float(place[Z])), area)
 
     def upright(self) -> TrackingFrame:
-        """The vertical plane through the same line."""
-        return replace(self, level=False)
+        """The vertical plane through the same line, and onward."""
+        return replace(self, level=False, backward=False)
+
+    def back_down(self) -> TrackingFrame:
+        """The vertical plane through the same line, down what stands ahead."""
+        return replace(self, level=False, backward=True)
 
     def horizontal(self, sense: float, height: float | None = None) -> TrackingFrame:
         """A horizontal plane."""
-        return replace(self, level=True, sense=sense, height=height)
+        return replace(self, level=True, sense=sense, height=height, backward=False)
 
     @property
     def plane(self) -> Plane:
@@ -88,10 +95,15 @@ class TrackingFrame:
         return Plane.X_Y if self.level else Plane.Z_Y if self.line.axis == Y else Plane.Z_X
 
     def past_end(self, place: np.ndarray) -> bool:
-        """Whether the line's end is reached at a place (3,); a horizontal contour ends at the area's border."""
+        """Whether the line's end is reached at a place (3,), backward its beginning.
+
+        A horizontal contour ends at the area's border.
+        """
         line, here = self.line, place.item(self.line.axis)
         if self.level:
             return here >= self._high[line.axis] - AT_END or here <= self._low[line.axis] + AT_END
+        if self.backward:
+            return (line.begin - here) * line.sign >= -AT_END
         return (here - line.end) * line.sign >= -AT_END
 
     def at_table(self, place: np.ndarray) -> bool:

@@ -33,6 +33,7 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
+from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
@@ -43,6 +44,7 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warnings
+from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
@@ -97,6 +99,7 @@ class Exploration:
     explorer : the loop; its `outcome` says how the run ended
     recorder : contacts and path so far
     surface : the mesh, None before `finish` and where there is none
+    budget : how far each contact may be off, likewise
 
     Raises InputError and its kin for a scene that cannot be run; inside the `with` block, DriverError for devices that
     do not open. What ends the run early after that stands in the summary's `status` and `reason`.
@@ -117,6 +120,7 @@ class Exploration:
         self._observations: Generator[Observation, None, None] | None = None
         self._began = perf_counter()
         self.surface: Reconstruction | None = None
+        self.budget: ErrorBudget | None = None
         self._summary: Summary | None = None
 
     def _prepare(self) -> None:
@@ -268,10 +272,11 @@ class Exploration:
         begin = perf_counter()
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turned = turn_to_path(recorder, scene.probe.radius)
+        aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        budget = recorded_budget(scene, pipeline, recorder, waves, turned)
+        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -282,6 +287,7 @@ class Exploration:
                 summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
         summary.gear_waves = waves.report() if waves is not None else None
+        summary.side_turn = aside.report() if aside is not None else None
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
         if self._earlier is not None:
@@ -298,7 +304,7 @@ class Exploration:
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
         summary.warnings = run_warnings(summary, scene.contact.limit)
-        if truth is not None and not is_world_of(truth.scene, scene):
+        if truth is not None and not is_world_of(truth.scene, self._stated):
             summary.warnings.append(ANOTHER_WORLD)
         summary.wall_time_s = round(sum(self._seconds.values()), 3)
         summary.wall_time_parts_s = {name: round(value, 3) for name, value in self._seconds.items()}

@@ -46,6 +46,7 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.run_warnings import run_warnings
+from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.reaction import ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
@@ -270,6 +271,7 @@ class Replay:
         table = leave_table_out(recorder, scene, pipeline)
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turn_to_path(recorder, scene.probe.radius)
+        aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
         surface, lack = reconstruct_surface(
             touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
         )
@@ -277,6 +279,7 @@ class Replay:
         summary = summarise(scene, pipeline, None, recorder, outcome, surface, self.seconds)
         summary.table_found = table
         summary.gear_waves = waves.report() if waves is not None else None
+        summary.side_turn = aside.report() if aside is not None else None
         summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s, summary.wall_time_parts_s = round(self.seconds, 3), {"explore": round(self.seconds, 3)}
         if out is not None:

@@ -92,9 +92,12 @@ class ErrorBudget:
         """
         if not which.any():
             return None
+        return round(float((self.squares(errors, which, aligned) <= BAND).mean()), 4)
+
+    def squares(self, errors: np.ndarray, which: np.ndarray, aligned: bool = False) -> np.ndarray:
+        """(k,) squares of such errors in standard deviations: with three degrees of freedom if the budget is right."""
         whole = self.covariance(aligned)[which]
-        square = np.einsum("ni,ni->n", errors, np.linalg.solve(whole, errors[:, :, None])[:, :, 0])
-        return round(float((square <= BAND).mean()), 4)
+        return np.einsum("ni,ni->n", errors, np.linalg.solve(whole, errors[:, :, None])[:, :, 0])
 
     def write(self, path: Path, times: Sequence[float]) -> None:
         """One row a contact: its time [s], standard deviations along the normal, covariance of all causes."""

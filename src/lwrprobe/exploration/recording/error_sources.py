@@ -13,12 +13,13 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.path_normals import CHORD, SHARE
 from lwrprobe.exploration.recording.recorder import Recorder
+from lwrprobe.exploration.recording.side_turn import SideTurn
 from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.exploration.stages.sensor_errors import FRICTION, wave_slope, zero_torque
+from lwrprobe.exploration.stages.sensor_errors import friction_turn, wave_slope, zero_errors, zero_torque
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 
-ALONG, ASIDE = 0.15, 0.12
+ALONG, ASIDE = 0.1, 0.08
 """Share of the turn of the wrench axis by the sensor's zero that reaches the normal, along the path and aside of it:
 there motion and friction show the normal as well. Seen in simulated worlds of the profile `lab`."""
 SINGULAR = 1e-6
@@ -35,16 +36,18 @@ def recorded_budget(
     recorder: Recorder,
     gears: GearWaves | None = None,
     turned: np.ndarray | None = None,
+    aside: SideTurn | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears` is what was taken off the contacts, `turned` (n,) bool which of them were turned towards their path.
+    `gears` and `aside` are what was taken off the contacts, `turned` (n,) bool which of them were turned towards their
+    path.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside)
 
 
 def error_budget(
@@ -55,6 +58,7 @@ def error_budget(
     velocities: np.ndarray,
     waves: GearWaves | None = None,
     turned: np.ndarray | None = None,
+    aside: SideTurn | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
     points = np.array([contact.point for contact in contacts])
@@ -65,9 +69,11 @@ def error_budget(
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
     to_path = np.zeros(len(contacts), dtype=bool) if turned is None else turned
-    normal, friction = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
+    left = friction_turn(scene) if aside is None else aside.error
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
-    shared |= _of_arm(scene, pipeline.robot, joints, velocities) | {"friction direction": friction}
+    shared |= _of_arm(scene, pipeline.robot, joints, velocities)
+    shared["friction direction"] = scene.probe.radius * left * np.cross(normals, paths)[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
     return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears, "rest": rest}, shared)
 
@@ -147,22 +153,20 @@ def _of_gears(
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
     confidence: np.ndarray, turning: np.ndarray, to_path: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """What turns the normal, and moves the point around the sphere with it.
+) -> np.ndarray:  # fmt: skip
+    """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
-    Covariance (n, 3, 3) m^2, and the shift (n, 1, 3) m by one standard deviation of the angle between friction and
-    slip. The estimators' own error is one of noise. What wanders within seconds is the same in neighbouring samples,
+    The estimators' own error is one of noise. What wanders within seconds is the same in neighbouring samples,
     which they take for noise and average, so that it comes on top: along the path the direction of travel, aside of
     it the zero of the force, and in both a share of what the zero of all axes does to the torque.
     """
     radius, size = scene.probe.radius, np.maximum(np.linalg.norm(forces, axis=1), 1e-3)
     noise = _misfit(pipeline.torque) * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(0.5 * (1.0 / confidence - 1.0))
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
-    plane = sqrt(2.0) * 1e-3 * scene.uncertainty.sigma("zero_force_mn") / size
+    plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(turning, ALONG * axis)
     along = np.where(to_path, np.hypot((1.0 - SHARE) * along, SHARE * CHORD), along)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
     for sigma, motions in ((along, paths), (np.hypot(plane, ASIDE * axis), aside)):
         covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]
-    turned = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
-    return radius**2 * covariance, radius * turned * aside[:, None]
+    return radius**2 * covariance

@@ -42,6 +42,8 @@ CONFIRMED, FRICTION = 0.3, 0.55
 """Share of `GIVES_WAY` by which the path must lead against the force as well, less this share of the path, which a
 friction of 0.65 explains. The normal rests on the torque: an error of lever, gain or crosstalk turns it by degrees, and
 a sphere that slides seems to sink in. The force by itself turns by no more than the crosstalk."""
+ZERO = 2.0
+"""Standard deviations by which the zero may turn the force's direction."""
 GAP = 0.05
 """s between two samples, from which on the path between them is not known."""
 FORGIVEN = 10
@@ -65,10 +67,13 @@ class ObjectMotionMonitor:
     tolerance : m, by which places may contradict each other
     threshold : N, above it a touch is declared; half of it is a force all the same
     knows_friction : the contacts' normals are free of it
+    zero : N, one standard deviation of the zero of a force: a small force points anywhere
     """
 
-    def __init__(self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True) -> None:
-        self._radius, self._tolerance, self._threshold = radius, tolerance, threshold
+    def __init__(
+        self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True, zero: float = 0.0
+    ) -> None:
+        self._radius, self._tolerance, self._threshold, self._zero = radius, tolerance, threshold, zero
         self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
         self._places, self._normals = np.empty((1024, 3)), np.zeros((1024, 3))
         self._count = self._agreed = 0
@@ -152,7 +157,8 @@ class ObjectMotionMonitor:
         if size < 0.5 * self._threshold:
             self._before = None
             return
-        normal, slope = (contact.normal, self._slope) if contact is not None else (force / size, WRONG_FORCE)
+        turned = ZERO * self._zero / size
+        normal, slope = (contact.normal, self._slope) if contact is not None else (force / size, WRONG_FORCE + turned)
         here, (nx, ny, nz) = place.tolist(), normal.tolist()
         before, self._before = self._before, (time, here, (nx, ny, nz))
         if before is None or not 0.0 < time - before[0] < GAP:
@@ -166,7 +172,7 @@ class ObjectMotionMonitor:
         self._max_pushed = max(self._max_pushed, self._pushed)
         (fx, fy, fz), step = force.tolist(), dist(here, before[1])
         back = ((x - x0) * fx + (y - y0) * fy + (z - z0) * fz) / size
-        self._against_force = max(0.0, self._against_force - back - FRICTION * step)
+        self._against_force = max(0.0, self._against_force - back - (FRICTION + turned) * step)
         self._path, self._inward = (self._path + step, self._inward - out) if self._pushed > 0.0 else (0.0, 0.0)
         allowed = GIVES_WAY + 2.0 * compliance * size
         if self._pushed <= allowed:

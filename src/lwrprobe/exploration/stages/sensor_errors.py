@@ -17,11 +17,16 @@ FRICTION = 0.3
 """Tangent of the friction angle for which an error of the friction's direction is counted."""
 
 
+def friction_turn(scene: Scene) -> float:
+    """rad, by which friction that is not opposite to the slip turns the normals: one standard deviation."""
+    return FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
+
+
 def estimator_settings(scene: Scene) -> Settings:
     """Settings of the estimators; without any uncertainty the estimators' own."""
     if scene.uncertainty.profile == "ideal":
         return Settings()
-    return Settings(zero_error=max(1e-3 * scene.uncertainty.sigma("zero_force_mn"), 1e-3), zero_time=WANDER)
+    return Settings(zero_error=max(zero_errors(scene, scene.probe.as_probe())[0], 1e-3), zero_time=WANDER)
 
 
 def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:
@@ -29,8 +34,7 @@ def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:
     expected, zero = torque_errors(scene, probe), zero_torque(scene, probe)
     if scene.contact.estimator == "force_direction" or not expected.any() or zero <= 0.0:
         return None
-    direction = FRICTION * radians(scene.uncertainty.sigma("friction_direction_deg"))
-    return TorqueAgreement(probe, expected, zero, hypot(direction, 0.01), scene.sensor.rate)
+    return TorqueAgreement(probe, expected, zero, hypot(friction_turn(scene), 0.01), scene.sensor.rate)
 
 
 def torque_errors(scene: Scene, probe: Probe) -> Vector:
@@ -51,11 +55,22 @@ def torque_errors(scene: Scene, probe: Probe) -> Vector:
     return found
 
 
-def zero_torque(scene: Scene, probe: Probe) -> float:
-    """N m, torque about the sphere by the wandering zero of all axes: one standard deviation."""
+def zero_errors(scene: Scene, probe: Probe) -> tuple[float, float]:
+    """N and N m, one standard deviation of the zero of a force and of a torque axis across the stick.
+
+    It wanders, and it lags behind the load by half the width of the hysteresis: the load changes by more than that, so
+    that the reading stands at an end of the loop nearly always.
+    """
     table = scene.uncertainty
-    now = hypot(1e-6 * table.sigma("zero_torque_unm"), 1e-3 * table.sigma("zero_force_mn") * probe.sensor_distance)
-    return sqrt(2.0) * now  # now, and when the bias was taken
+    lag = 0.5 * 0.01 * table.sigma("sensor_hysteresis_percent")
+    force = hypot(1e-3 * table.sigma("zero_force_mn"), lag * float(probe.force_range[0]))
+    return force, hypot(1e-6 * table.sigma("zero_torque_unm"), lag * float(probe.torque_range[0]))
+
+
+def zero_torque(scene: Scene, probe: Probe) -> float:
+    """N m, torque about the sphere by the zero of all axes: one standard deviation."""
+    force, torque = zero_errors(scene, probe)
+    return sqrt(2.0) * hypot(torque, force * probe.sensor_distance)  # now, and when the bias was taken
 
 
 def wave_slope(scene: Scene) -> float:
