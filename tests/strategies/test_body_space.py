@@ -195,6 +195,17 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert ends == [], "no touch faces along x"
 
 
+@pytest.mark.parametrize(("reach", "begins"), [(0.06, 0.06), (0.055, 0.05), (0.02, None)])
+def test_a_line_begins_nearer_where_the_arm_does_not_reach_the_border(reach, begins):
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+
+    def leans(away):
+        return [leaning(angle, away) for angle in np.arange(2.5, 40.1, 2.5)]
+
+    lines = low_sides(touched(), Y, np.array([0.0]), AREA, PITCH, found, leans, lambda line: abs(line.begin) <= reach)
+    assert [line.begin for line in lines] == ([] if begins is None else pytest.approx([-begins, begins]))
+
+
 def test_a_side_that_lines_beside_went_up_already_is_not_driven_again():
     found = space(np.arange(-0.075, 0.0751, PITCH))
 

@@ -210,7 +210,7 @@ def test_the_way_back_leads_off_what_was_touched_before_its_normal_was_sure():
 
 
 def test_a_detour_is_left_out_on_the_way_back():
-    """Back and forth along a wall, as after a touch on the way back: the way to the open end grows no longer."""
+    """Back and forth along a wall, as after a touch on the way back: the way to the open end stays as it was."""
     normal, leaning = np.array([0.0, -1.0, 0.0]), turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
     free, once = FreeSpace(AREA), None
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.1, 0.0301, 0.0012)), rotation=leaning)
@@ -237,6 +237,23 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
     velocity = next(strategy.retract_onward()).velocity
     assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
     assert (abs(velocity[0]) < 1e-9) == in_plane
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_border_through_which_an_object_goes_is_no_way_up_near_that(cut):
+    """What is cut by the border may overhang there as anywhere."""
+    free, x = FreeSpace(AREA), float(AREA.upper[0])
+    stand(free, *([x, y, 0.006] for y in np.arange(-0.1, 0.0, 0.0012)))
+    stand(free, [x if cut else x - 0.003, 0.0012, 0.006], normal=np.array([0.0, -1.0, 0.0]))
+    stand(free, *([x, y, 0.006] for y in np.arange(-0.001, -0.006, -0.0012)))
+    way = np.array([piece.place for piece in return_path(seen([x, -0.006, 0.006]), free)])
+    up = free.clear_down_to(x, -0.006)
+    if cut:
+        assert way[-1][1] < -0.0145
+        assert up == AREA.upper[2]
+    else:
+        assert len(way) == 1
+        assert up == pytest.approx(0.006)
 
 
 def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():

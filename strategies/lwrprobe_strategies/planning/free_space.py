@@ -138,8 +138,8 @@ class FreeSpace:
     def return_path(self, distance: float = np.inf) -> list[Pose] | None:
         """Back on the probe's path: for `distance` m, or to where it came down; None where that is too far.
 
-        Along a surface it leads a little off it, and a detour on it is left out. The probe fits in all of it, as
-        fast as it likes.
+        Along a surface it leads a little off it, and a detour on it is left out. The probe fits in all of it, as fast
+        as it likes.
         """
         rows, all_back = self._places.rows(), not np.isfinite(distance)
         if len(rows) < 2:

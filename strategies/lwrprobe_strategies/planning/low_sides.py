@@ -28,6 +28,8 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
+NEARER, ROOM = 0.010, 0.015
+"""m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least."""
 GRAIN = 0.0015
 """m between two places of a side that are looked at."""
 WORTH = 0.4
@@ -52,6 +54,8 @@ def low_sides(
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
     """From the border to each side that a line touched, as low as the body may go, and up to where it was touched.
+
+    Where the arm does not reach a line's beginning on the border, the line begins nearer.
 
     Parameters
     ----------
@@ -83,13 +87,22 @@ def low_sides(
             best: Line | None = None
             for rotation in leans(away):
                 line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
-                if line is not None and (best is None or line.height < best.height - HIGHER) and reachable(line):
-                    best = line
+                if line is not None and (best is None or line.height < best.height - HIGHER):
+                    best = _within_reach(line, reachable) or best
                 if best is not None and best.height <= floor + HIGHER:
                     break
             if best is not None and _left(best, low[3:6], away, slope, contacts, pitch) > WORTH * pitch * pitch:
                 lines.append(replace(best, end=end - side * BEYOND))
     return lines
+
+
+def _within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
+    """The line from as far out as the arm can drive it; None where that is right before the side, or nowhere."""
+    for inwards in np.arange(0.0, abs(line.end - line.begin) - ROOM, NEARER).tolist():
+        nearer = replace(line, begin=line.begin + line.sign * inwards)
+        if reachable(nearer):
+            return nearer
+    return None
 
 
 def _left(line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float) -> float:

@@ -205,5 +205,5 @@ class LineScheduler:
 
 
 def _side(line: Line) -> tuple[int, float, float]:
-    """Which side a line leads up to: axis, place and beginning [m]."""
-    return line.axis, line.place, line.begin
+    """Which side a line leads up to: axis, place [m], and sign of the travel."""
+    return line.axis, line.place, line.sign
