@@ -372,7 +372,7 @@ def test_drift_is_followed_in_free_space_and_makes_no_phantom_contact():
         time = k / 12.5
         values = np.array([0.0, 0.0, 0.05 * time / 60.0, 0, 0, 0]) + STEP * rng.normal(size=6)
         wrench = conditioner.condition(sample(k, values, time=time), np.eye(3))
-        watch.observe(wrench, free=True)
+        watch.observe(wrench, True, np.zeros(3))
         worst = max(worst, wrench.magnitude)
         if k % 400 == 399:
             change = watch.rezero()
@@ -387,12 +387,32 @@ def test_a_soft_contact_is_not_taken_for_drift():
     conditioner = WrenchConditioner(Probe(), RATE)
     watch = DriftWatch(conditioner, guard=0.1)
     for k in range(250):
-        watch.observe(conditioner.condition(sample(k, [0, 0, 0.04 * (k > 100), 0, 0, 0]), np.eye(3)), free=True)
+        watch.observe(conditioner.condition(sample(k, [0, 0, 0.04 * (k > 100), 0, 0, 0]), np.eye(3)), True, np.zeros(3))
     assert watch.rezero() is None  # 0.7 N/min
     assert watch.suspicious
     np.testing.assert_array_equal(conditioner.bias, np.zeros(6))
-    watch.observe(conditioner.condition(sample(251), np.eye(3)), free=False)
+    watch.observe(conditioner.condition(sample(251), np.eye(3)), False, np.zeros(3))
     assert not watch.ready
+
+
+@pytest.mark.parametrize(
+    ("velocity", "moved"),
+    [((0.02, 0.0, 0.0), True), ((-0.02, 0.0, 0.0), False), ((0.0, 0.1, 0.0), False), ((0.01, 0.1, 0.0), True)],
+)
+def test_a_force_that_pushes_the_probe_along_is_the_zero(velocity, moved):
+    """0.3 N along x after minutes of contact: a surface at rest would not follow a probe that goes along its force."""
+    conditioner = WrenchConditioner(Probe(), RATE)
+    watch = DriftWatch(conditioner)
+    rng, way = np.random.default_rng(1), np.array(velocity) / RATE
+    watch.observe(conditioner.condition(sample(-200 * RATE, np.zeros(6)), np.eye(3)), True, np.zeros(3))
+    for k in range(int(3 * RATE)):
+        values = np.array([0.3, 0.0, 0.0, 0, 0, 0]) + STEP * rng.normal(size=6)
+        watch.observe(conditioner.condition(sample(k, values), np.eye(3)), True, k * way)
+    assert watch.ready == moved
+    change = watch.rezero()
+    assert (change is not None) == moved
+    if moved:
+        assert conditioner.bias[:3] == pytest.approx([0.3, 0.0, 0.0], abs=0.005)
 
 
 def test_every_move_of_the_zero_is_counted_on_the_wrench():

@@ -13,6 +13,12 @@ from lwrprobe.contracts import InputError
 from lwrprobe.contracts.samples import Vector
 
 
+PUSHED = 0.005
+"""m along a constant force, after which it is no surface's: one at rest does no work on the probe."""
+CONSTANT = 0.5
+"""Of `touch_force`, by which such a force may change."""
+
+
 @dataclass(slots=True, frozen=True)
 class BiasChange:
     """One correction of the zero.
@@ -32,7 +38,8 @@ class DriftWatch:
 
     A slow contact must not be taken for drift: samples above `touch_force`, or marked in any way, are left out; what
     was gathered is dropped when a contact begins, together with the `guard` seconds before it; and a drift faster
-    than `max_rate` is not corrected but reported as `suspicious`.
+    than `max_rate` is not corrected but reported as `suspicious`. A zero that has moved by more than `touch_force`
+    during a long contact is told from a touch by its work: nothing at rest pushes the probe along for `PUSHED`.
 
     Parameters
     ----------
@@ -61,12 +68,20 @@ class DriftWatch:
         self._recent: deque[tuple[float, Vector]] = deque()
         self._sum, self._count = np.zeros(6), 0
         self._last_time: float | None = None
+        self._held: tuple[Vector, Vector] | None = None  # force and place from which on it has been constant
+        self._least = 0.0
         self.changes: list[BiasChange] = []
         self.suspicious = False
 
-    def observe(self, wrench: Wrench, free: bool) -> None:
-        """One conditioned wrench; `free` is what the caller knows of the motion (away from any surface)."""
-        if not free or not wrench.usable or wrench.magnitude > self._touch_force:
+    def observe(self, wrench: Wrench, free: bool, place: Vector) -> None:
+        """One conditioned wrench with the tip at `place` (3,) m; `free` is what the caller knows of the motion (away
+        from any surface).
+        """
+        if not free or not wrench.usable:
+            self._held = None
+            self._forget()
+            return
+        if wrench.magnitude > self._touch_force and not self._pushed(wrench.world_force, place):
             self._forget()
             return
         if self._begin is None:
@@ -77,6 +92,16 @@ class DriftWatch:
         while self._recent and self._recent[0][0] < wrench.time - self._guard:
             self._sum += self._recent.popleft()[1]
             self._count += 1
+
+    def _pushed(self, force: Vector, place: Vector) -> bool:
+        """Whether the tip has gone along a constant force (3,) farther than a surface at rest could push it."""
+        if self._held is None or float(np.linalg.norm(force - self._held[0])) > CONSTANT * self._touch_force:
+            self._held, self._least = (force.copy(), place.copy()), 0.0
+            return False
+        held, begin = self._held
+        along = float((place - begin) @ held) / float(np.linalg.norm(held))
+        self._least = min(self._least, along)
+        return along - self._least > PUSHED
 
     @property
     def drift(self) -> Vector:

@@ -180,7 +180,7 @@ class ForceStage:
         A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
         touch on the path is found by the force.
         """
-        self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY)
+        self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY, self._place)
         if self._drift.ready:
             self._drift.rezero()
         motion = self._slowed(motion)
