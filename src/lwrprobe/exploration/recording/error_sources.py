@@ -10,6 +10,7 @@ from lwrprobe.calibration.model import derivatives_by_table
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
+from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.path_normals import CHORD, SHARE
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -72,6 +73,8 @@ def error_budget(
     left = friction_turn(scene) if aside is None else aside.error
     normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
+    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
     shared["friction direction"] = scene.probe.radius * left * np.cross(normals, paths)[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
@@ -102,12 +105,25 @@ def _of_probe(
         "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
         "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
         "stick": 0.01 * table.sigma("stick_stiffness_percent") * bend[:, None],
-        "force": 0.01
-        * np.hypot(table.sigma("sensor_gain_percent"), table.sigma("sensor_crosstalk_percent"))
-        * np.linalg.norm(bend, axis=1)[:, None, None]
-        * np.eye(3),
         # The arm gives way along the surface as well, which nothing corrects.
         "arm and object": np.stack([gives * push[:, None] * normals, stated * slip], axis=1),
+    }
+
+
+def _of_force(
+    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray,
+    paths: np.ndarray, since: np.ndarray,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """(n, k, 3) m of the errors of the force: its matrix, and its drift in the time (n,) s `since` the last zero."""
+    table, probe = scene.uncertainty, pipeline.probe
+    own, out = (np.einsum("nji,nj->ni", rotations, vectors) for vectors in (forces, normals))
+    # Torque and force that disagree by more than stated come from the same matrix.
+    matrix = _misfit(pipeline.torque) * matrix_errors(table, probe, own, out)
+    drift = 1e-3 / 60.0 * table.sigma("drift_mn_per_min") * since[:, None, None] * np.eye(3)
+    where = (rotations, forces, normals, paths)
+    return {
+        "force": shifts_by_force(probe, matrix, *where),
+        "drift": shifts_by_force(probe, drift, *where),
     }
 
 
