@@ -12,7 +12,7 @@ from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
-from lwrprobe.exploration.recording.path_normals import CHORD, SHARE
+from lwrprobe.exploration.recording.path_normals import PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.side_turn import SideTurn
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -36,13 +36,12 @@ def recorded_budget(
     pipeline: Pipeline,
     recorder: Recorder,
     gears: GearWaves | None = None,
-    turned: np.ndarray | None = None,
+    turned: PathTurn | None = None,
     aside: SideTurn | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears` and `aside` are what was taken off the contacts, `turned` (n,) bool which of them were turned towards their
-    path.
+    `gears`, `turned` and `aside` are what was taken off the contacts.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
@@ -58,7 +57,7 @@ def error_budget(
     joints: np.ndarray,
     velocities: np.ndarray,
     waves: GearWaves | None = None,
-    turned: np.ndarray | None = None,
+    turned: PathTurn | None = None,
     aside: SideTurn | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
@@ -69,9 +68,8 @@ def error_budget(
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
-    to_path = np.zeros(len(contacts), dtype=bool) if turned is None else turned
     left = friction_turn(scene) if aside is None else aside.error
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
     shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since)
@@ -168,7 +166,7 @@ def _of_gears(
 
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
-    confidence: np.ndarray, turning: np.ndarray, to_path: np.ndarray,
+    confidence: np.ndarray, turning: np.ndarray, turned: PathTurn | None,
 ) -> np.ndarray:  # fmt: skip
     """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
@@ -181,7 +179,7 @@ def _of_normal(
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(turning, ALONG * axis)
-    along = np.where(to_path, np.hypot((1.0 - SHARE) * along, SHARE * CHORD), along)
+    along = along if turned is None else turned.left(along)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
     for sigma, motions in ((along, paths), (np.hypot(plane, ASIDE * axis), aside)):
         covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]
