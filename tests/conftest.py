@@ -77,10 +77,10 @@ def upper_edge() -> dict:
 
 @pytest.fixture(scope="session")
 def recorded_cylinder(made_once, upper_edge) -> Path:
-    """The folder of a short run with a bag, with enough lines that the last of them says little."""
+    """The folder of a short run with a bag, of five lines, in a world that is known."""
     import lwrprobe as lp
 
-    settings = {**upper_edge, "strategy.step": 0.006}
+    settings = {**upper_edge, "strategy.step": 0.006, "uncertainty.profile": "ideal"}
 
     return made_once(
         "recorded_cylinder",

@@ -88,11 +88,12 @@ class Supervisor:
         if self._mark is None or gap:
             self._mark = (seen.time, seen.pose[:3, 3])
         since, place = self._mark
-        if seen.time - since < JAM_TIME:
-            return False
         here = seen.pose[:3, 3]
-        self._mark = (seen.time, here)
-        return bool(np.abs(here - place).max() < JAM_DISTANCE)
+        left = bool(np.abs(here - place).max() >= JAM_DISTANCE)
+        stuck = not left and seen.time - since >= JAM_TIME
+        if left or stuck:
+            self._mark = (seen.time, here)
+        return stuck
 
 
 class BodyCheck:

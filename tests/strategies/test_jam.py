@@ -12,15 +12,15 @@ from strategy_task import DOWN, task
 PERIOD = 0.008
 
 
-def jams(times, speed=0.0):
-    """Whether a tip that goes on at a speed [m/s] of its own samples jams at any of these times."""
+def jams(times, speed=0.0, turns_at=np.inf):
+    """Whether a tip that goes on at a speed [m/s] of its own samples, and back from a time on, jams at any time."""
     tip = Tip(task())
     supervisor = Supervisor(tip)
     tip.trace.begin(reapproach)
     found = []
     for k, time in enumerate(times):
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = DOWN, (0.0, speed * PERIOD * k, 0.02)
+        pose[:3, :3], pose[:3, 3] = DOWN, (0.0, speed * min(PERIOD * k, 2.0 * turns_at - PERIOD * k), 0.02)
         seen = Observation(time, pose, np.zeros(3), np.zeros(3))
         tip.observe(seen)
         found.append(isinstance(supervisor.interruption(seen), Jammed))
@@ -31,6 +31,10 @@ def test_a_tip_that_does_not_come_on_for_a_while_is_stuck():
     assert jams(np.arange(0.0, JAM_TIME + 0.1, PERIOD))
     assert not jams(np.arange(0.0, JAM_TIME - 0.1, PERIOD))
     assert not jams(np.arange(0.0, 2.0 * JAM_TIME, PERIOD), speed=0.005)
+
+
+def test_a_tip_that_went_there_and_came_back_is_not_stuck():
+    assert not jams(np.arange(0.0, JAM_TIME + 0.5, PERIOD), speed=0.003, turns_at=0.5 * JAM_TIME)
 
 
 def test_the_time_in_which_nothing_was_shown_does_not_count():

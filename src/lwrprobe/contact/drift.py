@@ -12,7 +12,6 @@ from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import InputError
 from lwrprobe.contracts.samples import Vector
 
-
 PUSHED = 0.005
 """m along a constant force, after which it is no surface's: one at rest does no work on the probe."""
 CONSTANT = 0.5

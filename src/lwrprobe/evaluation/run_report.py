@@ -57,10 +57,11 @@ def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
     return None if rows is None else rows[:count]
 
 
-def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
+def _surface(run: RunFolder, record: TouchRecord, **more: Any) -> Reconstruction | None:
+    """The mesh that the scene's method makes, with `more` options."""
     method = run.scene.reconstruction
     try:
-        return reconstruct(record, method.method, **method.options) if len(record.points) else None
+        return reconstruct(record, method.method, **method.options | more) if len(record.points) else None
     except LwrprobeError:
         return None
 
@@ -342,6 +343,8 @@ class _Page:
         at: list[float] = []
         error: list[float] = []
         last = float(instants.max())
+        # A mesh of half the contacts is for the curve alone: not worth the time of a second method.
+        alone = {"compare": False} if self.run.scene.reconstruction.method == "contact_surface" else {}
         for share in _STAGES_OF_TIME:
             n = int(np.searchsorted(instants, share * last, side="right"))
             free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
@@ -350,7 +353,7 @@ class _Page:
                 free_path=free, probe_radius=record.probe_radius, table=record.table,
                 lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
-            made = _surface(self.run, so_far)
+            made = _surface(self.run, so_far, **alone)
             if made is not None:
                 at.append(share * last)
                 error.append(self._mean_error(made.mesh, solid))
