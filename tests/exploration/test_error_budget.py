@@ -113,6 +113,13 @@ def test_the_sensors_matrix_turns_the_normal_aside_of_the_path():
     assert np.abs(still).max() < 0.06 * probe.compliance.max()
 
 
+def test_a_stick_that_is_a_fifth_softer_bends_by_a_quarter_more():
+    table = "stick_stiffness_percent"
+    small, fifth, none = (budget(alone(f"{table}={value}")).causes["stick"] for value in (1e-3, 20.0, 0.0))
+    assert fifth == pytest.approx(0.25e5 * small, rel=1e-3)
+    assert none == 0.0
+
+
 def test_the_drift_of_the_zero_grows_with_the_time_in_contact():
     made = budget(alone("drift_mn_per_min=60.0"))
     expected = 5.0 * 1e-3 * np.sqrt(np.mean((0.1 * np.arange(40)) ** 2)) / 0.8

@@ -27,6 +27,8 @@ SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
 NORMAL_AT_HALF_CONFIDENCE = 0.1
 """rad, error of a normal at which the estimators' confidence is one half (`Settings.trusted_error`)."""
+SOFTEST = 0.5
+"""Largest share of a stiffness that one standard deviation takes away; a wider belief says nothing of a stick."""
 FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
 
@@ -84,6 +86,12 @@ def _misfit(torque: TorqueAgreement | None) -> float:
     return torque.surprise if torque is not None else 1.0
 
 
+def _softer(share: float) -> float:
+    """Share by which something gives way more that is softer by `share`: a fifth less stiff is a quarter more."""
+    share = min(share, SOFTEST)
+    return share / (1.0 - share)
+
+
 def _of_probe(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray
 ) -> dict[str, np.ndarray]:
@@ -102,7 +110,7 @@ def _of_probe(
         "probe length": 1e-3 * table.sigma("probe_length_mm") * rotations[:, None, :, 2],
         "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
         "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
-        "stick": 0.01 * table.sigma("stick_stiffness_percent") * bend[:, None],
+        "stick": _softer(0.01 * table.sigma("stick_stiffness_percent")) * bend[:, None],
         # The arm gives way along the surface as well, which nothing corrects.
         "arm and object": np.stack([gives * push[:, None] * normals, stated * slip], axis=1),
     }
