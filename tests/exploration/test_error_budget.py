@@ -11,6 +11,7 @@ from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rigid_motion
 from lwrprobe.exploration.recording.error_sources import _of_arm, error_budget
+from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
 from lwrprobe.exploration.stages.sensor_errors import estimator_settings
@@ -91,6 +92,58 @@ def test_the_hysteresis_of_the_sensor_turns_normals_as_its_zero_does():
     assert estimator_settings(worse).zero_error == pytest.approx(np.hypot(6e-3, 18e-3))
 
 
+def test_the_sensors_matrix_turns_the_normal_aside_of_the_path():
+    """A push across the stick puts a torque on the sensor, of which crosstalk makes a force along the stick."""
+    scene = alone("sensor_crosstalk_percent=1.0", "sphere_off_axis_mm=0.0")
+    probe, aside = scene.probe.as_probe(), np.array([[0.0, 0.0, -1.0]])
+    normal, path = np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
+    force = normal - 0.3 * path
+    errors = matrix_errors(scene.uncertainty, probe, force, normal)
+    shifts = shifts_by_force(probe, errors, np.eye(3)[None], force, normal, path)[0]
+    assert np.abs(shifts @ normal[0]).max() == pytest.approx(0.0, abs=0.06 * probe.compliance[0])
+    torque = np.cross([0.0, 0.0, probe.sensor_distance] - probe.radius * normal[0], force[0])
+    along_stick = (
+        0.01 * probe.force_range[2] * np.append(force[0][:2] / probe.force_range[:2], torque / probe.torque_range)
+    )
+    turned = probe.radius * along_stick + probe.compliance[2] * along_stick
+    found = shifts.reshape(3, 6, 3)[2, [0, 1, 3, 4, 5]]
+    assert np.abs(found @ aside[0]) == pytest.approx(np.abs(turned), rel=0.05)
+    assert np.abs(turned).max() > 0.04 * probe.radius, "1 % is 0.04 rad at 1 N"
+    still = shifts_by_force(probe, errors, np.eye(3)[None], force, normal, 0.0 * path)[0]
+    assert np.abs(still).max() < 0.06 * probe.compliance.max()
+
+
+def test_a_stick_that_is_a_fifth_softer_bends_by_a_quarter_more():
+    table = "stick_stiffness_percent"
+    small, fifth, none = (budget(alone(f"{table}={value}")).causes["stick"] for value in (1e-3, 20.0, 0.0))
+    assert fifth == pytest.approx(0.25e5 * small, rel=1e-3)
+    assert none == 0.0
+
+
+def test_the_drift_of_the_zero_grows_with_the_time_in_contact():
+    made = budget(alone("drift_mn_per_min=60.0"))
+    expected = 5.0 * 1e-3 * np.sqrt(np.mean((0.1 * np.arange(40)) ** 2)) / 0.8
+    causes = np.einsum("nki,nki->n", made.shared, made.shared)
+    assert 1e3 * np.sqrt(causes.mean()) == pytest.approx(expected, rel=0.25)
+    assert causes[0] == 0.0
+    assert causes[39] == pytest.approx(4.0 * causes[39 // 2], rel=0.15)
+
+
+def test_torque_and_force_that_disagree_by_more_than_stated_widen_the_band():
+    class Disagreeing:
+        surprise = 3.0
+
+    scene = alone("sensor_crosstalk_percent=0.15")
+    pipeline, where = compose(scene, choose(scene), 0.001, 125.0), np.repeat(Q[:1], 2, axis=0)
+    contacts = [Contact(0.0, np.zeros(3), np.eye(3)[0], np.array([0.8, -0.2, 0.1]), np.zeros(3), 0.9999)] * 2
+    found = []
+    for pipeline.torque in (None, Disagreeing()):
+        made = error_budget(scene, pipeline, contacts, where, np.repeat([[0.0, 0.02, 0.0]], 2, axis=0))
+        found.append(made.causes["force"])
+    assert found[1] == pytest.approx(3.0 * found[0])
+    assert found[0] > 0.0
+
+
 def test_a_rigid_motion_is_no_error_of_shape():
     random = np.random.default_rng(1)
     points = random.uniform(-0.05, 0.05, (50, 3))
@@ -144,7 +197,8 @@ def test_over_many_drawn_worlds_the_claims_hold(profile):
     ]
     made = error_budget(scene, pipeline, contacts, joints, 0.008 * paths)
     gives = pipeline.force.compliance_sigma(5e-5, 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"))
-    known = Contacts(scene, pipeline.robot, contacts, joints, 0.008 * paths, gives)
+    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    known = Contacts(scene, pipeline.robot, contacts, joints, 0.008 * paths, gives, since)
     inside = {False: [], True: []}
     for seed in range(150):
         errors = drawn_errors(known, profile, seed)

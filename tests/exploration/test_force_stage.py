@@ -144,6 +144,54 @@ def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
     assert heavy.report()["stiffness_found"] is None
 
 
+def touch_from_the_side(force, object_gives, times=3):
+    """Slow touches across the stick, which itself gives way by 0.4 mm/N there."""
+    pose, normal = np.eye(4), np.array([1.0, 0.0, 0.0])
+    pose[:3, :3] = DOWN
+    for number in range(times):
+        for k in range(30):
+            size = 0.05 * min(k, 20)
+            pose[0, 3] = -(4e-4 + object_gives) * size
+            contact = Contact(0.0, np.zeros(3), normal, size * normal, np.zeros(3), 0.9, "")
+            force.update(wrench(0.4 * number + 0.008 * k, size * normal), pose.copy(), contact if k else None)
+        force.update(wrench(0.4 * number + 0.3, (0, 0, 0)), pose.copy(), None)
+
+
+def test_presses_overrule_touches_that_took_the_sticks_give_for_the_objects():
+    """Touches from the side see the stick, whose stiffness is known to a fifth; presses along it hardly do."""
+    force, _ = stage("uncertainty.profile=datasheet")
+    force.begin(0.0135)
+    touch_from_the_side(force, 3e-4)
+    assert force.compliance == pytest.approx(3e-4, rel=0.1)
+    assert 1e-5 < force.compliance_sigma(5e-5, 0.4) < 6e-5, "of the touches"
+    stated = 1.0 / load_scene("block").contact.stiffness
+    press(force, compliance=stated)
+    assert force.compliance == 0.0
+    assert force.compliance_sigma(5e-5, 0.4) < 0.2 * stated
+    touch_from_the_side(force, 3e-4)
+    assert force.compliance == 0.0, "later touches do not bring it back"
+
+
+def test_touches_that_presses_confirm_stay():
+    force, _ = stage()
+    force.begin(0.0135)
+    touch_from_the_side(force, 3e-4)
+    press(force, compliance=3e-4)
+    assert force.compliance == pytest.approx(3e-4, rel=0.1)
+    # A soft object's compliance is known to a tenth, which may be more than what was thought possible before.
+    assert force.compliance_sigma(1e-5, 0.0) == pytest.approx(3e-5, rel=0.1)
+
+
+def test_the_time_since_the_zero_was_taken_counts_from_the_last_time_in_free_space():
+    force, _ = stage()
+    force.begin(0.0135)
+    assert force.since_zero(np.array([0.0, 0.7])) == pytest.approx([0.0, 0.7])
+    for k in range(100):
+        force.limit(Goal(np.eye(4), 0.1), wrench(1.0 + 0.008 * k, (0.004, 0.0, 0.0)), 0.0)
+    taken = 1.0 + 0.5
+    assert force.since_zero(np.array([0.7, 9.0])) == pytest.approx([0.7, 9.0 - taken], abs=0.02)
+
+
 def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_on():
     force, _ = stage()
     force.begin(0.0135)

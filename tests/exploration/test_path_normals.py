@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Contact
-from lwrprobe.exploration.recording.path_normals import SHARE, turn_to_path
+from lwrprobe.exploration.recording.path_normals import CHORD, CORNER, LARGEST, SHARE, PathTurn, turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 
 RADIUS, BEND = 0.005, 0.03
@@ -28,11 +28,12 @@ def angle(recorder, true):
     return np.linalg.norm(recorder.normals() - true, axis=1)
 
 
-def test_a_bent_path_shows_the_normals_but_at_its_ends():
-    recorder, true = over_a_cylinder(WRONG)
-    turned = turn_to_path(recorder, RADIUS)
-    assert angle(recorder, true)[turned] == pytest.approx((1.0 - SHARE) * WRONG, rel=0.01)
-    assert angle(recorder, true)[~turned] == pytest.approx(WRONG, rel=0.01)
+@pytest.mark.parametrize("wrong", [WRONG, 0.2], ids=["noise", "a bad sensor"])
+def test_a_bent_path_shows_the_normals_but_at_its_ends(wrong):
+    recorder, true = over_a_cylinder(wrong)
+    turned = turn_to_path(recorder, RADIUS).turned
+    assert angle(recorder, true)[turned] == pytest.approx((1.0 - SHARE) * wrong, rel=0.03)
+    assert angle(recorder, true)[~turned] == pytest.approx(wrong, rel=0.01)
     assert 0 < (~turned).sum() < 20
     assert not turned[[0, -1]].any()
     for contact, normal in zip(recorder.contacts, true):
@@ -41,7 +42,7 @@ def test_a_bent_path_shows_the_normals_but_at_its_ends():
 
 def test_right_normals_stay():
     recorder, true = over_a_cylinder(0.0)
-    assert turn_to_path(recorder, RADIUS).any()
+    assert turn_to_path(recorder, RADIUS).turned.any()
     assert angle(recorder, true).max() < 1e-6
 
 
@@ -55,10 +56,12 @@ def test_what_is_aside_of_the_path_stays():
     assert recorder.normals() == pytest.approx(before, abs=1e-6)
 
 
-@pytest.mark.parametrize(("wrong", "period"), [(0.2, 0.008), (WRONG, 0.1)], ids=["corner", "no path between them"])
+@pytest.mark.parametrize(
+    ("wrong", "period"), [(0.4, 0.008), (WRONG, 0.1)], ids=["another direction", "no path between them"]
+)
 def test_without_a_path_that_is_tangent_nothing_is_turned(wrong, period):
     recorder, true = over_a_cylinder(wrong, period=period)
-    assert not turn_to_path(recorder, RADIUS).any()
+    assert not turn_to_path(recorder, RADIUS).turned.any()
     assert angle(recorder, true) == pytest.approx(2.0 * np.sin(0.5 * wrong), rel=1e-6)
 
 
@@ -68,8 +71,34 @@ def test_a_sphere_at_rest_has_no_path():
     for k in range(2000):
         centre = 2e-6 * rng.standard_normal(3)
         recorder.contact(Contact(0.008 * k, centre - RADIUS * normal, normal, normal, centre, 0.9), k)
-    assert not turn_to_path(recorder, RADIUS).any()
+    assert not turn_to_path(recorder, RADIUS).turned.any()
 
 
 def test_no_contacts_are_none():
-    assert turn_to_path(Recorder(None), RADIUS).shape == (0,)
+    none = turn_to_path(Recorder(None), RADIUS)
+    assert none.turned.shape == none.left(np.empty(0)).shape == (0,)
+
+
+def test_right_normals_beside_an_inner_corner_are_turned_by_less_than_a_corner():
+    recorder, step = Recorder(None), 7e-5
+    for k in range(200):
+        floor = k < 100
+        normal = np.array([0.0, 0.0, 1.0] if floor else [-1.0, 0.0, 0.0])
+        centre = step * np.array([min(k, 100), 0.0, max(k - 100, 0)])
+        recorder.contact(Contact(0.008 * k, centre - RADIUS * normal, normal, normal, centre, 0.9), k)
+    before = recorder.normals()
+    turned = turn_to_path(recorder, RADIUS)
+    assert (np.abs(turned.off[~turned.turned]) > CORNER).any()
+    assert np.linalg.norm(recorder.normals() - before, axis=1).max() < SHARE * CORNER
+
+
+def test_a_normal_is_no_surer_than_it_agrees_with_its_path():
+    off = np.array([0.01, -0.2, -0.2, np.nan, 2.0])
+    found = PathTurn(np.array([True, True, False, False, False]), off)
+    left = found.left(np.full(5, 0.03))
+    assert left[0] == pytest.approx(np.hypot((1.0 - SHARE) * 0.03, SHARE * CHORD))
+    assert left[1] == pytest.approx(np.hypot((1.0 - SHARE) * 0.2, SHARE * CHORD))
+    assert left[2] == 0.2
+    assert left[3] == pytest.approx(np.sqrt(np.mean([0.01**2, 0.2**2, 0.2**2, LARGEST**2]))), "as the others"
+    assert left[4] == LARGEST
+    assert PathTurn(np.zeros(2, dtype=bool), np.full(2, np.nan)).left(np.full(2, 0.03)) == pytest.approx(0.03)

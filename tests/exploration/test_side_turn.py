@@ -52,6 +52,17 @@ def test_lines_to_and_fro_over_an_even_bend_show_the_turn(turn, bend):
     assert found.error < 0.004
 
 
+def test_directions_that_show_other_turns_leave_the_angle_unsure():
+    """A sensor's matrix turns the normals of one direction of travel alike; what friction does is the same in all."""
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    one, other = lines(0.09, noise=0.01), [part @ turned.T for part in lines(-0.03, noise=0.01)]
+    other[0] = other[0] + np.array([1.0, 0.0, 0.0])
+    centres, normals, velocities = (np.concatenate(parts) for parts in zip(one, other))
+    found = learn(centres, normals, _aside(normals, velocities), SPACING, STATED)
+    assert abs(found.angle) < 0.02
+    assert found.error > 0.8 * STATED
+
+
 def test_over_many_wavy_surfaces_the_error_is_as_stated():
     """Bends of the surface are the larger part of it; they are the same in all chords across them."""
     off = []

@@ -43,8 +43,8 @@ KNOT = 2.0
 
 @dataclass(slots=True)
 class Contacts:
-    """What a run knows of its contacts: n of them, joints (n, j) rad, velocities (n, 3) m/s, and the standard deviation
-    [m/N] of the compliance that they are corrected with."""
+    """What a run knows of its contacts: n of them, joints (n, j) rad, velocities (n, 3) m/s, the standard deviation
+    [m/N] of the compliance that they are corrected with, and the time (n,) s since the sensor's zero was taken."""
 
     scene: Scene
     robot: Robot
@@ -52,6 +52,7 @@ class Contacts:
     joints: np.ndarray
     velocities: np.ndarray
     gives: float
+    since: np.ndarray
 
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
@@ -107,7 +108,9 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
     gives = pipeline.force.compliance_sigma(
         1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
     )
-    known = Contacts(scene, pipeline.robot, [recorder.contacts[k] for k in at], joints, velocities, gives)
+    contacts = [recorder.contacts[k] for k in at]
+    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    known = Contacts(scene, pipeline.robot, contacts, joints, velocities, gives, since)
     return known, error_budget(scene, pipeline, known.contacts, joints, velocities)
 
 
@@ -144,7 +147,26 @@ def drawn_errors(known: Contacts, profile: str, seed: int) -> np.ndarray:
     share = 1.0 - 1.0 / (1.0 + 0.01 * of("stick_stiffness_percent"))
     errors += np.einsum("nij,nj->ni", rotations, share * probe.compliance * own)
     errors += of("sphere_radius_mm", 1, 1e-3) * normals + of("clock_skew_ms", 1, 1e-3) * known.velocities
+    errors += _of_wrong_force(known, probe, of, rotations, (normals, forces, paths))
     return errors + _of_turned_normals(known, probe, of, random, (normals, forces, paths, times))
+
+
+def _of_wrong_force(known: Contacts, probe: Probe, of: Any, rotations: np.ndarray, given: Any) -> np.ndarray:
+    """(n, 3) m, shift of the contacts by the sensor's matrix and drift: the stick seems to bend otherwise, and the
+    normal aside of the path is the rest of the force that is read."""
+    normals, forces, paths = given
+    own, out = (np.einsum("nji,nj->ni", rotations, vectors) for vectors in (forces, normals))
+    arms = np.array([0.0, 0.0, probe.sensor_distance]) - probe.radius * out
+    spans = np.concatenate([probe.force_range, probe.torque_range])
+    share = np.diag(of("sensor_gain_percent", 6, 1e-2))
+    share[~np.eye(6, dtype=bool)] = of("sensor_crosstalk_percent", 30, 1e-2)
+    wrong = np.concatenate([own, np.cross(arms, own)], axis=1) @ (share * spans[:, None] / spans)[:3].T
+    wrong = wrong + known.since[:, None] * of("drift_mn_per_min", 3, 1e-3 / 60.0)
+    read = forces + np.einsum("nij,nj->ni", rotations, wrong)
+    seen, right = (f - np.einsum("ni,ni->n", f, paths)[:, None] * paths for f in (read, forces))
+    seen, right = (f / np.maximum(np.linalg.norm(f, axis=1, keepdims=True), 1e-9) for f in (seen, right))
+    moves = np.linalg.norm(paths, axis=1, keepdims=True) > 0.5
+    return np.einsum("nij,nj->ni", rotations, probe.compliance * wrong) - probe.radius * moves * (seen - right)
 
 
 def _of_turned_normals(known: Contacts, probe: Probe, of: Any, random: np.random.Generator, given: Any) -> np.ndarray:

@@ -10,8 +10,9 @@ from lwrprobe.calibration.model import derivatives_by_table
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
+from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
-from lwrprobe.exploration.recording.path_normals import CHORD, SHARE
+from lwrprobe.exploration.recording.path_normals import PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.side_turn import SideTurn
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -26,6 +27,8 @@ SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
 NORMAL_AT_HALF_CONFIDENCE = 0.1
 """rad, error of a normal at which the estimators' confidence is one half (`Settings.trusted_error`)."""
+SOFTEST = 0.5
+"""Largest share of a stiffness that one standard deviation takes away; a wider belief says nothing of a stick."""
 FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
 
@@ -35,13 +38,12 @@ def recorded_budget(
     pipeline: Pipeline,
     recorder: Recorder,
     gears: GearWaves | None = None,
-    turned: np.ndarray | None = None,
+    turned: PathTurn | None = None,
     aside: SideTurn | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears` and `aside` are what was taken off the contacts, `turned` (n,) bool which of them were turned towards their
-    path.
+    `gears`, `turned` and `aside` are what was taken off the contacts.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
@@ -57,7 +59,7 @@ def error_budget(
     joints: np.ndarray,
     velocities: np.ndarray,
     waves: GearWaves | None = None,
-    turned: np.ndarray | None = None,
+    turned: PathTurn | None = None,
     aside: SideTurn | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
@@ -68,10 +70,11 @@ def error_budget(
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
-    to_path = np.zeros(len(contacts), dtype=bool) if turned is None else turned
     left = friction_turn(scene) if aside is None else aside.error
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, to_path)
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned)
     shared = _of_probe(scene, pipeline, normals, forces, rotations)
+    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
     shared["friction direction"] = scene.probe.radius * left * np.cross(normals, paths)[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
@@ -81,6 +84,12 @@ def error_budget(
 def _misfit(torque: TorqueAgreement | None) -> float:
     """Ratio by which the sensor's errors are larger than stated, as far as the run has shown."""
     return torque.surprise if torque is not None else 1.0
+
+
+def _softer(share: float) -> float:
+    """Share by which something gives way more that is softer by `share`: a fifth less stiff is a quarter more."""
+    share = min(share, SOFTEST)
+    return share / (1.0 - share)
 
 
 def _of_probe(
@@ -101,13 +110,26 @@ def _of_probe(
         "probe length": 1e-3 * table.sigma("probe_length_mm") * rotations[:, None, :, 2],
         "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
         "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
-        "stick": 0.01 * table.sigma("stick_stiffness_percent") * bend[:, None],
-        "force": 0.01
-        * np.hypot(table.sigma("sensor_gain_percent"), table.sigma("sensor_crosstalk_percent"))
-        * np.linalg.norm(bend, axis=1)[:, None, None]
-        * np.eye(3),
+        "stick": _softer(0.01 * table.sigma("stick_stiffness_percent")) * bend[:, None],
         # The arm gives way along the surface as well, which nothing corrects.
         "arm and object": np.stack([gives * push[:, None] * normals, stated * slip], axis=1),
+    }
+
+
+def _of_force(
+    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray,
+    paths: np.ndarray, since: np.ndarray,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """(n, k, 3) m of the errors of the force: its matrix, and its drift in the time (n,) s `since` the last zero."""
+    table, probe = scene.uncertainty, pipeline.probe
+    own, out = (np.einsum("nji,nj->ni", rotations, vectors) for vectors in (forces, normals))
+    # Torque and force that disagree by more than stated come from the same matrix.
+    matrix = _misfit(pipeline.torque) * matrix_errors(table, probe, own, out)
+    drift = 1e-3 / 60.0 * table.sigma("drift_mn_per_min") * since[:, None, None] * np.eye(3)
+    where = (rotations, forces, normals, paths)
+    return {
+        "force": shifts_by_force(probe, matrix, *where),
+        "drift": shifts_by_force(probe, drift, *where),
     }
 
 
@@ -152,7 +174,7 @@ def _of_gears(
 
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
-    confidence: np.ndarray, turning: np.ndarray, to_path: np.ndarray,
+    confidence: np.ndarray, turning: np.ndarray, turned: PathTurn | None,
 ) -> np.ndarray:  # fmt: skip
     """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
@@ -165,7 +187,7 @@ def _of_normal(
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(turning, ALONG * axis)
-    along = np.where(to_path, np.hypot((1.0 - SHARE) * along, SHARE * CHORD), along)
+    along = along if turned is None else turned.left(along)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
     for sigma, motions in ((along, paths), (np.hypot(plane, ASIDE * axis), aside)):
         covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]

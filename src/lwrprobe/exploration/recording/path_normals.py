@@ -8,7 +8,8 @@ perpendicular to its chord, by the share that the chord is the more certain.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -23,30 +24,60 @@ SHARE = 0.7
 CHORD = 0.006
 """rad, one standard deviation: play and what is left of the waves, over the length of a chord."""
 CORNER = 0.08
-"""rad between a normal and what is perpendicular to its chord, from which on the path has a corner there, or a jump."""
+"""rad between a normal and what is perpendicular to its chord, from which on the path may have a corner there, or a
+jump, and rad of the path's own bend from which on it has."""
+LARGEST = 0.3
+"""The same angle, from which on normal and path have nothing to do with each other."""
 
 
-def turn_to_path(recorder: Recorder, radius: float) -> np.ndarray:
+@dataclass(slots=True, frozen=True)
+class PathTurn:
+    """What paths showed of n normals.
+
+    Attributes
+    ----------
+    turned : (n,) bool, normals that were turned
+    off : (n,) rad between normals and what is perpendicular to their chords before that, not a number without a chord
+    """
+
+    turned: np.ndarray
+    off: np.ndarray
+
+    def left(self, along: np.ndarray) -> np.ndarray:
+        """(n,) rad, standard deviation of the normals along their path, of which `along` (n,) rad was expected.
+
+        Normals are no better than they agree with the path; those without a chord no better than the others.
+        """
+        seen = np.minimum(np.abs(self.off), LARGEST)
+        known = np.isfinite(seen)
+        spread = sqrt(float((seen[known] ** 2).mean())) if known.any() else 0.0
+        before = np.maximum(along, np.where(known, seen, spread))
+        return np.where(self.turned, np.hypot((1.0 - SHARE) * before, SHARE * CHORD), before)
+
+
+def turn_to_path(recorder: Recorder, radius: float) -> PathTurn:
     """Turn the normals of the contacts that follow the run, about the centres; on disk they stay as measured.
 
-    `radius` m of the sphere. Returns which contacts were turned, (n,) bool: not those at the ends of a path, at corners
-    and where the sphere stood still.
+    `radius` m of the sphere. Not turned are those at the ends of a path, at corners and where the sphere stood still.
     """
     points, normals = recorder.points(), recorder.normals()
     centres = points + radius * normals
-    chords = _chords(np.array([contact.time for contact in recorder.contacts]), centres)
+    chords, bends = _chords(np.array([contact.time for contact in recorder.contacts]), centres)
     off = np.einsum("ni,ni->n", chords, normals)
-    turned = chords.any(axis=1) & (np.abs(off) < CORNER)
+    led = chords.any(axis=1)
+    # At a corner the chord cuts it off. On a straight piece the normal is wrong, as that of a bad sensor is at times.
+    turned = led & (np.abs(off) < np.where(bends < CORNER, LARGEST, CORNER))
     normals = normals - np.where(turned, SHARE * off, 0.0)[:, None] * chords
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     for k in np.flatnonzero(turned):
         recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
-    return turned
+    return PathTurn(turned, np.where(led, off, np.nan))
 
 
-def _chords(times: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """(n, 3) unit directions from a place before each centre to one behind it; zero where there are none."""
-    chords = np.zeros_like(centres)
+def _chords(times: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) unit directions from a place before each centre to one behind it, zero where there are none; and the angle
+    (n,) rad between the two halves of that way."""
+    chords, bends = np.zeros_like(centres), np.zeros(len(centres))
     for run in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > GAP) + 1):
         if len(run) < 3:
             continue
@@ -60,4 +91,7 @@ def _chords(times: np.ndarray, centres: np.ndarray) -> np.ndarray:
         # Where the sphere stands, its noise travels and leads nowhere.
         led = length > REACH
         chords[run[inside[led]]] = chord[led] / length[led, None]
-    return chords
+        first, second = places[inside] - before, behind - places[inside]
+        sines = np.linalg.norm(np.cross(first, second), axis=1)
+        bends[run[inside]] = np.arctan2(sines, np.einsum("ni,ni->n", first, second))
+    return chords, bends

@@ -10,7 +10,7 @@ that are not even count with opposite signs on lines followed to and fro.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, degrees, radians, sqrt
+from math import cos, degrees, hypot, radians, sqrt
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -103,8 +103,22 @@ def learn(
         return None
     angle = float(np.median(angles))
     error = MEDIAN * float(np.median(np.abs(angles - angle))) / sqrt(len(pieces))
+    error = hypot(error, _between(angles, np.concatenate([normals[first], aside[first]], axis=1)))
     share = stated**2 / (stated**2 + error**2)
     return SideTurn(share * angle, sqrt(share) * error)
+
+
+def _between(angles: np.ndarray, ways: np.ndarray) -> float:
+    """rad, standard deviation of the median of angles (n,) by what differs between sides of the object and directions
+    of travel, from (n, 6) normals and directions aside.
+
+    The sensor's own matrix turns all normals of one side that is followed in one direction alike.
+    """
+    group, counts = np.unique(np.round(ways), axis=0, return_inverse=True, return_counts=True)[1:]
+    weights = counts / len(angles)
+    medians = np.array([np.median(angles[group.ravel() == k]) for k in range(len(counts))])
+    spread = weights @ (medians - np.median(angles)) ** 2
+    return sqrt(float(spread * (weights @ weights)))
 
 
 def _aside(normals: np.ndarray, velocities: np.ndarray) -> np.ndarray:

@@ -143,9 +143,19 @@ class ForceStage:
         """
         stated = math.hypot(of_object, of_arm / self._contact.stiffness)
         if not math.isfinite(self._press.sigma):
-            return stated
+            return self._touch.sigma if self._compliance > 0.0 else stated
         used = self._compliance or 1.0 / self._contact.stiffness
-        return min(stated, math.hypot(self._press.sigma, used - self._press.value))
+        shown = math.hypot(self._press.sigma, used - self._press.value)
+        # What was stated bounds the error of the stated compliance alone.
+        return shown if self._compliance > 0.0 else min(stated, shown)
+
+    def since_zero(self, times: np.ndarray) -> np.ndarray:
+        """(n,) s from the last time the sensor's zero was taken to each of times (n,) s of the run.
+
+        At 0 s it was taken at rest.
+        """
+        taken = np.array([0.0, *(change.time for change in self._drift.changes)])
+        return np.asarray(times - taken[np.maximum(np.searchsorted(taken, times) - 1, 0)])
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None, certain: bool = True) -> None:
         """One sample; `certain` says that torque and force agree well enough for the normals to be relied on.
@@ -166,7 +176,9 @@ class ForceStage:
             return
         changed = self._touch.update(wrench, pose, contact)
         if changed and self._touch.agreed >= TOUCHES_AGREED and self._touch.certain:
-            self._adopt(self._touch.compliance)
+            found = self._touch.compliance
+            if not self._contradicted(found):
+                self._adopt(found)
         if not certain:
             self._forget_presses()
         elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact):
@@ -255,10 +267,17 @@ class ForceStage:
             law = touch_law(self._scene, self._delay, self._tip_mass, found)
             if isinstance(law, Refusal):
                 raise TouchRefused(f"touch refused: {law.reason}")
-        if found != stated or self._by_presses:
+        if found != stated or self._by_presses or self._contradicted(self._compliance):
             self._by_presses = found != stated
             self._compliance = found if self._by_presses else 0.0
             self._estimator.set_indentation(found)
+
+    def _contradicted(self, touched: float) -> bool:
+        """Whether presses show another compliance than touches did [m/N], 0 for none.
+
+        A touch is fitted over its path, into which a wrong normal brings the surface's; a press over its changes.
+        """
+        return touched > 0.0 and abs(touched - self._press.value) > APART * self._press.sigma
 
     def _differs(self) -> bool:
         """Whether presses show another compliance than is stated, by more than both are known.
