@@ -9,6 +9,8 @@ from typing import Any
 from lwrprobe.bench.report import Verdict
 
 Record = Mapping[str, Any]
+NAMED = 4
+"""Runs that failed, named with a requirement; the table has all of them."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -38,8 +40,10 @@ class Criterion:
         return f"{sum(self.holds(record) for record in found)} of {len(found)}"
 
     def verdict(self, found: Sequence[Record], named: Callable[[Any], str] | None = None) -> Verdict:
-        """Over all runs; those that fail are `named`."""
+        """Over all runs; the first of those that fail are `named`."""
         bad = [record for record in found if not self.holds(record)]
-        names = f"; not {', '.join(sorted(set(map(named, bad))))}" if named is not None and bad else ""
+        names = sorted(set(map(named, bad))) if named is not None else []
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        failed = f"; not {', '.join(names[:NAMED])}{more}" if names else ""
         enough = len(found) - len(bad) >= self.share * len(found)
-        return Verdict(self.requirement, self.kept(found) + names, enough)
+        return Verdict(self.requirement, self.kept(found) + failed, enough)
