@@ -132,6 +132,15 @@ def test_a_few_presses_that_scatter_refuse_nothing():
     assert force.compliance == 0.0
 
 
+def test_an_arm_that_is_hardly_known_is_the_one_that_presses_show():
+    """Half of the stated compliance is within what a data sheet says of an arm, and yet twice the force."""
+    force, _ = stage('uncertainty.profile="datasheet"')
+    force.begin(0.0135)
+    press(force, compliance=2.5e-5)
+    down = VelocityCommand(np.array([0.0, 0.0, -0.005]))
+    assert -0.0035 < force.limit(down, wrench(0.0, (0, 0, 0)), 1.0).velocity[2] < -0.002
+
+
 def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
     (light, _), (heavy, _) = stage(), stage()
     light.begin(0.0135)

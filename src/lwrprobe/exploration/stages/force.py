@@ -260,17 +260,24 @@ class ForceStage:
         if not math.isfinite(self._press.sigma):
             return
         found = self._press.value if self._differs() else stated
+        # Speeds follow both by how sure they are: an arm that is hardly known is the one that presses show.
+        likely = found if found != stated else self._weighed(stated)
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
-        share = (found + self._axial) / (stated + self._axial)
+        share = (likely + self._axial) / (stated + self._axial)
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
-            law = touch_law(self._scene, self._delay, self._tip_mass, found)
+            law = touch_law(self._scene, self._delay, self._tip_mass, likely)
             if isinstance(law, Refusal):
                 raise TouchRefused(f"touch refused: {law.reason}")
         if found != stated or self._by_presses or self._contradicted(self._compliance):
             self._by_presses = found != stated
             self._compliance = found if self._by_presses else 0.0
             self._estimator.set_indentation(found)
+
+    def _weighed(self, stated: float) -> float:
+        """m/N, the mean of the stated compliance and that of presses, each by its own variance."""
+        ours, theirs = (self._arm_sigma * stated) ** 2, self._press.sigma**2
+        return (ours * self._press.value + theirs * stated) / (ours + theirs)
 
     def _contradicted(self, touched: float) -> bool:
         """Whether presses show another compliance than touches did [m/N], 0 for none.
