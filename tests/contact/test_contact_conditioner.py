@@ -415,6 +415,18 @@ def test_a_force_that_pushes_the_probe_along_is_the_zero(velocity, moved):
         assert conditioner.bias[:3] == pytest.approx([0.3, 0.0, 0.0], abs=0.005)
 
 
+def test_two_touches_alike_with_free_space_between_them_are_no_zero():
+    conditioner = WrenchConditioner(Probe(), RATE)
+    watch = DriftWatch(conditioner)
+    for k in range(int(4 * RATE)):
+        free = RATE <= k < 2 * RATE  # 20 mm along the force, then the next surface
+        values, place = [0.0 if free else 0.3, 0, 0, 0, 0, 0], 0.02 * min(max(k / RATE - 1.0, 0.0), 1.0)
+        watch.observe(conditioner.condition(sample(k, values), np.eye(3)), True, np.array([place, 0.0, 0.0]))
+        if not free:
+            assert not watch.ready
+    np.testing.assert_array_equal(conditioner.bias, np.zeros(6))
+
+
 def test_every_move_of_the_zero_is_counted_on_the_wrench():
     conditioner = WrenchConditioner(Probe(), RATE)
     before = conditioner.condition(sample(0), np.eye(3)).zeroing

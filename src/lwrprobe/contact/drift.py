@@ -76,11 +76,10 @@ class DriftWatch:
         """One conditioned wrench with the tip at `place` (3,) m; `free` is what the caller knows of the motion (away
         from any surface).
         """
-        if not free or not wrench.usable:
-            self._held = None
-            self._forget()
-            return
-        if wrench.magnitude > self._touch_force and not self._pushed(wrench.world_force, place):
+        small = wrench.magnitude <= self._touch_force
+        if small or not free or not wrench.usable:
+            self._held = None  # the next force begins anew, however alike it is
+        if not free or not wrench.usable or not (small or self._pushed(wrench.world_force, place)):
             self._forget()
             return
         if self._begin is None:
