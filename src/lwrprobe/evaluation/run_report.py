@@ -57,11 +57,10 @@ def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
     return None if rows is None else rows[:count]
 
 
-def _surface(run: RunFolder, record: TouchRecord, **more: Any) -> Reconstruction | None:
-    """The mesh that the scene's method makes, with `more` options."""
+def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
     method = run.scene.reconstruction
     try:
-        return reconstruct(record, method.method, **method.options | more) if len(record.points) else None
+        return reconstruct(record, method.method, **method.options) if len(record.points) else None
     except LwrprobeError:
         return None
 
@@ -343,8 +342,6 @@ class _Page:
         at: list[float] = []
         error: list[float] = []
         last = float(instants.max())
-        # A mesh of half the contacts is for the curve alone: not worth the time of a second method.
-        alone = {"compare": False} if self.run.scene.reconstruction.method == "contact_surface" else {}
         for share in _STAGES_OF_TIME:
             n = int(np.searchsorted(instants, share * last, side="right"))
             free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
@@ -353,7 +350,7 @@ class _Page:
                 free_path=free, probe_radius=record.probe_radius, table=record.table,
                 lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
-            made = _surface(self.run, so_far, **alone)
+            made = _surface(self.run, so_far)
             if made is not None:
                 at.append(share * last)
                 error.append(self._mean_error(made.mesh, solid))
