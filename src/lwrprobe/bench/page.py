@@ -149,8 +149,8 @@ SUMMARIES = {
         "Worlds",
         "Explorations were run in simulated worlds that differ from what the scene says of them: `lab`, measured with "
         "care; `datasheet`, nothing measured; `calibrated`, the same after `lwrprobe calibrate`.",
-        "Done: {Worlds|lab|status done} runs in `lab`, {Worlds|calibrated|status done} in `calibrated`; silently "
-        "correct or warned of: {Worlds|datasheet|nothing silently wrong} in `datasheet`.",
+        "In `lab` {Worlds|lab|status done} runs came to their end, and {Worlds|lab|true peak force <= 3 N} pressed "
+        "with at most 3 N.",
         "profile, runs, status done, true peak force <= 3 N, coverage of what the strategy can reach >= 0.95, "
         "nothing silently wrong, in 95 % regions, in 95 % regions aligned, the world differs by, status, peak N, "
         "contact median mm, contact p95 mm, mesh mean mm, coverage, warnings",
