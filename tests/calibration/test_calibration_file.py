@@ -96,6 +96,7 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     assert used.probe.radius == 0.00501
     assert used.probe.stiffness_lateral == 2000.0
     assert used.probe.stiffness_axial == stated.probe.stiffness_axial, "not visible: as stated"
+    assert used.contact.stiffness == pytest.approx(2e4), "that of the arm along the stick"
     assert used.table.height == 0.001
     assert used.area.lower[2] >= used.table.height + used.probe.radius
     plane = used.table.normal()

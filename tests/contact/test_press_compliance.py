@@ -56,3 +56,34 @@ def test_depth_without_force_is_no_compliance():
 
 def test_across_the_stick_nothing_is_learnt():
     assert pressed(5e-5, normal=np.array([0.0, 1.0, 0.0])).batches == 0
+
+
+def test_batches_on_a_slope_where_the_normal_is_wrong_do_not_make_the_surface_stiff():
+    """Beside the stick's axis a wrong normal takes more off the slope than arm and object have."""
+    watch = PressCompliance(Deflection(Probe(compliance=np.array([4e-4, 4e-4, AXIAL]))), 125.0)
+    random, time = np.random.default_rng(3), 0.0
+    for batch in range(12):
+        tilt = 0.36 if batch % 2 else 0.05
+        normal = np.array([0.0, np.sin(tilt), np.cos(tilt)])
+        shown = np.array([0.0, np.sin(tilt + 0.06), np.cos(tilt + 0.06)])
+        give = 3e-5 * normal + watch._bend.shift(DOWN, normal)
+        for k in range(11):
+            time += 1.0 / 125.0
+            size = 1.0 + 0.3 * (k % 2)
+            force = size * normal + 0.003 * random.standard_normal(3)
+            pose = np.eye(4)
+            pose[:3, :3] = DOWN
+            pose[:3, 3] = -give * size
+            contact = Contact(time, pose[:3, 3], shown, force, pose[:3, 3], 0.9)
+            watch.update(Wrench(time, DOWN.T @ force, np.zeros(3), force, k, 0), pose, contact)
+        time += 1.0
+    assert watch.batches >= 8
+    assert watch.value == pytest.approx(3e-5, rel=0.3)
+    assert abs(watch.value - 3e-5) < 2.0 * watch.sigma
+
+
+def test_a_median_below_zero_is_no_rigid_surface():
+    watch = pressed(5e-5)
+    watch._slopes = [2e-5, -2e-5, 1e-5, -3e-5, -1e-6]
+    watch._sigmas = [1e-5] * 5
+    assert 0.3 * watch.sigma < watch.value < watch.sigma

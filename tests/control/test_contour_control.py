@@ -103,10 +103,16 @@ def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffne
     assert foot + 0.3 * t.force_target <= FORCE_RESERVE * t.force_limit * 1.001
 
 
-def velocity_of(t, control, last, steady, normal, force, binormal, speed, rotation, period):
+def velocity_of(t, control, last, steady, before, normal, force, binormal, speed, rotation, period):
     """The tracked normal, the steady part and the velocity, written down with vectors."""
     mean = 0.5 * last + 0.5 * normal
     n = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 0.1 else normal
+    onward = np.cross(last, binormal)
+    onward /= max(np.linalg.norm(onward), 1e-6)
+    excess = n @ onward - 1.25 * speed * period / t.probe.radius - 0.01
+    if excess > 0.0 and np.linalg.norm(mean) > 0.1:
+        n = n - excess * onward
+        n /= np.linalg.norm(n)
     angle = max(np.arccos(min(abs(n @ rotation[:, 2]), 1.0)) - 0.35, 0.0)
     lateral, _, along = t.probe.compliance
     stiffness = 1.0 / (1.0 / t.stiffness + np.sin(angle) ** 2 * lateral + np.cos(angle) ** 2 * along)
@@ -120,7 +126,8 @@ def velocity_of(t, control, last, steady, normal, force, binormal, speed, rotati
     if tangent @ rotation[:, 2] > 0.3:
         spare = FORCE_RESERVE * t.force_limit - t.force_threshold
         slide = min(slide, (1.0 - FRICTION * t.force_target / spare) * control.approach_speed(tangent, rotation))
-    slide *= np.clip(1.0 - abs(error) / (t.force_limit - t.force_target), 0.1, 1.0)
+    coming = max(abs(error), error + max(force - before, 0.0) / period * t.delay)
+    slide *= np.clip(1.0 - coming / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)
     return n, steady, slide * tangent + press * n
 
 
@@ -129,6 +136,7 @@ def test_the_velocity_is_that_of_the_law_along_the_tracked_normal_and_the_tangen
     t, random = task(), np.random.default_rng(3)
     control, tracked, steady, dives = ContourControl(t), np.array([0.0, -1.0, 0.0]), 0.0, 0
     control.begin(tracked)
+    before = np.inf
     for _ in range(3000):
         normal = tracked + random.normal(scale=0.2, size=3)
         if random.random() < 0.02:
@@ -139,11 +147,57 @@ def test_the_velocity_is_that_of_the_law_along_the_tracked_normal_and_the_tangen
         binormal = [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)][random.integers(3)]
         force, speed, period = random.uniform(0.0, 2.5), random.uniform(0.0, 0.04), random.uniform(1e-3, 0.02)
         given = normal, force, binormal, speed, rotation, period
-        tracked, steady, expected = velocity_of(t, control, tracked, steady, *given)
+        tracked, steady, expected = velocity_of(t, control, tracked, steady, before, *given)
+        before = force
         np.testing.assert_allclose(control.velocity(*given), expected, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(control.normal, tracked, atol=1e-12)
         dives += np.cross(tracked, binormal) @ rotation[:, 2] > 0.3
     assert dives > 100
+
+
+def peak_on_a_plane(tilt, stiffer):
+    """N, largest force on a level plane that is `stiffer` times as stiff as stated, with all normals `tilt` rad off."""
+    t, period = task(), 0.008
+    control, up = ContourControl(t), np.array([0.0, 0.0, 1.0])
+    stiffness = stiffer * stiffness_along(t, up)
+    wrong = np.array([0.0, -np.sin(tilt), np.cos(tilt)])  # the sliding along it leads down
+    late = round(t.delay / 1e-3)
+    commands, depth, peak = [0.0] * late, t.force_target / stiffness, 0.0
+    control.begin(up)
+    velocity = np.zeros(3)
+    for k in range(600):
+        force = max(stiffness * depth, 0.0)
+        if k % 8 == 0:
+            normal = wrong if k >= 64 else up
+            velocity = control.velocity(normal, force * np.cos(tilt), (-1.0, 0.0, 0.0), 0.02, DOWN, period)
+        commands.append(velocity[2])
+        depth -= 1e-3 * commands[-1 - late]
+        peak = max(peak, force)
+    return peak
+
+
+def test_a_wrong_normal_does_not_lead_the_sliding_into_a_stiff_surface():
+    for tilt, stiffer in ((0.15, 2.0), (0.25, 1.0)):
+        assert peak_on_a_plane(tilt, stiffer) < 0.9 * task().force_limit
+    assert peak_on_a_plane(0.0, 1.0) <= 1.001 * task().force_target
+
+
+def test_a_normal_turns_towards_the_motion_no_faster_than_around_a_sharp_edge():
+    """One sample with a wrong normal leads into the surface; around an edge the sphere rolls at its own radius."""
+    t, control, up = task(), ContourControl(task()), np.array([0.0, 0.0, 1.0])
+    control.begin(up)
+    jump = np.array([0.0, np.sin(0.5), np.cos(0.5)])
+    control.velocity(jump, t.force_target, (1.0, 0.0, 0.0), 0.02, DOWN, 0.008)
+    assert np.arcsin(control.normal[1]) < 0.06
+    control.begin(up)
+    control.velocity(jump * (1.0, -1.0, 1.0), t.force_target, (1.0, 0.0, 0.0), 0.02, DOWN, 0.008)
+    assert np.arcsin(-control.normal[1]) == pytest.approx(0.25, abs=1e-6), "what stands ahead is believed at once"
+    control.begin(up)
+    for k in range(100):  # around an edge at 20 mm/s
+        angle = min(0.02 * 0.008 * k / t.probe.radius, 1.5)
+        edge = np.array([0.0, np.sin(angle), np.cos(angle)])
+        control.velocity(edge, t.force_target, (1.0, 0.0, 0.0), 0.02, DOWN, 0.008)
+        assert np.arccos(min(control.normal @ edge, 1.0)) < 0.06
 
 
 def test_parts_of_arrays_and_whole_numbers_are_taken_as_they_are():

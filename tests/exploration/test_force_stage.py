@@ -111,7 +111,7 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     assert -0.005 < first < -0.004
     assert force.limit(aside, free, 1.0).velocity[0] == 0.01
     press(force)
-    assert -0.002 < force.limit(down, free, 1.0).velocity[2] < -0.001
+    assert -0.002 < force.limit(down, free, 1.0).velocity[2] < -0.0008
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 
@@ -128,17 +128,29 @@ def test_a_few_presses_that_scatter_refuse_nothing():
     assert force.limit(down, free, 1.0).velocity[2] == first
     for compliance in 4 * (1.5e-5, 3.4e-5, 7e-5):
         press(force, compliance=compliance, seconds=0.11)
-    assert force.limit(down, free, 1.0).velocity[2] == -0.005, "as stated, within what is known"
+    assert -0.005 <= force.limit(down, free, 1.0).velocity[2] < -0.0035, "slower by no more than they scatter"
     assert force.compliance == 0.0
 
 
 def test_an_arm_that_is_hardly_known_is_the_one_that_presses_show():
     """Half of the stated compliance is within what a data sheet says of an arm, and yet twice the force."""
-    force, _ = stage('uncertainty.profile="datasheet"')
+    force, _ = stage('uncertainty.profile="datasheet"', "uncertainty.clock_skew_ms=0", "uncertainty.sensor_delay_ms=0")
     force.begin(0.0135)
     press(force, compliance=2.5e-5)
     down = VelocityCommand(np.array([0.0, 0.0, -0.005]))
     assert -0.0035 < force.limit(down, wrench(0.0, (0, 0, 0)), 1.0).velocity[2] < -0.002
+
+
+def test_a_loop_whose_delay_two_clocks_leave_open_is_slower_also_after_presses():
+    """The samples' age is the difference of two clocks: an offset of theirs is delay that nothing measures."""
+    down, speeds = VelocityCommand(np.array([0.0, 0.0, -0.005])), []
+    for skew in (0.0, 8.0):
+        force, _ = stage(f"uncertainty.clock_skew_ms={skew}", "uncertainty.sensor_delay_ms=0")
+        force.begin(0.0156)
+        press(force, compliance=5e-5)
+        speeds.append(-force.limit(down, wrench(0.0, (0, 0, 0)), 1.0).velocity[2])
+    assert speeds[0] == 0.005
+    assert 1.0 + 2.0 * 8.0 / 15.6 <= speeds[0] / speeds[1] * 1.25 < 2.3
 
 
 def test_an_arm_with_mass_is_slower_from_the_first_touch_and_keeps_its_speed():
@@ -191,13 +203,18 @@ def test_touches_that_presses_confirm_stay():
     assert force.compliance_sigma(1e-5, 0.0) == pytest.approx(3e-5, rel=0.1)
 
 
-def test_the_time_since_the_zero_was_taken_counts_from_the_last_time_in_free_space():
+@pytest.mark.parametrize("ahead", [0.0, 86_400.0])
+def test_the_time_since_the_zero_was_taken_counts_from_the_last_time_in_free_space(ahead):
+    """Whatever the sensor's clock says when the run begins."""
     force, _ = stage()
     force.begin(0.0135)
     assert force.since_zero(np.array([0.0, 0.7])) == pytest.approx([0.0, 0.7])
     for k in range(100):
-        force.limit(Goal(np.eye(4), 0.1), wrench(1.0 + 0.008 * k, (0.004, 0.0, 0.0)), 0.0)
+        sample = wrench(ahead + 1.0 + 0.008 * k, (0.004, 0.0, 0.0))
+        force.update(sample, np.eye(4), None, time=1.0 + 0.008 * k)
+        force.limit(Goal(np.eye(4), 0.1), sample, 0.0)
     taken = 1.0 + 0.5
+    assert force.zero_error(2.0) < force.zero_error(20.0)
     assert force.since_zero(np.array([0.7, 9.0])) == pytest.approx([0.7, 9.0 - taken], abs=0.02)
 
 

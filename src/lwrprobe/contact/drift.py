@@ -72,11 +72,11 @@ class DriftWatch:
         self.changes: list[BiasChange] = []
         self.suspicious = False
 
-    def observe(self, wrench: Wrench, free: bool, place: Vector) -> None:
+    def observe(self, wrench: Wrench, free: bool, place: Vector, lifted: bool = False) -> None:
         """One conditioned wrench with the tip at `place` (3,) m; `free` is what the caller knows of the motion (away
-        from any surface).
+        from any surface), `lifted` that the tip was just taken off a surface, so that any force is the zero's.
         """
-        small = wrench.magnitude <= self._touch_force
+        small = lifted or wrench.magnitude <= self._touch_force
         if small or not free or not wrench.usable:
             self._held = None  # the next force begins anew, however alike it is
         if not free or not wrench.usable or not (small or self._pushed(wrench.world_force, place)):

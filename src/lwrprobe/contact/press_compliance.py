@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot, sqrt
+from math import erfc, exp, hypot, pi, sqrt
 
 import numpy as np
 
@@ -19,19 +19,29 @@ ALONG = 0.9
 """Least cosine between normal and stick: across it the stick itself gives way hundreds of times more."""
 BATCH = 10
 """Changes of the force that make one estimate."""
+UNEXPLAINED = 1e-4
+"""m/N, standard deviation of a batch over the ratio of what the force does not explain of its depths to what it does:
+neighbouring changes share their errors, so that their number takes nothing away."""
+LOWEST = 8.0
+"""Standard deviations below zero from which on a median is taken as no lower."""
+BATCHES = 3e-5
+"""m/N, standard deviation of a batch in which force and depth agree: on a flat top they scatter by as much."""
 CORRELATION = 0.9
 """Least correlation of force and depth in a batch: where the sphere slides over an edge, the depth alone changes."""
 FEWEST = 4
 """Batches that have to agree before contacts are corrected."""
+NORMAL = 0.05
+"""rad, standard deviation of a normal in motion; it changes what the stick gives along it, aside from its axis."""
 FLOOR = 0.1
 """Smallest standard deviation over the value: sliding with a wrong normal is common to all batches."""
 
 
 class PressCompliance:
-    """Median over batches of changes, each the slope of depth over force between neighbouring samples.
+    """Weighted median over batches of changes, each the slope of depth over force between neighbouring samples.
 
     Only changes count, so that a slope of the surface and an error of the normal enter as noise. Batches whose
-    correlation is low are dropped; the median over the others does not follow a single one.
+    correlation is low are dropped; the median over the others does not follow a single one. A batch weighs less the
+    more its changes scatter and the more the stick's give depends on the normal there.
 
     Parameters
     ----------
@@ -45,6 +55,7 @@ class PressCompliance:
         self._squares = [0.0, 0.0, 0.0]
         self._count = 0
         self._slopes: list[float] = []
+        self._sigmas: list[float] = []
 
     @property
     def batches(self) -> int:
@@ -53,16 +64,35 @@ class PressCompliance:
 
     @property
     def value(self) -> float:
-        """m/N of arm and object in series; 0 before the first batch."""
-        return max(float(np.median(self._slopes)), 1e-9) if self._slopes else 0.0
+        """m/N of arm and object in series; 0 before the first batch.
+
+        The mean of what the batches leave possible above zero: a median that scatter has brought near zero or below
+        it is no sign of a surface that does not give at all.
+        """
+        if not self._slopes:
+            return 0.0
+        middle, sigma = self._middle(self._slopes), self.sigma
+        if sigma == float("inf"):
+            return max(middle, 1e-9)
+        at = max(middle / sigma, -LOWEST)
+        return sigma * (at + sqrt(2.0 / pi) * exp(-0.5 * at * at) / erfc(-at / sqrt(2.0)))
 
     @property
     def sigma(self) -> float:
         """m/N, standard deviation of `value`; infinite with fewer than `FEWEST` batches."""
         if len(self._slopes) < FEWEST:
             return float("inf")
-        spread = 1.4826 * float(np.median(np.abs(np.array(self._slopes) - self.value)))
-        return max(1.2533 * spread / sqrt(len(self._slopes)), FLOOR * self.value)
+        middle, say = self._middle(self._slopes), np.array(self._sigmas) ** -2
+        spread = 1.4826 * self._middle([abs(slope - middle) for slope in self._slopes])
+        counted = float(say.sum() ** 2 / (say**2).sum())  # batches of equal weight that say as much
+        return max(1.2533 * spread / sqrt(counted), 1.2533 / sqrt(float(say.sum())), FLOOR * abs(middle))
+
+    def _middle(self, values: list[float]) -> float:
+        """Median of one value a batch, each weighted by one over its standard deviation."""
+        order = np.argsort(values)
+        weight = np.cumsum(1.0 / np.array(self._sigmas)[order])
+        shares = (weight - 0.5 * np.diff(weight, prepend=0.0)) / weight[-1]
+        return float(np.interp(0.5, shares, np.array(values)[order]))
 
     def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
         """One sample and the tip's nominal pose (4, 4) at its instant; True when a batch has been added."""
@@ -92,5 +122,10 @@ class PressCompliance:
         (ff, fd, dd), self._squares, self._count = self._squares, [0.0, 0.0, 0.0], 0
         if fd <= CORRELATION * sqrt(ff * dd):
             return False
-        self._slopes.append(fd / ff - self._bend.along(rotation, normal))
+        give = self._bend.shift(rotation, normal)
+        along = float(np.dot(normal, give))
+        self._slopes.append(fd / ff - along)
+        rest = sqrt(max(ff * dd / fd**2 - 1.0, 0.0))
+        turned = 2.0 * NORMAL * float(np.linalg.norm(give - along * normal))  # by a normal that is wrong
+        self._sigmas.append(hypot(UNEXPLAINED * rest, turned, BATCHES))
         return True

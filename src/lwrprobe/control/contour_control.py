@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import isnan, nan
 
 import numpy as np
 
@@ -26,7 +27,7 @@ NORMALS = np.linspace(0.0, 0.5 * np.pi, 91)
 DIRECTIONS = 200
 """Steps from across the stick to along it for which the approach speed is computed beforehand."""
 FORCE_RESERVE = 0.85
-"""Share of the force limit that a first touch may use. Friction and a wall beside a foot take the rest."""
+"""Share of the force limit that a first touch may use, and sliding. Friction and a wall beside a foot take the rest."""
 COLUMN_PLAY = 0.0005
 """m sideways by which the sphere may miss the column of its stick."""
 RETURN = 2.0
@@ -67,11 +68,13 @@ class ContourControl:
     def __init__(self, task: Task) -> None:
         self.task = task
         self.normal = np.zeros(3)
-        self._steady = 0.0
+        self._steady, self._force = 0.0, nan
         lateral, _, along = task.probe.compliance.tolist()
         self._law = np.zeros(kernels.SIZE)
         self._law[[kernels.DELAY, kernels.TARGET]] = task.delay, task.force_target
-        self._law[kernels.SLACK] = task.force_limit - task.force_target
+        whole = task.force_limit - task.force_target
+        self._law[kernels.SLACK] = max(FORCE_RESERVE * task.force_limit - task.force_target, 0.5 * whole)
+        self._law[kernels.RADIUS] = task.probe.radius
         self._law[[kernels.SERIES, kernels.LATERAL, kernels.ALONG]] = 1.0 / task.stiffness, lateral, along
         self._follow, self._perpendicular, self._by_direction, self._stiffness = _entries()
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
@@ -110,7 +113,7 @@ class ContourControl:
     def begin(self, normal: np.ndarray) -> None:
         """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""
         self.normal = normal / np.sqrt(normal @ normal)
-        self._steady = 0.0
+        self._steady, self._force = 0.0, nan
 
     def tangent(self, binormal: Vector) -> Vector:
         """Unit direction onward: normal x binormal.
@@ -142,8 +145,10 @@ class ContourControl:
         last, normal = np.asarray(self.normal, dtype=np.float64), np.asarray(normal, dtype=np.float64)
         rotation = np.asarray(rotation, dtype=np.float64)
         self.normal, velocity = np.empty(3), np.empty(3)
+        rise = 0.0 if isnan(self._force) else (force - self._force) / period
+        self._force = force
         self._steady = self._follow(
-            self._law, self._safe, last, normal, force, *binormal, speed, rotation, period, self._steady,
+            self._law, self._safe, last, normal, force, rise, *binormal, speed, rotation, period, self._steady,
             self.normal, velocity,
         )  # fmt: skip
         return velocity
@@ -195,11 +200,11 @@ class ContourControl:
 @cache
 def _entries() -> tuple[Callable, ...]:
     """Machine code of what each sample needs, made before the arm moves; what is given may be a part of an array."""
-    law, speeds, number, vector = np.zeros(kernels.SIZE), np.zeros(1), 0.0, np.zeros(6)[::2]
+    law, speeds, number, vector = np.ones(kernels.SIZE), np.zeros(1), 0.0, np.zeros(6)[::2]
     binormal, rotation, out = (number, number, number), np.eye(4)[:3, :3], np.zeros(3)
     for kernel, count in ((kernels.normal_velocity, 5), (kernels.damping_without_overshoot, 2)):
         entry(kernel, *[number] * count)  # called through `force_law`
-    given = (law, speeds, vector, vector, number, *binormal, number, rotation, number, number)
+    given = (law, speeds, vector, vector, number, number, *binormal, number, rotation, number, number)
     return (
         entry(kernels.follow, *given, out, out),
         entry(kernels.perpendicular, *[number] * 6),

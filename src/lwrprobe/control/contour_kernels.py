@@ -15,7 +15,9 @@ SERIES, LATERAL, ALONG = 3, 4, 5
 """m/N of object and arm, and of the probe across its stick and along it."""
 FOOT_SHARE = 6
 """Share of the approach speed that remains down a wall."""
-SIZE = 7
+RADIUS = 7
+"""m of the sphere."""
+SIZE = 8
 
 MAX_INWARD = 0.01
 """m/s towards the surface. More would only deepen a contact that is about to return."""
@@ -27,6 +29,9 @@ NEW_NORMAL = 1.0 - NORMAL_MEMORY
 """Share of the new one."""
 MIN_NORMAL = 0.1
 """Length of the mean of two normals below which they oppose each other, and the new one counts alone."""
+ROUND, UNSTEADY = 1.25, 0.01
+"""Times the turn with which the sphere goes around a sharp edge, and rad, by which the tracked normal may turn towards
+the motion from sample to sample: no single contact turns faster, and a normal that does leads into the surface."""
 RESET_TIME = 8.0
 """Integral time of the steady part in units of the delay: slow enough not to disturb the stability of the law."""
 MAX_STEADY = 0.5
@@ -76,12 +81,12 @@ def perpendicular(nx, ny, nz, ax, ay, az):
 
 
 @kernel
-def follow(law, safe, last, normal, force, bx, by, bz, speed, rotation, period, steady, tracked, velocity):
+def follow(law, safe, last, normal, force, rise, bx, by, bz, speed, rotation, period, steady, tracked, velocity):
     """The tracked normal (3,) and the velocity (3,) m/s for the next `period` s; returns the steady part, m/s.
 
-    `last` (3,) is the normal that was tracked, `normal` (3,) that of this sample, `force` its N along it, `safe` (n,)
-    the approach speeds, b the binormal, `speed` m/s wanted along the tangent, `rotation` (3, 3) the tip's, and
-    `steady` the steady part so far.
+    `last` (3,) is the normal that was tracked, `normal` (3,) that of this sample, `force` its N along it, which has
+    grown by `rise` N/s since the last sample, `safe` (n,) the approach speeds, b the binormal, `speed` m/s wanted along
+    the tangent, `rotation` (3, 3) the tip's, and `steady` the steady part so far.
     """
     nx, ny, nz = normal[0], normal[1], normal[2]
     mx = NORMAL_MEMORY * last[0] + NEW_NORMAL * nx
@@ -90,6 +95,13 @@ def follow(law, safe, last, normal, force, bx, by, bz, speed, rotation, period, 
     size = sqrt(mx * mx + my * my + mz * mz)
     if size > MIN_NORMAL:
         nx, ny, nz = mx / size, my / size, mz / size
+    ox, oy, oz = perpendicular(last[0], last[1], last[2], bx, by, bz)
+    turn = nx * ox + ny * oy + nz * oz
+    excess = turn - ROUND * speed * period / law[RADIUS] - UNSTEADY
+    if excess > 0.0 and size > MIN_NORMAL:
+        nx, ny, nz = nx - excess * ox, ny - excess * oy, nz - excess * oz
+        size = sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / size, ny / size, nz / size
     tracked[0], tracked[1], tracked[2] = nx, ny, nz
     ax, ay, az = rotation[0, 2], rotation[1, 2], rotation[2, 2]
     axial = nx * ax + ny * ay + nz * az
@@ -105,6 +117,8 @@ def follow(law, safe, last, normal, force, bx, by, bz, speed, rotation, period, 
     if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
         slide = min(slide, law[FOOT_SHARE] * by_direction(safe, dive))
     slide = min(slide, law[TARGET] / (damping / e * TURN))
-    slide *= min(max(1.0 - abs(error) / law[SLACK], MIN_SLIDING), 1.0)
+    # What the force grows by until the loop reacts: a wrong normal leads the sliding into the surface.
+    coming = max(abs(error), error + max(rise, 0.0) * delay)
+    slide *= min(max(1.0 - coming / law[SLACK], MIN_SLIDING), 1.0)
     velocity[0], velocity[1], velocity[2] = slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz
     return steady

@@ -75,7 +75,7 @@ def calibrated(scene: Scene) -> Scene:
         table = {"height": height, "tilt_deg": float(np.degrees(np.arctan(rise)))}
         if rise > 0.0:
             table["tilt_axis"] = (slope[1] / rise, -slope[0] / rise, 0.0)
-    lower = scene.area.lower
+    lower, stick_axis = scene.area.lower, Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, 2]
     floor = max(lower[2], height + probe["radius"]) if scene.table.present else lower[2]
     return scene.model_copy(
         update={
@@ -85,10 +85,9 @@ def calibrated(scene: Scene) -> Scene:
             "probe": scene.probe.model_copy(update=probe),
             "table": scene.table.model_copy(update=table),
             "area": scene.area.model_copy(update={"lower": (lower[0], lower[1], floor)}),
+            # Along the stick: across it the arm gives way less than the stick, and there it matters little.
             "contact": scene.contact.model_copy(
-                update={
-                    "stiffness": float(len(found.values("arm_stiffness")) / np.sum(1.0 / found.values("arm_stiffness")))
-                }
+                update={"stiffness": 1.0 / float(np.sum(stick_axis**2 / found.values("arm_stiffness")))}
             ),
             "uncertainty": _uncertainty(scene.uncertainty, found),
         }

@@ -116,10 +116,12 @@ class SampleStep:
     ) -> None:
         """What a sample says of the stiffness, and of whether the object stays where it is."""
         pipeline, torque = self._pipeline, self._pipeline.torque
-        pipeline.force.update(wrench, pose, contact, torque is None or torque.surprise < DISAGREEING)
+        pipeline.force.update(wrench, pose, contact, torque is None or torque.surprise < DISAGREEING, time)
         if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
             doubt = torque.doubt if torque is not None else 0.0
-            pipeline.object_motion.see(time, place, wrench.world_force, contact, pipeline.force.compliance, doubt)
+            force = pipeline.force
+            zero = force.zero_error(time)
+            pipeline.object_motion.see(time, place, wrench.world_force, contact, force.compliance, doubt, zero)
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:
         """What the run adds up, and the return path."""

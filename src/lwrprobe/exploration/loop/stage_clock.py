@@ -43,7 +43,7 @@ class StageClock:
         return round(float(np.median(np.repeat(rounds / cycles, cycles))) / 1000.0, 3)
 
     def table(self) -> list[dict[str, Any]]:
-        """`{name, calls, us_median, us_p99, share}` a stage that ran; the shares sum to one."""
+        """`{name, calls, us_median, us_p99, us_max, share}` a stage that ran; the shares sum to one."""
         total = sum(sum(laps) for laps in self._laps.values()) or 1
         rows = []
         for name, laps in self._laps.items():
@@ -56,6 +56,7 @@ class StageClock:
                     "calls": len(laps),
                     "us_median": round(float(np.median(micro)), 3),
                     "us_p99": round(float(np.percentile(micro, 99)), 3),
+                    "us_max": round(float(micro.max()), 3),
                     "share": round(float(micro.sum() * 1000.0 / total), 4),
                 }
             )

@@ -20,6 +20,8 @@ from lwrprobe.contact import (
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
 from lwrprobe.control import Refusal
+from lwrprobe.exploration.stages.lift_off import STEADY, LiftOff
+from lwrprobe.exploration.stages.sensor_errors import zero_errors
 from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
@@ -41,10 +43,16 @@ APART = 3.0
 
 DOUBT = 3.0
 """Standard deviations by which arm and object may be stiffer than stated before that is measured."""
+UNSURE = 2.0
+"""The same once presses have shown it."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
-STEADY = 0.2
-"""m/s^2, below it the weight of the tip does not show as a force (3 g: 0.6 mN)."""
+DRIFTED = 0.125
+"""Of the threshold, that the zero may drift by in one standard deviation before a contact is interrupted for it."""
+UNCHANGED = 0.25
+"""Of the threshold, by which a force may change in free space."""
+LIFT_SPEED = 0.01
+"""m/s off a surface, at most."""
 
 
 class TouchRefused(SafetyStop):
@@ -81,15 +89,27 @@ class ForceStage:
         self._drift = DriftWatch(
             conditioner, touch_force=0.5 * scene.contact.threshold, window=FREE_WINDOW, guard=GUARD
         )
+        self._drifting = drift = 1e-3 / 60.0 * scene.uncertainty.sigma("drift_mn_per_min")  # N/s
+        threshold = scene.contact.threshold
+        self._lift = LiftOff(
+            self._drift,
+            due=DRIFTED * threshold / drift if drift > 0.0 else math.inf,
+            gentle=1.5 * scene.contact.target,
+            unchanged=UNCHANGED * threshold,
+            speed=min(LIFT_SPEED, self._approach),
+        )
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._press = PressCompliance(self._bend, rate)
-        # Before it is measured, arm and object may be stiffer than stated by two standard deviations.
+        self._taken = [0.0]  # s of the run; at rest, before it
+        self._zero = math.sqrt(2.0) * zero_errors(scene, probe)[0]  # now, and when the bias was taken
+        # Before it is measured, arm and object may be stiffer than stated.
         self._arm_sigma = 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
-        stiffest = 1.0 + DOUBT * self._arm_sigma
-        self._at_first = self._of_stiffness = min(COVERED / stiffest, 1.0)
+        # The samples' age follows from the stamps of two clocks.
+        self._delay_sigma = 1e-3 * math.hypot(*map(scene.uncertainty.sigma, ("clock_skew_ms", "sensor_delay_ms")))
+        self._at_first = self._of_stiffness = 1.0 / self._doubt(self._arm_sigma, DOUBT)
         self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-        self._compliance, self._by_presses = 0.0, False
+        self._compliance, self._by_presses, self._gives = 0.0, False, 0.0
         self._cycle: LimitCycle | None = None
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
@@ -108,6 +128,7 @@ class ForceStage:
         if tip_mass > 0.0:
             self._report["arm_mass_at_tip_kg"] = round(tip_mass, 3)
         self._delay, self._tip_mass = delay, tip_mass
+        self._at_first = self._of_stiffness = 1.0 / self._doubt(self._arm_sigma, DOUBT)
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
@@ -149,20 +170,35 @@ class ForceStage:
         # What was stated bounds the error of the stated compliance alone.
         return shown if self._compliance > 0.0 else min(stated, shown)
 
+    def zero_error(self, time: float) -> float:
+        """N, one standard deviation of an axis of the force's zero at a time [s]: it drifts until it is taken anew."""
+        return math.hypot(self._zero, self._drifting * (time - self._taken[-1]))
+
     def since_zero(self, times: np.ndarray) -> np.ndarray:
         """(n,) s from the last time the sensor's zero was taken to each of times (n,) s of the run.
 
         At 0 s it was taken at rest.
         """
-        taken = np.array([0.0, *(change.time for change in self._drift.changes)])
+        taken = np.array(self._taken)
         return np.asarray(times - taken[np.maximum(np.searchsorted(taken, times) - 1, 0)])
 
-    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None, certain: bool = True) -> None:
+    def update(
+        self,
+        wrench: Wrench,
+        pose: np.ndarray,
+        contact: Contact | None,
+        certain: bool = True,
+        time: float | None = None,
+    ) -> None:
         """One sample; `certain` says that torque and force agree well enough for the normals to be relied on.
+
+        `time` is that of the run [s] where the sensor counts from another instant.
 
         Raises SafetyStop when the sensor's stream cannot be relied on, TouchRefused when the surface turns out too
         stiff for the damping that was chosen.
         """
+        ahead = 0.0 if time is None else wrench.time - time
+        self._taken += [change.time - ahead for change in self._drift.changes[len(self._taken) - 1 :]]
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
@@ -172,6 +208,8 @@ class ForceStage:
             self._cycle.reset()
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
+        if contact is not None:
+            self._gives = 1.0 / self._contact.stiffness + self._bend.along(pose[:3, :3], contact.normal)
         if not self.learns:
             return
         changed = self._touch.update(wrench, pose, contact)
@@ -188,10 +226,15 @@ class ForceStage:
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
         """The motion, slowed while the force swings; and on the path to a goal the sensor's zero is followed.
 
+        A contact in which the zero may have drifted too far is interrupted for it.
+
         That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
         A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
         touch on the path is found by the force.
         """
+        lift = self._lift.motion(motion, wrench, self._place, self._normal, self._gives, acceleration)
+        if lift is not None:
+            return lift
         self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY, self._place)
         if self._drift.ready:
             self._drift.rezero()
@@ -261,9 +304,9 @@ class ForceStage:
             return
         found = self._press.value if self._differs() else stated
         # Speeds follow both by how sure they are: an arm that is hardly known is the one that presses show.
-        likely = found if found != stated else self._weighed(stated)
+        likely, sigma = self._likely(found, stated)
         # Speeds and one over the damping go with the compliance along the stick, where the probe hardly adds to it.
-        share = (likely + self._axial) / (stated + self._axial)
+        share = (likely + self._axial) / (stated + self._axial) / self._doubt(sigma, UNSURE)
         self._of_stiffness = share if COVERED * share < 1.0 else 1.0
         if self._of_stiffness < 1.0:
             law = touch_law(self._scene, self._delay, self._tip_mass, likely)
@@ -274,10 +317,24 @@ class ForceStage:
             self._compliance = found if self._by_presses else 0.0
             self._estimator.set_indentation(found)
 
-    def _weighed(self, stated: float) -> float:
-        """m/N, the mean of the stated compliance and that of presses, each by its own variance."""
-        ours, theirs = (self._arm_sigma * stated) ** 2, self._press.sigma**2
-        return (ours * self._press.value + theirs * stated) / (ours + theirs)
+    def _likely(self, found: float, stated: float) -> tuple[float, float]:
+        """m/N and a share: mean and standard deviation of the stated compliance and that of presses, each by its own
+        variance; of the `found` one alone where it contradicts the stated.
+        """
+        theirs = self._press.sigma
+        if found != stated:
+            return found, theirs / found
+        ours = self._arm_sigma * stated
+        mean = (ours**2 * self._press.value + theirs**2 * stated) / (ours**2 + theirs**2)
+        return mean, ours * theirs / math.hypot(ours, theirs) / mean
+
+    def _doubt(self, sigma: float, times: float) -> float:
+        """How many times larger stiffness times delay may be than likely, beyond what the reserves of the speeds cover.
+
+        `sigma` is the standard deviation of the stiffness over its value; it counts `times`, with the delay's.
+        """
+        late = self._delay_sigma / self._delay if self._delay > 0.0 else 0.0
+        return max((1.0 + times * math.hypot(sigma, late)) / COVERED, 1.0)
 
     def _contradicted(self, touched: float) -> bool:
         """Whether presses show another compliance than touches did [m/N], 0 for none.
@@ -333,6 +390,7 @@ class ForceStage:
             "touches_fitted": self._touch.fitted,
             "limit_cycles": self._cycle.detections if self._cycle is not None else 0,
             "zero_moved": len(changes),
+            "lifted_off": self._lift.taken,
             "zero_moved_by_n": np.round(sum((c.change[:3] for c in changes), np.zeros(3)), 4).tolist(),
             "drift_suspicious": bool(self._drift.suspicious),
         }

@@ -44,6 +44,8 @@ friction of 0.65 explains. The normal rests on the torque: an error of lever, ga
 a sphere that slides seems to sink in. The force by itself turns by no more than the crosstalk."""
 ZERO = 2.0
 """Standard deviations by which the zero may turn the force's direction."""
+TOUCHED = 4.0
+"""Standard deviations of an axis of the zero, up to which a force may be the zero's alone, and no touch."""
 GAP = 0.05
 """s between two samples, from which on the path between them is not known."""
 FORGIVEN = 10
@@ -67,13 +69,10 @@ class ObjectMotionMonitor:
     tolerance : m, by which places may contradict each other
     threshold : N, above it a touch is declared; half of it is a force all the same
     knows_friction : the contacts' normals are free of it
-    zero : N, one standard deviation of the zero of a force: a small force points anywhere
     """
 
-    def __init__(
-        self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True, zero: float = 0.0
-    ) -> None:
-        self._radius, self._tolerance, self._threshold, self._zero = radius, tolerance, threshold, zero
+    def __init__(self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True) -> None:
+        self._radius, self._tolerance, self._threshold, self._zero = radius, tolerance, threshold, 0.0
         self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
         self._places, self._normals = np.empty((1024, 3)), np.zeros((1024, 3))
         self._count = self._agreed = 0
@@ -97,15 +96,18 @@ class ObjectMotionMonitor:
         contact: Contact | None,
         compliance: float = 0.0,
         disagreement: float = 0.0,
+        zero: float = 0.0,
     ) -> None:
         """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
 
         `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform. `disagreement` is that of
         torque and force where it is larger than expected, else 0: normals are wrong then, and contradictions follow.
+        `zero` is one standard deviation, in N, of an axis of the force's zero by now: a small force points anywhere,
+        and may be none.
 
         Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """
-        self._doubtful = disagreement
+        self._doubtful, self._zero = disagreement, zero
         trusted = contact is not None and contact.confidence_score >= RELIABLE_FROM
         centre = contact.centre if contact is not None else place
         self._note_stick(force, contact)
@@ -117,7 +119,7 @@ class ObjectMotionMonitor:
         if contact is None:
             if self._is_further(place):
                 self._compare(time, place, _NOT_TOUCHING, indentation)
-        elif trusted and self._is_further(contact.centre):
+        elif trusted and hypot(*force.tolist()) > TOUCHED * zero and self._is_further(contact.centre):
             # The contact point is corrected for the surface's deformation, the place is not.
             self._compare(time, contact.point + self._radius * contact.normal, contact.normal, indentation)
 

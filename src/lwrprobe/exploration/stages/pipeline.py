@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import cos, sqrt
+from math import cos
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
 from lwrprobe.exploration.stages.clearance import ClearanceStage
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
-from lwrprobe.exploration.stages.sensor_errors import estimator_settings, torque_agreement, zero_errors
+from lwrprobe.exploration.stages.sensor_errors import estimator_settings, torque_agreement
 from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.scene import Scene
@@ -210,7 +210,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         torque=torque_agreement(scene, probe),
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
-        object_motion=_object_motion(scene, probe),
+        object_motion=_object_motion(scene, probe.radius),
         voxels=voxels,
         surface=surface,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
@@ -273,12 +273,11 @@ def _clearance(
     return ClearanceStage(probe.links, voxels, surface, keep, stick), ""
 
 
-def _object_motion(scene: Scene, probe: Probe) -> ObjectMotionMonitor | None:
+def _object_motion(scene: Scene, radius: float) -> ObjectMotionMonitor | None:
     tolerance, knows_friction = scene.safety.shift, scene.contact.estimator != "force_direction"
     if tolerance <= 0.0:
         return None
-    zero = sqrt(2.0) * zero_errors(scene, probe)[0]  # now, and when the bias was taken
-    return ObjectMotionMonitor(probe.radius, tolerance, scene.contact.threshold, knows_friction, zero)
+    return ObjectMotionMonitor(radius, tolerance, scene.contact.threshold, knows_friction)
 
 
 def _deflection(scene: Scene, probe: Probe) -> tuple[Deflection | None, str]:
