@@ -396,3 +396,40 @@ def test_a_smooth_overhang_goes_on_inwards(scenes):
     under = (normals[:, 2] < -0.3) & (gap > 0.006) & (gap < 0.012) & (points[:, 2] > ABOVE)
     assert under.sum() > 100
     assert MeshDistance(mesh).distance(points[under]).mean() < 1.9e-3
+
+
+@pytest.mark.parametrize(("thickness", "off"), [(0.0012, 2e-3), (0.0021, 6e-4)])
+def test_a_plate_over_which_the_sphere_hardly_rises_is_whole(thickness, off):
+    """Its middle at the sphere's lowest height touches nothing, a fraction of a cell higher it lies on the plate."""
+    x, y = np.meshgrid(np.arange(-0.025, 0.0251, 0.01), np.linspace(-0.02, 0.02, 81), indexing="ij")
+    per_line = 1e-4 * np.random.default_rng(0).normal(size=len(x))
+    points = np.stack([x, y, np.broadcast_to(thickness + per_line[:, None], x.shape)], axis=-1).reshape(-1, 3)
+    free = np.array([
+        [a, b, ABOVE]
+        for a in np.arange(-0.065, 0.066, 0.01)
+        for b in np.linspace(-0.05, 0.05, 101)
+        if abs(a) > 0.0301 or abs(b) > 0.0251
+    ])  # fmt: skip
+    record = TouchRecord(
+        points, normals=np.tile([0.0, 0.0, 1.0], (len(points), 1)), probe_radius=0.005, table=0.0, lowest=ABOVE,
+        pitch=0.01, free_path=free,
+    )  # fmt: skip
+    mesh = surface(record, compare=False).mesh
+    assert MeshDistance(mesh).distance(points).mean() < off
+
+
+@pytest.mark.parametrize("rim", [0.0015, 0.0025])
+def test_an_underside_ends_at_the_wall_that_was_touched_below_it(rim):
+    """A lid on a box: between the lid's edges there is no hollow that leads through the box."""
+    box = Box(shape="box", size=(0.05, 0.04, 0.02), at=Pose(xyz=(0.0, 0.0, 0.01)))
+    size = (0.05 + 2.0 * rim, 0.04 + 2.0 * rim, 0.012)
+    solid = Solid.from_shapes([box, Box(shape="box", size=size, at=Pose(xyz=(0.0, 0.0, 0.026)))])
+    record = sample_lines(solid, 0.01, 0.25)
+    assert (record.normals[:, 2] < -0.15).sum() > 10, "the lid's edges were touched from below"
+    touches = prepare(record, 0.002)
+    below = find_undersides(touches, cluster(touches.centres, touches.normals, touches.confidence, 0.0033), 0.01)
+    places = below.points - touches.radius * below.normals
+    assert not (solid.signed_distance(places) < -2e-3).any()
+    mesh = surface(record, pitch=0.01).mesh
+    middle = np.array([[x, y, 0.014] for x in (-0.015, 0.0, 0.015) for y in (-0.01, 0.0, 0.01)])
+    assert MeshDistance(mesh).contains(middle[:, :2], middle[:, 2:]).all()

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from lwrprobe.contracts import InputError
 from lwrprobe.reconstruction.clusters import cluster
@@ -128,7 +129,7 @@ def test_faces_around_a_vertex():
     assert foot == pytest.approx([0.5, 0.6, 0.0])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(seeds, st.floats(0.05, 0.95))
 def test_any_field_becomes_a_closed_manifold(seed, share):
     rng = np.random.default_rng(seed)
@@ -142,7 +143,8 @@ def test_any_field_becomes_a_closed_manifold(seed, share):
     mesh = contour(values, grid)
     assert naive.closed(mesh.faces)
     assert naive.volume(mesh) > 0.0
-    assert len(np.unique(mesh.vertices.astype(np.float32), axis=0)) == len(mesh.vertices)  # as STL holds them
+    nearest = cKDTree(mesh.vertices).query(mesh.vertices, k=[2])[0]
+    assert nearest.min() > 1e-5, "apart in a file that holds their places alone, and for who merges what is near"
 
 
 def test_a_box_keeps_its_sharp_edges():

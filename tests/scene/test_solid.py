@@ -9,8 +9,10 @@ from scipy.spatial import cKDTree
 from lwrprobe.contracts import InputError, SceneError
 from lwrprobe.scene import load_scene, scene_names
 from lwrprobe.scene import program as layout
+from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.solid_kernels import nearest, outside_bounds, sphere_contacts
 from lwrprobe.scene.surface_kernels import surface_gradient, surface_value, tree_value
+from lwrprobe.scene.table import Pose
 
 RADIUS = 0.005
 COSTLY = pytest.param("jaw_chuck", marks=pytest.mark.slow)
@@ -293,3 +295,17 @@ def test_the_nearest_kernel_and_the_batch_agree():
         assert distance == batch.distance[n]
         assert rest[:3] == pytest.approx(batch.points[n])
         assert rest[3:6] == pytest.approx(batch.normals[n])
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 30.0, 45.0, 90.0, 137.0, 175.0])
+def test_a_hole_s_rim_is_an_edge_however_the_object_is_turned(turn):
+    """The bridge's hole ends in its top face: there begins the parameter of the rim's circle once it is turned."""
+    bridge = load_scene("bridge").objects[0].model_copy(update={"at": Pose(rpy_deg=(0.0, 0.0, turn))})
+    solid, frame = Solid.from_shapes([bridge]), bridge.at.matrix()
+    across = np.linspace(-0.023, 0.023, 41)
+    rim = np.column_stack([across, np.full(41, -0.025), 0.05 - np.sqrt(0.024**2 - across**2), np.ones(41)])
+    beside = rim + np.array([0.0, -0.003, 0.001, 0.0])
+    found = solid.nearest(np.ascontiguousarray((beside @ frame.T)[:, :3]))
+    apart = np.linalg.norm((beside - rim)[:, :3], axis=1)
+    assert (found.distance <= apart + 1e-9).all()
+    assert (found.distance > 0.0).all()

@@ -43,6 +43,7 @@ _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an i
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
 _NEAR_OVERHANG = 1.8  # the same under data that lean down, where nothing else is known
+_STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
@@ -271,15 +272,34 @@ def _outer_field(
     near[:, :, :first] &= overhung[:, :, :first]
     found = process.values(grid, near)
     values = np.where(np.isfinite(found), found, values)
-    # Walls go straight down to the table and through it.
-    lowest = values[:, :, first : first + 1]
-    values[:, :, :first] = np.where(overhung[:, :, :first], values[:, :, :first], lowest)
+    if first > 0:
+        beneath = _below(process, near, values, first, grid, touches.lowest)
+        values[:, :, :first] = np.where(overhung[:, :, :first], values[:, :, :first], beneath)
     for axis in range(3):
         edge: list[slice | int] = [slice(None)] * 3
         for end in (0, -1):
             edge[axis] = end
             values[tuple(edge)] = np.maximum(values[tuple(edge)], grid.step)
     return values
+
+
+def _below(
+    process: HermiteField, near: np.ndarray, values: np.ndarray, first: int, grid: Grid, lowest: float
+) -> np.ndarray:
+    """Values (nx, ny, first) m below the `first` layer of nodes that is not lower than the sphere's `lowest` height.
+
+    Walls go straight down to the table and through it, from that height: what lies only a little higher may be below
+    the first layer. There the values lead through it at its height.
+    """
+    over = values[:, :, first : first + 1]
+    found = process.values(
+        Grid(np.array([*grid.origin[:2], lowest]), grid.step, over.shape), near[:, :, first : first + 1]
+    )
+    down = np.where(np.isfinite(found), found, over)
+    below = np.repeat(down, first, axis=2)
+    steeper = min(grid.step / max(grid.origin[2] + grid.step * first - lowest, 1e-9), _STEEPER)
+    below[:, :, -1:] = np.where(down * over < 0.0, over + steeper * (down - over), down)
+    return below
 
 
 class _Shrunk:

@@ -14,8 +14,8 @@ from lwrprobe.reconstruction.grid import Grid
 SHARPNESS = 0.1
 """Share of the largest eigenvalue from which on a second or third direction of the tangent planes counts as an edge."""
 
-_APART = 1e-4
-"""Of a cell's edge: how far a vertex that has the place of another moves into its own cell."""
+_APART = 1e-3
+"""Of a cell's edge: nearer vertices are moved apart, each so far into its own cell."""
 
 Hermite = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 """Fills positions (m, 3) in units of the grid and unit normals (m, 3) for crossed edges (m, 4)."""
@@ -35,7 +35,7 @@ def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None, heig
     surface = topology(values < 0.0)
     positions, normals = np.empty((2, len(surface.edges), 3))
     (hermite or _interpolation(values))(surface.edges, positions, normals)
-    vertices = _apart(_meet(surface, positions, normals, height), surface, positions, grid)
+    vertices = _apart(_meet(surface, positions, normals, height), surface)
     corners = vertices[surface.quads]
     faces = split(surface.quads, _flatness(corners) < _flatness(np.roll(corners, -1, axis=1)))
     return TriangleMesh(grid.origin + grid.step * vertices, faces)
@@ -92,17 +92,19 @@ def _meet(surface: Topology, positions: np.ndarray, normals: np.ndarray, height:
     return np.clip(middle + np.einsum("nij,nj->ni", vectors, along), surface.cells, surface.cells + 1)
 
 
-def _apart(vertices: np.ndarray, surface: Topology, positions: np.ndarray, grid: Grid) -> np.ndarray:
-    """The vertices (n, 3), those that share their place with another one moved into their own cells.
+def _apart(vertices: np.ndarray, surface: Topology) -> np.ndarray:
+    """The vertices (n, 3), those that all but share their place with another one moved into their own cells.
 
-    A file without indices such as STL would make one vertex of them: edges with four faces. Two sheets of one cell
-    have different means of their crossings.
+    A file without indices such as STL would make one vertex of them, as its readers merge what rounding may have
+    parted: edges with four faces. Two sheets of one cell cross different edges of it, though they may do so at the same
+    node.
     """
-    places = (grid.origin + grid.step * vertices).astype(np.float32)
-    _, place, uses = np.unique(places, axis=0, return_inverse=True, return_counts=True)
-    shared = np.flatnonzero(uses[place.ravel()] > 1)
+    from scipy.spatial import cKDTree
+
+    shared = np.flatnonzero(cKDTree(vertices).query(vertices, k=[2])[0][:, 0] < _APART)
     if len(shared):
-        middle, cell = surface.means(positions)[shared], surface.cells[shared]
+        halfway = surface.edges[:, :3] + 0.5 * np.eye(3)[surface.edges[:, 3]]
+        middle, cell = surface.means(halfway)[shared], surface.cells[shared]
         moved = np.clip(vertices[shared], cell + _APART, cell + 1 - _APART)
         vertices[shared] = moved + _APART * (middle - moved)
     return vertices

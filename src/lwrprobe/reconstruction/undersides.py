@@ -22,6 +22,8 @@ _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degre
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
 _GROWTH = 0.03  # m of standard deviation a metre from the nearer end
 _NORMAL_SD = 0.1  # rad
+_BESIDE = 1.0  # of the pitch, across a chord, within which a wall that was touched goes on below it: to the next line
+_FACING = 0.5  # of a wall's normal, against the chord
 _MAX_SAMPLES = 600  # contacts that face down, of many
 
 
@@ -40,7 +42,8 @@ def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> Hermi
     sharp = _over_edge(
         ends, normals, feet, clusters.normals, _SHARP * touches.radius, _SURE * _scatter(touches, clusters)
     )
-    places, facing, deviation = _chords(ends, normals, sharp, pitch, touches.noise)
+    walls = feet, clusters.normals
+    places, facing, deviation = _chords(ends, normals, sharp, walls, pitch, touches.radius, touches.noise)
     kept = _inside(places, feet, touches.visited, touches.radius, pitch)
     if not kept.any():
         return _data(places[kept], facing[kept], deviation[kept])
@@ -88,9 +91,18 @@ def _over_edge(
 
 
 def _chords(
-    ends: np.ndarray, normals: np.ndarray, sharp: np.ndarray, pitch: float, noise: float
+    ends: np.ndarray,
+    normals: np.ndarray,
+    sharp: np.ndarray,
+    walls: tuple[np.ndarray, np.ndarray],
+    pitch: float,
+    radius: float,
+    noise: float,
 ) -> tuple[np.ndarray, ...]:
-    """Places along the chords between ends that match, the normals there, and the deviation to expect."""
+    """Places along the chords between ends that match, the normals there, and the deviation to expect.
+
+    A chord ends where it comes to one of the `walls`, feet and normals (k, 3), that stand below it.
+    """
     length, unit = _towards(ends)
     across = [_without(normals[:, None], unit), _without(normals[None], unit)]
     apart = (np.einsum("ik,ijk->ij", normals, unit) < -_APART) & (np.einsum("jk,ijk->ij", normals, unit) > _APART)
@@ -112,7 +124,33 @@ def _chords(
         facing.append(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
         end = np.minimum(share, 1.0 - share)[:, 0] * length[i, j]
         deviation.append(np.hypot(noise, _GROWTH * end))
+        near = _to_wall(ends[i], unit[i, j], across[0][i, j], *walls, pitch, radius)
+        far = _to_wall(ends[j], -unit[i, j], across[1][i, j], *walls, pitch, radius)
+        if min(near, far) < length[i, j]:
+            along, (near, far) = share[:, 0] * length[i, j], (d if d < length[i, j] else 0.0 for d in (near, far))
+            kept = (along < near) | (length[i, j] - along < far)
+            for found in (places, facing, deviation):
+                found[-1] = found[-1][kept]
     return np.concatenate(places), np.concatenate(facing), np.concatenate(deviation)
+
+
+def _to_wall(
+    end: np.ndarray,
+    onward: np.ndarray,
+    down: np.ndarray,
+    feet: np.ndarray,
+    facing: np.ndarray,
+    pitch: float,
+    radius: float,
+) -> float:
+    """m from an end (3,) of a chord `onward` (3,) to the first of the feet (k, 3) of a wall below it that is `facing`
+    (k, 3) against it; inf where none is. `down` (3,) is the chord's normal.
+    """
+    offset = feet - end
+    along = offset @ onward
+    aside = np.abs(offset[:, 0] * onward[1] - offset[:, 1] * onward[0])
+    wall = (offset @ down > 0.5 * radius) & (aside < _BESIDE * pitch) & (along > -pitch) & (facing @ onward < -_FACING)
+    return max(float(along[wall].min()), 0.0) if wall.any() else np.inf
 
 
 def _without(normals: np.ndarray, unit: np.ndarray) -> np.ndarray:

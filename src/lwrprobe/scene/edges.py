@@ -181,8 +181,8 @@ class Tracer:
         return Curve(program.CURVE, point, np.arange(len(points), dtype=np.float64), closed, rows)
 
     def _stretches(self, curve: Curve, i: int, j: int, box: np.ndarray) -> list[Chain]:
-        cuts = self._cuts(curve, i, j, box)
-        if curve.closed and len(cuts) > 2:
+        cuts, seam_is_cut = self._cuts(curve, i, j, box)
+        if curve.closed and len(cuts) > 2 and not seam_is_cut:
             # The seam is no corner: begin at a true cut and run round once.
             period = curve.samples[-1] - curve.samples[0]
             cuts = np.concatenate([cuts[1:-1], cuts[1:2] + period])
@@ -203,12 +203,14 @@ class Tracer:
             t -= period
         return curve.point(np.array([t]))[0]
 
-    def _cuts(self, curve: Curve, i: int, j: int, box: np.ndarray) -> np.ndarray:
-        """Parameters at which any other surface crosses the curve, with both ends."""
+    def _cuts(self, curve: Curve, i: int, j: int, box: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Parameters at which any other surface crosses the curve, with both ends; whether one crosses at the ends."""
         samples = curve.samples
         points = curve.point(samples)
-        cuts = [samples[0], samples[-1]]
+        cuts: list[float] = []
         values = np.empty(len(samples))
+        spacing = np.linalg.norm(np.diff(points[:2], axis=0)) / (samples[1] - samples[0])
+        seam_is_cut = False
         for group in self.groups:
             if (group.lower > box[1]).any() or (group.upper < box[0]).any():
                 continue
@@ -217,13 +219,16 @@ class Tracer:
                     continue
                 surface_values(self.packed[0], k, points, values)
                 inside = values <= 0.0
-                for n in np.flatnonzero(inside[:-1] != inside[1:]):
-                    cuts.append(self._crossing(curve, k, *samples[n : n + 2], *values[n : n + 2]))
-        sorted_cuts = np.sort(cuts)
-        spacing = np.linalg.norm(np.diff(points[:2], axis=0)) / (samples[1] - samples[0])
+                crossed = np.flatnonzero(inside[:-1] != inside[1:])
+                new = [self._crossing(curve, k, *samples[n : n + 2], *values[n : n + 2]) for n in crossed]
+                own = [t for t in new if spacing * min(t - samples[0], samples[-1] - t) > _SHORTEST]
+                # A closed curve goes in as often as out: at the seam rounding decides whether a sign changes.
+                seam_is_cut |= len(own) < len(new) or len(own) % 2 == 1
+                cuts += own
+        sorted_cuts = np.sort([samples[0], *cuts, samples[-1]])
         keep = np.concatenate([[True], np.diff(sorted_cuts) * spacing > _SHORTEST])
         keep[-1] = True
-        return sorted_cuts[keep]
+        return sorted_cuts[keep], seam_is_cut
 
     def _crossing(self, curve: Curve, k: int, low: float, high: float, at_low: float, at_high: float) -> float:
         """Where surface k's value passes zero, by the false position with halved weights (Illinois)."""
