@@ -315,7 +315,7 @@ class Coverage(SkillStrategy):
 
     def give_up(self) -> Procedure | None:
         """Leave the line where it is; its fallback comes next, or the next line."""
-        self.lines.give_up(self.frame.line)
+        self.lines.give_up(self.frame.line, self.tip.trace.ended is not guarded_move)
         return None
 
     def raise_line(self) -> Procedure | None:

@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from lwrprobe.contracts import Motion, Observation
+from lwrprobe.contracts import Confidence, Motion, Observation
 from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import STEEP
@@ -111,7 +111,9 @@ class ObjectBounds:
         frame = TrackingFrame.through(tip.here, Y, 1.0, self._area).horizontal(1.0, float(tip.here[Z]))
 
         def closed() -> Outcome | None:
-            if not watch.ends(tip.here, tip.control.normal, tip.reliable):
+            contact = tip.seen.contact
+            on_sphere = contact is not None and contact.confidence > Confidence.DOUBTFUL
+            if not watch.ends(tip.here, tip.control.normal, on_sphere):
                 return None
             return Ended.END_FOUND if watch.closed else Ended.UNDERSIDE
 

@@ -2,8 +2,8 @@
 
 Along the stick everything is stiff, and near the sensor the stick is. A motion sideways through a space of which
 nothing is known would have to be as slow as one downwards. On a helix the stick goes where the sphere was a turn
-before: only its soft end can meet something. What is lower than the probe may so come is sought last: then nothing
-taller is there.
+before: only its soft end can meet something. Below the helix the probe goes straight down, as low as the body may. What
+is lower than that is sought last: then nothing taller is there.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from collections.abc import Generator
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Motion, Observation
+from lwrprobe.contracts import Motion, Observation
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.lines import X, Z
-from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.search_descent import SearchDescent
 from lwrprobe_strategies.planning.search_places import SearchPlaces
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -23,7 +24,10 @@ from lwrprobe_strategies.skills import Procedure, guarded_move, retract, spiral_
 from lwrprobe_strategies.tip import Tip
 
 Place = tuple[float, float]
-TOUCHED = (Ended.CONTACT, Ended.SHAFT_CONTACT)
+ALONG = 0.8
+"""Share of a force along the stick, for which a touch on its side would need friction with a coefficient of 1.3."""
+LIFT = 0.002
+"""m off what is touched, and above where the probe has been."""
 
 
 class ObjectSearch:
@@ -43,8 +47,8 @@ class ObjectSearch:
         assert task.search_for is not None
         self._tip, self._area, self._descent = tip, task.area, SearchDescent.of(task)
         self._floor, self._top = float(task.area.lower[Z]), float(task.area.upper[Z])
-        reach = self._descent.inner + task.probe.radius
-        self._places = SearchPlaces(task.area, reach, task.search_for, self._descent.outer)
+        keep = max(self._descent.helix, self._descent.ring)
+        self._places = SearchPlaces(task.area, task.probe.radius, task.search_for, keep)
 
     @property
     def missed(self) -> float:
@@ -52,53 +56,86 @@ class ObjectSearch:
 
     def program(self) -> Generator[Motion, Observation, np.ndarray | None]:
         """(3,) normal of what the sphere touches at the end, None where nothing is found."""
-        visited, low = self._places.places(), self._descent.low
+        visited, low = self._places.places(), self._descent.deep
         passes = [self._down] if low <= self._floor else [self._down, self._to_floor]
         for descend in passes:
             for place in visited:
                 end = yield from tried(descend(place))
-                if end in TOUCHED and (yield from self._settled()):
+                if end is Ended.CONTACT or (end is Ended.SHAFT_CONTACT and (yield from self._settled())):
                     return self._tip.normal().copy()
                 if end is Ended.NO_CONTACT and descend is passes[-1]:
                     self._places.searched(place)
         return None
 
     def _down(self, place: Place) -> Procedure:
-        """Down at a place, as far as the body is clear of what the helix around it has not met."""
+        """Down at a place, as far as the body is clear of what sphere and stick have not met around it."""
         tip, descent, (x, y) = self._tip, self._descent, place
-        if not (descent.twice and descent.clear < self._top):
-            yield from self._over(x + descent.inner, y)
-            return (yield from spiral_down(tip, place, descent.low))
-        yield from self._over(x + descent.outer, y)
-        end = yield from spiral_down(tip, place, descent.clear)
+        end = yield from self._over(x + descent.helix, y)
+        if end is not Ended.ARRIVED:
+            return end
+        if descent.helix > 0.0:
+            end = yield from spiral_down(tip, place, descent.clear)
+            if end is not Ended.NO_CONTACT:
+                return end
+            end = yield from self._sideways(np.array([x, y, float(tip.here[Z])]))
+            if end is not Ended.NO_CONTACT:
+                return end
+        end = yield from guarded_move(tip, np.array([x, y, descent.low]))
+        if end is not Ended.NO_CONTACT or descent.ring <= 0.0:
+            return end
+        return (yield from self._lower(place))
+
+    def _lower(self, place: Place) -> Procedure:
+        """Around the widest part of the body near the top of the area, and down again, lower than before."""
+        tip, descent, (x, y) = self._tip, self._descent, place
+        axis = np.array([x, y, descent.ring_height])
+        end = yield from transit(tip, [Waypoint(axis)])
+        if end is Ended.ARRIVED:
+            end = yield from self._sideways(np.array([x + descent.ring, y, descent.ring_height]))
         if end is Ended.NO_CONTACT:
-            end = yield from guarded_move(tip, np.array([x + descent.inner, y, float(tip.here[Z])]))
-        return end if end is not Ended.NO_CONTACT else (yield from spiral_down(tip, place, descent.low))
+            end = yield from spiral_down(tip, place, descent.ring_height, self._top - descent.ring_height)
+        if end is Ended.NO_CONTACT:
+            end = yield from transit(tip, [Waypoint(axis)])
+        return end if end is not Ended.ARRIVED else (yield from self._further(place, descent.low, descent.deep))
+
+    def _sideways(self, end: np.ndarray) -> Procedure:
+        """Level to a place (3,), where the stick may meet what is as high as the area."""
+        return (yield from guarded_move(self._tip, end, stretch=lambda _: (end, 1.0)))
 
     def _to_floor(self, place: Place) -> Procedure:
         """Down to the floor at a place where the probe was before."""
+        end = yield from self._over(*place)
+        return end if end is not Ended.ARRIVED else (yield from self._further(place, self._descent.deep, self._floor))
+
+    def _further(self, place: Place, known: float, low: float) -> Procedure:
+        """Down to a height [m] at a place, where the probe was down to another one before."""
         x, y = place
-        yield from self._over(x, y)
-        known = Waypoint(np.array([x, y, self._descent.low + self._tip.task.probe.radius]), SpeedLimit.COLUMN)
-        end = yield from transit(self._tip, [known])
+        down = Waypoint(np.array([x, y, known + LIFT]))
+        end = yield from transit(self._tip, [down])
         if end is not Ended.ARRIVED:
             return end
-        return (yield from guarded_move(self._tip, np.array([x, y, self._floor])))
+        return (yield from guarded_move(self._tip, np.array([x, y, low])))
 
     def _over(self, x: float, y: float) -> Procedure:
-        """Up, and over the top of the area to a place there."""
-        up = np.array([*self._tip.here[:2], self._top])
-        return (yield from transit(self._tip, [Waypoint(up), Waypoint(np.array([x, y, self._top]))]))
+        """Off what is touched, up, and over the top of the area to a place there."""
+        tip = self._tip
+        away = off_surface(tip.seen, tip.normal(), LIFT) if tip.seen.contact is not None else []
+        tip.leave()
+        here = away[-1].place if away else tip.here
+        path = [*away, Waypoint(np.array([*here[:2], self._top])), Waypoint(np.array([x, y, self._top]))]
+        return (yield from transit(tip, path))
 
     def _settled(self) -> Generator[Motion, Observation, bool]:
-        """Whether the sphere touches: what the stick has met is touched from above."""
-        tip, contact = self._tip, self._tip.seen.contact
+        """Whether the sphere touches after all, or what the stick has met is touched from above."""
+        tip, contact, force = self._tip, self._tip.seen.contact, self._tip.seen.force
         if contact is None:
             return False
-        if contact.confidence > Confidence.DOUBTFUL:
+        normal, off = tip.normal(), tip.task.probe.radius
+        if -(force @ tip.seen.pose[:3, Z]) > ALONG * np.sqrt(force @ force):
+            tip.control.begin(normal)
             return True
-        normal, off = tip.normal(), self._descent.inner
         x, y, _ = (contact.point + off * -normal).tolist()
         yield from tried(retract(tip, TrackingFrame.through(tip.here, X, 1.0, self._area), normal, off))
-        yield from self._over(x, y)
+        if (yield from tried(self._over(x, y))) is not Ended.ARRIVED:
+            return False
         return (yield from tried(guarded_move(tip, np.array([x, y, self._floor])))) is Ended.CONTACT

@@ -35,8 +35,11 @@ def at(distance, x, y, angle=0.0):
     return lambda p: distance(turn @ (p - [x, y, 0.0]))
 
 
-def explore(distance, area=AREA, samples=100_000):
-    """The strategy after its end, how it ended, the surface, and where the tip was."""
+def explore(distance, area=AREA, samples=100_000, score=lambda seen: None):
+    """The strategy after its end, how it ended, the surface, and where the tip was.
+
+    `score` gives the confidence score of a contact, None for the surface's own.
+    """
     given = replace(TASK, area=area, start=np.array([0.0, area.lower[1], area.upper[2]]))
     strategy, surface, places = Nothing(), FakeSurface(distance, given, given.start, stiffness=2000.0), []
     strategy.start(given)
@@ -46,6 +49,8 @@ def explore(distance, area=AREA, samples=100_000):
         if isinstance(motion, Done):
             return strategy, motion, surface, np.array(places)
         seen = surface.obey(motion)
+        if seen.contact is not None and score(seen) is not None:
+            seen.contact.confidence_score = score(seen)
         places.append(seen.pose[:3, 3].copy())
     raise AssertionError(f"still {strategy.tip.trace.state}")
 
@@ -80,6 +85,29 @@ def test_a_block_is_found_and_bounded_wherever_it_is(half, height, x, y, angle):
     assert (places <= AREA.upper + 1e-3).all()
 
 
+@pytest.mark.parametrize(("height", "seconds"), [(0.1, 5.2), (0.05, 19.5), (0.025, 33.0)])
+def test_what_is_in_the_middle_is_found_at_the_first_place(height, seconds):
+    """As long as helix, descent and circle take: 5 mm/s over 50 mm, 7 mm/s below, and 9 s around."""
+    strategy, _, surface, _ = explore(at(box((0.02, 0.02), height), 0.0, 0.0, 0.3), SMALL)
+    assert strategy.bounds.found_at < seconds
+    assert surface.peak <= TASK.force_limit
+
+
+def test_a_touch_from_above_is_one_of_the_sphere_whatever_its_torque_says():
+    high = 0.05 + TASK.probe.radius - 0.002
+    never = lambda seen: 0.0 if seen.pose[2, 3] > high and seen.time < 30.0 else None  # noqa: E731
+    strategy, _, surface, _ = explore(at(box((0.02, 0.02), 0.05), 0.0, 0.0, 0.3), SMALL, score=never)
+    assert strategy.bounds.found_at < 19.5
+    assert surface.peak <= TASK.force_limit
+
+
+def test_an_outline_goes_on_over_contacts_that_are_imprecise():
+    low = lambda seen: 0.3 if seen.pose[2, 3] < 0.04 else None  # noqa: E731
+    strategy, _, _, _ = explore(at(box((0.015, 0.015), 0.04), 0.0, 0.0, 0.3), SMALL, score=low)
+    assert inside(strategy, (0.015, 0.015), 0.0, 0.0, 0.3) > 2.0 * TASK.probe.radius
+    assert (strategy.bounds.area.upper - strategy.bounds.area.lower)[0] < (SMALL.upper - SMALL.lower)[0] - 0.01
+
+
 @pytest.mark.slow
 def test_a_flat_object_is_found_last():
     strategy, _, _, places = explore(at(box((0.02, 0.02), 0.008), 0.0, 0.0), SMALL)
@@ -104,7 +132,7 @@ def test_the_same_surface_gives_the_same_motions():
 
 
 def test_the_body_goes_nowhere_beside_what_may_be_taller():
-    """Above the stick the probe is wider than its sphere: below the first helix it stays within what that has swept."""
+    """Above the stick the probe is wider than its sphere: below the helix it stays within what that has swept."""
     _, _, _, places = explore(lambda p: 1.0, SMALL)
     sensor_bottom, body_radius = 0.05, 0.0125
     first = places[: np.flatnonzero((np.diff(places[:, 2]) > 0.0) & (places[:-1, 2] < 0.05))[0]]

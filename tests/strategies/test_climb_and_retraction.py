@@ -11,6 +11,7 @@ from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.contour_end import under
 from lwrprobe_strategies.planning.free_space import COLUMN, LIFT, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
@@ -254,6 +255,29 @@ def test_a_border_through_which_an_object_goes_is_no_way_up_near_that(cut):
     else:
         assert len(way) == 1
         assert up == pytest.approx(0.006)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_down_a_wall_that_leads_in_under_itself_there_is_no_fast_way_up(slope):
+    """The sphere came down within half its radius of there, and would meet with its flank what it has touched."""
+    free, edge = FreeSpace(AREA), 0.03
+    normal = np.array([0.0, -1.0, -slope]) / np.hypot(1.0, slope)
+    stand(free, *([0.0, -0.02, z] for z in np.arange(AREA.upper[2], edge, -0.001)))
+    foot = [0.0, -0.02 + slope * (edge - 0.006), 0.006]
+    stand(free, *np.linspace([0.0, -0.02, edge], foot, 25), normal=normal)
+    under = edge - COLUMN / slope if slope else 0.006
+    assert free.open_places(0, 0.0)[:, 2].min() == pytest.approx(under, abs=0.0011), "nor a fast way down to it"
+    assert free.clear_down_to(foot[0], foot[1]) == pytest.approx(edge if slope else 0.006, abs=0.0021)
+
+
+@pytest.mark.parametrize(("normal", "ends"), [((0.7, -0.71), True), ((0.3, -0.95), True), ((0.05, -1.0), False)])
+def test_a_lower_edge_is_come_down_to_and_what_is_met_from_below_is_none(normal, ends):
+    """On the way up a wall the sphere meets what stands out above, and goes on around it."""
+    control, frame = ContourControl(task()), TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
+    control.begin(np.array([0.0, *normal]))
+    assert under(control, frame) == ends
+    control.begin(np.array([0.0, -normal[0], normal[1]]))
+    assert not under(control, frame), "from there the contour leads up"
 
 
 def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():

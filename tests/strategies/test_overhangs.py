@@ -1,12 +1,16 @@
 """Where the stick may be met before the sphere, and how fast it may go there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.outcomes import Ended
+from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import release
 from lwrprobe_strategies.skills.follow_contour import slide
@@ -137,6 +141,23 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
+
+
+def test_a_line_that_was_raised_goes_higher_when_it_leads_in_under_the_same_again():
+    """Above a foot that it meets it goes down to that, and there the stick comes near what overhangs once more."""
+    seen = Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3))
+    line = Line(1, 0.0, -0.03, 0.05, 0.019)
+    first = above_what_was_met(line, seen, task(), 0.01)
+    assert first.height == pytest.approx(LOW + RAISE)
+    again = above_what_was_met(replace(line, raised=True), seen, task(), 0.01)
+    assert again.height == pytest.approx(0.019 + RAISE)
+    line = replace(line, raised=True)
+    heights = []
+    while line is not None:
+        heights.append(line.height)
+        line = above_what_was_met(line, seen, task(), 0.01)
+    assert max(heights) <= AREA.upper[2]
+    assert len(heights) < 1 + (AREA.upper[2] - 0.019) / RAISE, "it ends"
 
 
 def level_contour(place, normal, reason=None, force=0.8):

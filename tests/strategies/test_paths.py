@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.free_space import GAP, SIDE, SPACING, FreeSpace
+from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import (
@@ -55,6 +55,22 @@ def stand(free, *places, rotation=DOWN):
 def column(x, y, low):
     """What is known to be free for a probe that came straight down in one place to `low`."""
     return stand(nowhere(), *([x, y, z] for z in np.linspace(TOP, low, max(int((TOP - low) / 0.0011), 1) + 1)))
+
+
+def test_the_way_back_does_not_touch_again_what_was_touched_where_it_turned():
+    """The place before a touch is nearer to the surface than two places that are remembered are apart."""
+    free, wall = (
+        stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(-0.0399, 0.0, 0.0011))),
+        np.array([0.0, -1, 0.0]),
+    )
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = DOWN, [0.0, 0.0, 0.02]
+    for up in np.arange(0.0, 0.02, 0.0005):
+        pose[2, 3] = 0.02 + up
+        free.note(pose, wall)
+    back = np.array([place for place, _ in free.return_path(0.05)])
+    assert len(back)
+    assert back[:, 1].max() <= -0.9 * LIFT
 
 
 def test_an_unknown_column_is_come_down_slowly_below_what_may_be_there():
@@ -110,6 +126,18 @@ def test_a_level_line_is_free_where_the_upright_probe_has_been_all_along_it():
     assert not free.swept(begin + beside, end + beside)
     broken = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(0.0, 0.0401, 0.002) if abs(y - 0.02) > GAP))
     assert not broken.swept(begin, end)
+
+
+def test_a_level_line_up_to_a_surface_that_was_touched_is_not_free():
+    """Its end may lie in the surface: the probe had flown into it, and braked only in contact."""
+    free = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(0.0, 0.0381, 0.002)))
+    begin, end = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.039, 0.02])
+    assert free.swept(begin, end)
+    wall = np.eye(4)
+    wall[:3, :3], wall[:3, 3] = DOWN, (0.0, 0.0395, 0.02)
+    free.note(wall, np.array([0.0, -1.0, 0.0]))
+    assert not free.swept(begin, end)
+    assert free.swept(begin, np.array([0.0, 0.03, 0.02]))
 
 
 def test_lines_across_come_down_where_the_grid_has_been():

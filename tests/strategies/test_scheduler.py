@@ -1,5 +1,7 @@
 """The line scheduler alone, against contacts drawn by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,20 @@ def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_l
     lines._low_sides = low_sides
     low = [line.height for line in drain(lines) if line.low]
     assert low == [0.03, 0.02, 0.01]
+
+
+def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_that_is_near():
+    """Beneath what overhangs it cannot be touched, and farther up it can."""
+    lines, low = grid_alone(), Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.030)
+    heights = []
+    lines.give_up(low, touched=False)
+    while (line := lines.next(NEAR)).low:
+        heights.append(line.height)
+        lines.give_up(line, touched=False)
+    assert heights == pytest.approx([0.018, 0.024, 0.027])
+    for other, touched in ((low, True), (replace(low, low=False), False), (replace(low, ceiling=np.inf), False)):
+        lines.give_up(other, touched)
+        assert not lines.next(NEAR).low
 
 
 def test_what_had_to_be_given_up_beside_is_not_tried_again():

@@ -12,7 +12,7 @@ from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Speeds, path_to
-from lwrprobe_strategies.planning.stroke_scheduler import SHORTLIST, StrokeScheduler
+from lwrprobe_strategies.planning.stroke_scheduler import PATIENCE, SHORTLIST, StrokeScheduler
 from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
 from strategy_task import AREA, DOWN, task
 
@@ -43,8 +43,13 @@ def over_top(known, x):
     known.update()
 
 
+def beneath(above):
+    """m/s: the nearer to the sensor, the slower."""
+    return 0.02 * (1.0 - above / 0.05)
+
+
 def strokes(known, here=(0.0, 0.0, TOP), normal=None):
-    planner = StrokePlanner(task(), 0.007, 0.025)
+    planner = StrokePlanner(task(), 0.007, 0.025, beneath)
     return planner.strokes(known.faces(), known.edge, LOW, np.array(here), normal)
 
 
@@ -54,7 +59,7 @@ def scheduler(known, aim=2e-4):
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = DOWN, (0.0, -0.1, AREA.upper[Z])
     free.note(pose, None)
-    return StrokeScheduler(task(), ContactMemory(), 0.015, known, free, speeds, aim)
+    return StrokeScheduler(task(), ContactMemory(), 0.015, known, free, speeds, beneath, aim)
 
 
 def test_every_stroke_stays_in_the_area_and_is_long():
@@ -72,6 +77,16 @@ def test_the_unknown_top_comes_before_the_known_walls():
     best = max(strokes(outlined()), key=lambda stroke: stroke.score)
     assert best.line.outline == 0
     assert best.line.on_surface
+
+
+def test_an_outline_far_below_what_was_touched_takes_as_long_as_the_stick_needs():
+    alone, under = outlined(), outlined()
+    over_top(under, 0.0)
+    free, slow = (
+        min((s for s in strokes(known) if s.line.outline), key=lambda s: s.line.height) for known in (alone, under)
+    )
+    assert free.line.height == slow.line.height
+    assert slow.seconds > 2.0 * free.seconds
 
 
 def test_a_stroke_is_worth_less_where_others_agreed():
@@ -98,7 +113,7 @@ def test_in_contact_a_stroke_may_begin_where_the_tip_is():
 
 def test_no_stroke_is_driven_twice():
     known = outlined()
-    planner = StrokePlanner(task(), 0.007, 0.025)
+    planner = StrokePlanner(task(), 0.007, 0.025, beneath)
     seen = set()
     for _ in range(12):
         found = planner.strokes(known.faces(), known.edge, LOW, np.zeros(3), None)
@@ -120,6 +135,18 @@ def test_it_ends_when_the_expected_error_is_as_small_as_wanted():
 
 
 @pytest.mark.slow
+def test_it_ends_when_strokes_teach_nothing_any_more():
+    """The contacts stay the same: as if each stroke had gone over what none can reach."""
+    known, here, spent = outlined(), np.array([0.0, -0.1, TOP]), 0.0
+    lines, best = scheduler(known), []
+    chosen = lines._best
+    lines._best = lambda here: best.append(chosen(here)) or best[-1]
+    while lines.next(here) is not None:
+        spent += best[-1].seconds
+        assert spent < 2.0 * PATIENCE + 100.0
+    assert spent >= PATIENCE
+
+
 def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
     """At 10 000 contacts: what a choice costs is bounded by counts."""
     known = outlined()

@@ -10,6 +10,9 @@ from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
 UNDERSIDE = -0.6
 """Share of the normal along z, below which a descending contour ends: the stick touches at -0.9."""
+DOWNWARDS = -0.2
+"""Share of the tangent along z, below which a contour that has come to such a normal has come down: the tangent of one
+that is met from below, on the way up a wall, is level at first, and leads out from under that and up again."""
 PAST_END = 0.03
 """Share of the normal across the line, from which on the end of the object counts as passed."""
 TURNED_BACK = -0.5
@@ -35,4 +38,4 @@ def at_table(control: ContourControl, frame: TrackingFrame, here: np.ndarray) ->
 
 def under(control: ContourControl, frame: TrackingFrame) -> bool:
     """Whether an upright probe has come down around a lower edge: its stick is about to touch what is above."""
-    return not control.normal[Z] > UNDERSIDE and control.tangent(frame.binormal)[Z] < 0.0
+    return not control.normal[Z] > UNDERSIDE and control.tangent(frame.binormal)[Z] < DOWNWARDS

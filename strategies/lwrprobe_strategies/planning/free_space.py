@@ -67,26 +67,34 @@ class FreeSpace:
         self._places = GrowingTable(13)
         self._turns: list[np.ndarray] = []
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
+        self._descent = 0  # index of the first place of that
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
 
-        A normal that is not reliable is that of the force, and leads off what is touched as well.
+        A normal that is not reliable is that of the force, and leads off what is touched as well. A place that was free
+        just before a touch is that of the touch: who comes back to it exactly may touch there.
         """
         (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
         last = self._places.last
         if last is not None:
             near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING
-            if near and ax * last[6] + ay * last[7] + az * last[8] > TURNED:
+            near = near and ax * last[6] + ay * last[7] + az * last[8] > TURNED
+            if near and (normal is None or last[3:6] != last[:3]):
                 return
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
+        if last is not None and near:
+            self._places.replace_last((x, y, z, x + nx, y + ny, z + nz, *last[6:]))
+            return
         upright = -az > UPRIGHT
         if z >= self._top - SPACING:  # a little lower where the arm lags behind
-            self._column = x, y, ax, ay, az
+            self._column, self._descent = (x, y, ax, ay, az), len(self._places)
         elif self._column is not None:
             cx, cy, *stick = self._column
             held = ax * stick[0] + ay * stick[1] + az * stick[2] > TURNED
-            self._column = self._column if held and max(abs(x - cx), abs(y - cy)) < SIDE else None
+            held = held and max(abs(x - cx), abs(y - cy)) < SIDE
+            under = held and bool(_in_the_way(self._places.rows()[self._descent :], x, y).any())
+            self._column = self._column if held and not under else None
         border, column = self._on_border(x, y), self._column
         back = column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN
         known = float(column is not None), float(upright), float(back), float(border)
@@ -97,6 +105,8 @@ class FreeSpace:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
         rows = self._places.rows()
         beside = np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE
+        met = rows[beside & _in_the_way(rows, x, y), 2]
+        beside &= rows[:, 2] > met.max(initial=-np.inf)
         near, above = rows[beside], self._open(rows, beside, CAME_DOWN)
         level = min(self._top, float(rows[above, 2].min(initial=np.inf)))
         for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
@@ -119,7 +129,10 @@ class FreeSpace:
         return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, CAME_DOWN), :3]
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Whether the upright probe has been all along a straight level line between two places (3,)."""
+        """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
+
+        A surface that was touched from where the line ends, or on it, stands in the way.
+        """
         motion = end - begin
         length = float(np.sqrt(motion @ motion))
         if length < SPACING:
@@ -127,11 +140,15 @@ class FreeSpace:
         rows = self._places.rows()
         # Few are as high: the others are not looked at.
         level = np.abs(rows[:, 2] - begin[2]) < SPACING + (1.0 + GAP / length) * abs(motion[2])
-        rows = rows[level & (rows[:, 10] > 0.0), :3] - begin
+        rows = rows[level & (rows[:, 10] > 0.0)]
+        touching = (rows[:, 3:6] != rows[:, :3]).any(axis=1)
+        rows = rows[:, :3] - begin
         along = rows @ (motion / length)
         beside = rows - along[:, None] * (motion / length)
-        near = np.abs(beside).max(axis=1) < SPACING
-        places = np.sort(along[near & (along > -GAP) & (along < length + GAP)])
+        near = (np.abs(beside).max(axis=1) < SPACING) & (along > -GAP) & (along < length + GAP)
+        if (near & touching & (along > SPACING)).any():
+            return False
+        places = np.sort(along[near])
         steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
         return bool(len(places) and steps.max() <= GAP)
 
@@ -217,3 +234,11 @@ class FreeSpace:
     def _on_border(self, x: float, y: float) -> bool:
         low, high = self._area.lower, self._area.upper
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
+
+
+def _in_the_way(rows: np.ndarray, x: float, y: float) -> np.ndarray:
+    """(n,) bool: at the place of a row (n, 13) of the table something was touched, into which the sphere would get at
+    (x, y), as high.
+    """
+    inwards = (rows[:, 3] - rows[:, 0]) * (x - rows[:, 0]) + (rows[:, 4] - rows[:, 1]) * (y - rows[:, 1])
+    return inwards < -LIFT * COLUMN

@@ -12,9 +12,14 @@ RAISE = 0.0025
 
 
 def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -> Line | None:
-    """The rest of a line from `back` m before here on; None where it would leave the area."""
+    """The rest of a line from `back` m before here on; None where it would leave the area.
+
+    A line that was raised before goes higher than that: its own way down to a foot may lead in under the same again.
+    """
     here = seen.pose[:3, 3]
     height = float(here[Z]) + max(RAISE, _height_met(seen) - task.probe.radius)
+    if line.raised:
+        height = max(height, line.height + RAISE)
     if height > task.area.upper[Z]:
         return None
     begin = float(here[line.axis]) - line.sign * back

@@ -19,6 +19,8 @@ from lwrprobe_strategies.planning.low_sides import HIGHER, Leans, low_sides
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 
+HALF = 0.25
+"""Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
 BESIDE = 1.5
 """Line spacings across a line, within which another line is its neighbour."""
 
@@ -93,8 +95,16 @@ class LineScheduler:
         """Drive this next, and then go on as if it belonged to the present line."""
         self._inserted = line
 
-    def give_up(self, line: Line) -> None:
-        """The line cannot be driven to its end: its fallback comes next, where it has one."""
+    def give_up(self, line: Line, touched: bool = True) -> None:
+        """The line cannot be driven to its end: its fallback comes next, where it has one.
+
+        Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
+        what overhangs may let nothing be touched farther down.
+        """
+        up = 0.5 * (line.ceiling - line.height)
+        if line.low and not touched and HALF * self._spacing < up < np.inf:
+            self.insert(replace(line, height=line.height + up))
+            return
         self.insert(line.fallback)
         if line.fallback is not None:
             self._given_up.append(line)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 
 SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
+PATIENCE, PROGRESS = 150.0, 0.9
+"""s of strokes, in which the mean expected error has to fall to this share of itself: what is left is out of reach."""
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -31,6 +34,7 @@ class StrokeScheduler(LineScheduler):
     estimate : of the surface and its error
     free : what the probe has shown to be free
     speeds : how fast a motion of the upright probe may be
+    beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     aim : m, mean expected error at which nothing is left to do
     """
 
@@ -42,15 +46,18 @@ class StrokeScheduler(LineScheduler):
         estimate: SurfaceEstimate,
         free: FreeSpace,
         speeds: Speeds,
+        beneath: Callable[[float], float],
         aim: float,
     ) -> None:
         super().__init__(task, memory, CoverageConfig(spacing, near_sides=False, across=False, find_ends=False))
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
-        self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE))
+        self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE), beneath)
         self.touched: np.ndarray | None = None
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
         """The present stroke begins there, in contact."""
+        self._spent = 0.0  # s, of all strokes as expected
+        self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
         self.share = 0.0
         """Of the work that is done, by the expected error."""
 
@@ -67,6 +74,7 @@ class StrokeScheduler(LineScheduler):
         stroke = self._best(here)
         if stroke is None:
             return None
+        self._spent += stroke.seconds
         self._planner.driven(self._estimate.faces(), stroke)
         self.chained = stroke.chained
         return stroke.line if stroke.chained else self._above(stroke.line)
@@ -75,7 +83,10 @@ class StrokeScheduler(LineScheduler):
         faces = self._estimate.faces()
         mean, p95 = faces.error()
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
-        if mean <= self._aim and p95 <= P95 * self._aim:
+        self._means.append((self._spent, mean))
+        before = [earlier for spent, earlier in self._means if spent <= self._spent - PATIENCE]
+        stalled = bool(before) and mean > PROGRESS * before[-1]
+        if stalled or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
         strokes = sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]

@@ -6,7 +6,7 @@ beside a stroke is afterwards no farther from a contact than from the stroke.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -125,11 +125,13 @@ class StrokePlanner:
     task : area, probe and speeds
     down : m/s, of a descent through unknown space
     across : m/s, at which something may be met from the side
+    beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     """
 
     task: Task
     down: float
     across: float
+    beneath: Callable[[float], float]
     _failed: dict[tuple[int, ...], float] = field(default_factory=dict)
     _driven: list[Line] = field(default_factory=list)
 
@@ -281,4 +283,9 @@ class StrokePlanner:
         inwards = -np.sign(normal[axis]) * 4.0 * faces.reach
         line = Line(axis, float(place[1 - axis]), side, float(place[axis] + inwards), level, outline=1)
         length = float(faces.areas[path].sum() / edge)
-        yield Stroke(line, gain, LIFT + abs(side - place[axis]) / self.across + length / self.task.contour_speed)
+        # What was touched above the outline may stand out over it: there the stick is what meets it.
+        above = float(faces.centres[faces.distances < edge, Z].max(initial=level)) - level
+        speed = self.task.contour_speed
+        if above > self.task.probe.radius:
+            speed = min(speed, self.beneath(above))
+        yield Stroke(line, gain, LIFT + abs(side - place[axis]) / self.across + length / speed)

@@ -23,7 +23,7 @@ MAX_TURNS = 12
 
 
 @skill(Overload, Blocked, seeks_contact=True)
-def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure:
+def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float, above: float = 0.0) -> Procedure:
     """Circle about an axis and sink, from where the tip is; then once around at the lowest height.
 
     The stick goes where the sphere was a turn before, so it meets nothing higher than the pitch above the sphere. The
@@ -33,6 +33,7 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
     ----------
     axis : x and y, m
     bottom : m, lowest height of the sphere's centre
+    above : m above the sphere's centre, up to which something may be where the tip begins
 
     Returns
     -------
@@ -46,7 +47,7 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float) -> Procedure
         angle = atan2(here[Y] - axis[Y], here[X] - axis[X])
         level = float(here[Z]) <= bottom
         along = direction(radius, 0.0 if level else pitch, angle)
-        speed = min(turn_speed(tip, along, pitch), tip.stick_limit(along))
+        speed = min(turn_speed(tip, along, max(pitch, above)), tip.stick_limit(along))
         back = GAIN * (radius - hypot(here[X] - axis[X], here[Y] - axis[Y]))
         back = min(max(back, -MAX_RETURN * speed), MAX_RETURN * speed)
         outward = np.array([cos(angle), sin(angle), 0.0])
