@@ -87,7 +87,7 @@ WRONG_NAMES = [
     ("explore block --arm ur", ["driver", "'ur'", "fri, mujoco, sim", "lwrprobe list drivers"]),
     ("explore block --sensor simm", ["driver", "did you mean 'sim'"]),
     ("explore block --strategy x", ["strategy", "'x'", "grid_version", "lwrprobe list strategies"]),
-    ("explore block --strategy grid", ["strategy", "did you mean 'grid_version'"]),
+    ("explore block --strategy grid_verson", ["strategy", "did you mean 'grid_version'"]),
     ("explore block --profile these", ["profile", "did you mean 'thesis'", "lwrprobe list profiles"]),
     ("explore block --set arm.robot=lwr", ["robot", "did you mean 'lwr4'", "lwrprobe list robots"]),
     ("explore block --set reconstruction.method=poison", ["reconstructor", "did you mean 'poisson'"]),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lwrprobe.bench.shapes import CRITERIA, _jobs, _report
 from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, link_points, mesh_errors
@@ -28,6 +29,23 @@ def test_distances_are_those_of_a_box():
     expected = np.where(over.max(axis=1) > 0.0, outside, -over.max(axis=1))
     found = TrueMesh(np.asarray(box.vertices), np.asarray(box.faces)).distance(points)
     assert found == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_mesh_is_moved_to_where_its_points_lie():
+    box = trimesh.creation.box([0.08, 0.06, 0.04])
+    true = TrueMesh(np.asarray(box.vertices), np.asarray(box.faces))
+    points = true.surface(2000, -1.0, 0.0)[0]
+    turn = Rotation.from_rotvec([0.01, -0.02, 0.015])
+    moved = turn.apply(points) + np.array([1e-3, -2e-3, 5e-4])
+    assert np.median(true.distance(moved)) > 5e-4
+    assert true.aligned_with(moved).distance(moved).max() < 1e-6
+
+
+def test_points_of_a_rotor_that_leave_its_turn_open_are_met():
+    rotor = trimesh.creation.cylinder(0.03, 0.05, sections=256)
+    true = TrueMesh(np.asarray(rotor.vertices), np.asarray(rotor.faces))
+    points = true.surface(2000, -1.0, 0.0)[0] + np.array([1e-3, 0.0, -1e-3])
+    assert np.percentile(true.aligned_with(points).distance(points), 95.0) < 1e-5
 
 
 def test_an_upright_probe_reaches_the_top_and_not_what_is_under_it(table):
@@ -70,7 +88,7 @@ def test_edges_with_four_faces_and_open_ones_are_told():
     [
         ({"kinds": "orgnic"}, UnknownNameError, "organic"),
         ({"strategies": "grid"}, UnknownNameError, "grid_version"),
-        ({"profile": "labb"}, UnknownNameError, "'lab'"),
+        ({"profiles": "labb"}, UnknownNameError, "'lab'"),
         ({"count": "0"}, InputError, "above 0"),
         ({"number": "3"}, UnknownNameError, "count"),
     ],
@@ -81,21 +99,28 @@ def test_wrong_options_are_refused(options, error, said):
 
 
 def test_kinds_take_turns_and_seeds_go_up():
-    jobs, _ = _jobs(False, {"count": "4", "kinds": "hull,thin", "strategies": "grid_version", "base_seed": "11"})
+    asked = {"count": "4", "kinds": "hull,thin", "strategies": "grid_version", "base_seed": "11", "profiles": "lab"}
+    jobs, _, _ = _jobs(False, asked)
     assert [(job.kind, job.seed) for job in jobs] == [("hull", 11), ("thin", 12), ("hull", 13), ("thin", 14)]
+
+
+def test_each_object_is_felt_in_the_world_that_the_scene_knows_and_in_the_default_one():
+    jobs, _, _ = _jobs(False, {"count": "1", "strategies": "grid_version"})
+    assert [job.profile for job in jobs] == ["ideal", "lab"]
+    assert len({job.key for job in jobs}) == 2
 
 
 def test_a_report_counts_what_holds_and_puts_the_worst_first():
     good = {
         "object": "random:hull:1", "strategy": "grid_version", "status": "done", "collisions": 0, "peak": 2.0,
         "coverage": 1.0, "over_best": 0.5, "manifold": True, "mesh": 0.1, "contact": 0.03, "ratio": 2.0,
-        "threats": 4, "false_threats": 1,
+        "threats": 4, "false_threats": 1, "profile": "ideal",
     }  # fmt: skip
     bad = {**good, "object": "random:thin:2", "status": "ended early", "mesh": None, "manifold": None, "peak": 4.0}
     report = _report([good, bad])
-    assert report.tables[1].rows[0][1] == "random:thin:2"
+    assert report.tables[1].rows[0][2] == "random:thin:2"
     held = {verdict.requirement: verdict for verdict in report.verdicts}
-    assert held["done in 98 %"].measured == "1 of 2"
-    assert held["largest force <= 4.5 N in 100 %"].held
+    assert held["ideal: done in 98 %"].measured == "1 of 2"
+    assert held["ideal: largest force <= 4.5 N in 100 %"].held
     assert not held["false collision threats < 5 %"].held
     assert len(report.verdicts) == len(CRITERIA) + 5

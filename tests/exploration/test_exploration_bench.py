@@ -32,14 +32,14 @@ def report(monkeypatch):
 
 def test_three_seeds_of_both_profiles_are_the_default(report):
     rows = report.tables[0].rows
-    assert len(rows) == 2 * 5 * 2 * 3
+    assert len(rows) == 2 * 7 * 2 * 3
     assert {row[3] for row in rows} == {1, 2, 3}
 
 
 @pytest.mark.slow
 def test_the_thesis_profile_stands_beside_ours_with_the_factor(report, tmp_path):
     table = report.tables[-1]
-    assert len(table.rows) == 2 * 5
+    assert len(table.rows) == 2 * 7
     cells = dict(zip(table.columns, table.rows[0]))
     assert cells["contact mm"] == pytest.approx(0.06)  # the middle seed
     assert cells["contact mm, factor"] == pytest.approx(3.0)
@@ -96,7 +96,42 @@ def test_seconds_count_from_when_the_error_stays_small():
     assert error_curves.seconds_to(curve, 0.1) is None
     assert error_curves.columns(curve) == {
         "seconds_1": 60.0, "seconds_0.3": 120.0, "seconds_0.1": None, "seconds_goal": 120.0,
+        "p95_60": 0.9, "p95_120": 0.7, "p95_240": 0.7,
     }  # fmt: skip
+
+
+def test_a_lift_is_a_way_through_free_space_and_no_edge():
+    """Over a plane, 1 mm off an edge, and 30 mm off it to another place."""
+    x = np.concatenate([np.arange(0.0, 0.01, 0.001), np.arange(0.01, 0.04, 0.001), np.arange(0.04, 0.05, 0.001)])
+    trace = np.zeros((len(x), 7))
+    trace[:, 1] = x
+    trace[:, 5] = (x < 0.0095) | (x > 0.0395)
+    trace[5, 5] = 0.0
+    assert error_curves.lifts(trace) == 1
+    assert error_curves.lifts(trace[:8]) == 0
+    assert error_curves.lifts(np.empty((0, 7))) == 0
+
+
+def test_the_lower_bound_has_its_row(monkeypatch):
+    monkeypatch.setattr(exploration, "_explored", lambda job: made_up(job) | {"bound": 50.0 + job[3]})
+    table = exploration.run(False, {"scenes": "block"}).tables[1]
+    rows = [dict(zip(table.columns, row)) for row in table.rows]
+    assert [row["s"] for row in rows if row["strategy"] == exploration.BOUND] == [52.0]
+    assert {row["strategy"] for row in rows} == {*exploration.STRATEGIES, *exploration.POKES, exploration.BOUND}
+    assert {"p95 mm, 60 s", "certified mm, 240 s", "lifts", "path m", "peak N", "planning ms"} <= {*table.columns}
+
+
+@pytest.mark.slow
+def test_a_whole_run_has_all_columns():
+    settings = {"scenes": "cylinder_vertical", "strategies": "grid_version", "profiles": "default", "seeds": "1"}
+    report = exploration.run(True, settings)
+    row = dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
+    assert row["status"] == "done"
+    assert row["lifts"] > 5
+    assert 1e-3 * row["strategy us"] < row["planning ms"]
+    assert row["peak N"] <= 3.0
+    assert row["certified mm, 60 s"] >= row["certified mm, 120 s"] >= row["certified mm, 240 s"] > 0.0
+    assert 0.0 < row["p95 mm, 240 s"] < row["p95 mm, 60 s"]
 
 
 def test_all_curves_are_drawn(report):
@@ -106,7 +141,7 @@ def test_all_curves_are_drawn(report):
     report.figures["error"](figure)
     assert [axes.get_title() for axes in figure.axes[:2]] == ["block", "bridge"]
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == [*exploration.STRATEGIES, exploration.POKES]
+    assert labels == [*exploration.STRATEGIES, *exploration.POKES]
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "1,2", "many"])

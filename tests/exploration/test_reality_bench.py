@@ -5,7 +5,7 @@ import pytest
 from lwrprobe.bench import reality
 from lwrprobe.bench.exploration import STRATEGIES
 from lwrprobe.bench.report import BenchReport
-from lwrprobe.contracts import UnknownNameError
+from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.exploration.procedures import explore as procedure
 from lwrprobe.scene import load_scene
 
@@ -64,6 +64,18 @@ def test_runs_of_one_draw_share_their_world_and_others_do_not():
 def test_unknown_names_are_refused(options):
     with pytest.raises(UnknownNameError):
         reality.run(False, options)
+
+
+@pytest.mark.parametrize(("count", "runs"), [("2", [2, 2, 2]), ("3,1", [3, 1, 1])])
+def test_each_profile_may_have_draws_of_its_own(monkeypatch, count, runs):
+    asked = []
+    monkeypatch.setattr(reality, "run_kept", lambda tasks, *_: asked.extend(tasks.values()) or {k: {} for k in tasks})
+    monkeypatch.setattr(reality, "_report_profiles", lambda *_: None)
+    options = {"rows": "none", "scenes": "block", "strategies": "grid_version", "count": count}
+    reality.run(False, options | {"profiles": "lab,datasheet,calibrated"})
+    assert [sum(task.variant == name for task in asked) for name in ("lab", "datasheet", "calibrated")] == runs
+    with pytest.raises(InputError, match="count"):
+        reality.run(False, {"count": "3,0"})
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.exploration.recording.certification import Certification
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 
@@ -21,6 +22,11 @@ MEANS = (1.0, 0.3, 0.1)
 """mm, of the mesh's mean error, to which the seconds are given."""
 P95 = 1.0
 """mm, of its 95th percentile, beside a mean of 0.3 mm."""
+
+AFTER = (60.0, 120.0, 240.0)
+"""s, after which 95th percentile and certified diameter are given."""
+LIFT = 0.01
+"""m of path between two contacts, from which on the probe was lifted and not just off an edge."""
 
 Row = tuple[float, float, float]
 
@@ -35,7 +41,8 @@ def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: i
     outcome = exploration.explorer.outcome
     assert outcome is not None
     rows: list[Row] = []
-    for time in np.linspace(0.0, outcome.time, instants + 1)[1:]:
+    times = {*np.linspace(0.0, outcome.time, instants + 1)[1:].tolist(), *(t for t in AFTER if t < outcome.time)}
+    for time in sorted(times):
         before = trace[(trace[:, 0] <= time) & (trace[:, 5] == 0.0), 1:4]
         error = _error(_until(exploration.record, time, before), pipeline, truth)
         if error is not None:
@@ -55,9 +62,27 @@ def seconds_to(curve: list[Row], mean: float, p95: float = np.inf) -> float | No
 
 
 def columns(curve: list[Row]) -> dict[str, float | None]:
-    """The seconds to each of the errors."""
+    """The seconds to each of the errors, and the 95th percentile after each of `AFTER`; at the end of a shorter run."""
     found = {f"seconds_{mean:g}": seconds_to(curve, mean) for mean in MEANS}
-    return found | {"seconds_goal": seconds_to(curve, 0.3, P95)}
+    found["seconds_goal"] = seconds_to(curve, 0.3, P95)
+    for after in AFTER:
+        before = [p95 for time, _, p95 in curve if time <= after]
+        found[f"p95_{after:g}"] = before[-1] if before else None
+    return found
+
+
+def certified(exploration: Exploration) -> dict[str, float]:
+    """mm that could hide within reach after each of `AFTER`, for a finished run; at the end of a shorter one."""
+    pipeline = exploration.pipeline
+    run = Certification(exploration.recorder, pipeline.area, pipeline.probe, pipeline.line_spacing)
+    return {f"certified_{after:g}": 1e3 * run.at(after).diameter for after in AFTER}
+
+
+def lifts(trace: np.ndarray) -> int:
+    """How often the probe was lifted off what it touches and went elsewhere; trace (k, 7) as of the recorder."""
+    touching = np.flatnonzero(trace[:, 5] > 0.0)
+    path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trace[:, 1:4], axis=0), axis=1))])
+    return int(np.count_nonzero(np.diff(path[touching])[np.diff(touching) > 1] > LIFT))
 
 
 def draw_curves(figure: Any, found: list[dict[str, Any]]) -> None:

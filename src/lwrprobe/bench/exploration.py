@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bench.criterion import Criterion
-from lwrprobe.bench.error_curves import Row, columns, draw_curves, error_curve
+from lwrprobe.bench.error_curves import AFTER, certified, columns, draw_curves, error_curve, lifts
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.stroke_pictures import SCENE as STROKED
@@ -37,8 +37,10 @@ SOURCE_SCENES = (
     "jaw_chuck", "stacked_blocks",
 )  # fmt: skip
 STRATEGIES = ("grid_version", "surface_contour", "orientation_change", "active")
-POKES = "random_pokes"
-"""What the strategies are compared with, in error against time alone: it does not set out to cover the object."""
+POKES = ("random_pokes", "grid_pokes", "variance_pokes")
+"""What the strategies are compared with, in error against time alone: they touch from above."""
+BOUND = "lower bound"
+"""Of the time, as a row beside the strategies."""
 QUICK_SCENES = ("block", "stacked_blocks")
 DEFAULT, THESIS = "default", "thesis"
 BLIND, GIVEN = "blind", "given"
@@ -73,6 +75,8 @@ COLUMNS = {
     "s to 0.3 mm": "seconds_0.3",
     "s to 0.1 mm": "seconds_0.1",
     GOAL: "seconds_goal",
+    **{f"p95 mm, {after:g} s": f"p95_{after:g}" for after in AFTER},
+    **{f"certified mm, {after:g} s": f"certified_{after:g}" for after in AFTER},
     "coverage": "coverage",
     "of upright": "coverage_upright",
     "ends mm": "ends",
@@ -85,7 +89,9 @@ COLUMNS = {
     "times bound": "ratio",
     "times bound, descending": "ratio_descending",
     "path m": "path",
+    "lifts": "lifts",
     "strategy us": "strategy_us",
+    "planning ms": "planning_ms",
     "cycle us": "cycle_us",
     "x real time": "real_time",
 }
@@ -100,7 +106,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.records("Every run", COLUMNS, found)
     _summarise(report, found)
     _beside_thesis(report, found)
-    judged = [item for item in found if item["profile"] == DEFAULT and item["strategy"] != POKES]
+    judged = [item for item in found if item["profile"] == DEFAULT and item["strategy"] not in POKES]
     name = "{scene}/{strategy}".format_map
     report.verdicts = [criterion.verdict(judged, name) for criterion in CRITERIA if judged]
     blind = _beside_given(found)
@@ -121,7 +127,7 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, str, int]], int]:
     asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs")
     scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else (*STRATEGIES, POKES))
+    strategies = asked.words("strategies", STRATEGIES[:1] if quick else (*STRATEGIES, *POKES))
     profiles = asked.words("profiles", (DEFAULT,) if quick else (DEFAULT, THESIS))
     seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
     return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1)
@@ -141,14 +147,14 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         touched = (name, profile, seed) == (STACKED, DEFAULT, 1)
         if touched or (name, strategy, profile, seed) == (STROKED, STROKES, DEFAULT, 1):
             with TemporaryDirectory() as folder:
-                summary, curve = _run(scene, Path(folder))
+                summary, over_time = _run(scene, Path(folder))
                 record |= {"touches": touches_of(Path(folder))} if touched else {"strokes": strokes_of(Path(folder))}
         else:
-            summary, curve = _run(scene, None)
+            summary, over_time = _run(scene, None)
     except LwrprobeError as error:
         return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
     contact, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
-    stages = {stage["name"]: stage["us_median"] for stage in summary["stages"]}
+    planning: dict[str, Any] = next((stage for stage in summary["stages"] if stage["name"] == "strategy"), {})
     bound, descending = summary["lower_bound_time_s"], summary["lower_bound_descending_s"]
     ends = summary["end_errors_mm"]
     return record | {
@@ -173,18 +179,18 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         "ratio": summary["sim_time_s"] / bound if bound else None,
         "ratio_descending": summary["sim_time_s"] / descending if descending else None,
         "path": summary["path_length_m"],
-        "strategy_us": stages.get("strategy"),
+        "strategy_us": planning.get("us_median"),
+        "planning_ms": 1e-3 * planning["us_max"] if planning else None,
         "cycle_us": summary["cycle_us"],
         "real_time": summary["real_time_factor"],
         "left_out": [item["stage"] for item in summary["left_out"]],
         "growth": summary["coverage_over_time"] or [],
-        "curve": curve,
-        **columns(curve),
+        **over_time,
     }
 
 
-def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], list[Row]]:
-    """The summary of a whole run, and the error of its mesh over time."""
+def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The summary of a whole run, and what is known of it over its time."""
     from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 
     with Exploration(scene, RunOptions(out=folder)) as exploration:
@@ -192,22 +198,30 @@ def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], list[Row]]:
             pass
     summary = exploration.finish().as_dict()
     truth = exploration.truth
-    return summary, error_curve(exploration, truth) if truth is not None else []
+    curve = error_curve(exploration, truth) if truth is not None else []
+    over_time = {"curve": curve, **columns(curve), "lifts": lifts(exploration.recorder.trace())}
+    return summary, over_time | certified(exploration)
 
 
 def _summarise(report: BenchReport, found: list[dict[str, Any]]) -> None:
-    """Medians over the seeds and scenes, a row each strategy and profile."""
-    keys = (
-        "contact_median", "contact_p95", "coverage", "ends", "mesh", "ratio", "time", "seconds_1", "seconds_0.3",
-        "seconds_0.1", "seconds_goal",
-    )  # fmt: skip
+    """Medians over the seeds and scenes, a row each strategy and profile; and of the lower bound of the time."""
+    keys = {
+        "contact mm": "contact_median", "p95 mm": "contact_p95", "coverage": "coverage", "ends mm": "ends",
+        "mesh mm": "mesh", "times bound": "ratio", "s": "time", "s to 1 mm": "seconds_1", "s to 0.3 mm": "seconds_0.3",
+        "s to 0.1 mm": "seconds_0.1", GOAL: "seconds_goal",
+    }  # fmt: skip
+    keys |= {name: key for name, key in COLUMNS.items() if name.endswith(" s") and "mm, " in name}
+    keys |= {name: COLUMNS[name] for name in ("path m", "lifts", "peak N", "strategy us", "planning ms")}
     rows = []
     for strategy, profile in sorted({(item["strategy"], item["profile"]) for item in found}):
         own = [item for item in found if (item["strategy"], item["profile"]) == (strategy, profile)]
         done = sum(item["status"] == "done" for item in own)
-        rows.append([strategy, profile, f"{done} of {len(own)}", *(_median(own, key) for key in keys)])
-    columns = "strategy | profile | done | contact mm | p95 mm | coverage | ends mm | mesh mm | times bound | s"
-    report.table("Medians over scenes and seeds", f"{columns} | s to 1 mm | s to 0.3 mm | s to 0.1 mm | {GOAL}", rows)
+        rows.append([strategy, profile, f"{done} of {len(own)}", *(_median(own, key) for key in keys.values())])
+    ours = [item for item in found if item["profile"] == DEFAULT and item["strategy"] in STRATEGIES[:3]]
+    if _median(ours, "bound") is not None:
+        bound = {"s": _median(ours, "bound"), "times bound": 1.0}
+        rows.append([BOUND, DEFAULT, None, *(bound.get(name) for name in keys)])
+    report.table("Medians over scenes and seeds", ["strategy", "profile", "done", *keys], rows)
 
 
 def _beside_thesis(report: BenchReport, found: list[dict[str, Any]]) -> None:

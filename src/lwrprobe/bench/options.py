@@ -32,7 +32,13 @@ class Options:
 
     def count(self, name: str, default: int) -> int:
         """A whole number from 1 on; raises InputError."""
-        text = self._given.get(name, str(default))
+        return self._count(name, self._given.get(name, str(default)))
+
+    def counts(self, name: str, default: int) -> list[int]:
+        """Whole numbers from 1 on, separated by commas; raises InputError."""
+        return [self._count(name, text) for text in self.words(name, [str(default)])]
+
+    def _count(self, name: str, text: str) -> int:
         if not (text.isascii() and text.isdigit() and int(text) > 0):
             raise InputError(f"bench {self._bench} option {name}", text, "a whole number above 0")
         return int(text)

@@ -131,6 +131,12 @@ SUMMARIES = {
         "{Lines 10 mm apart, explored|convex_hull|mean mm} mm and "
         "{Lines 10 mm apart, explored|convex_hull|max mm} mm.",
     ),
+    "certificate": Summary(
+        "Bumps of one to three",
+        "Random objects were explored by a perfect sphere, and balls larger than certified were hidden on them.",
+        "On lines both ways the certified diameter is {Bumps of one|lines both ways|certified mm} mm in the median, "
+        "and the largest ball that hides has {Bumps of one|lines both ways|largest hidden mm} mm.",
+    ),
     "exploration": Summary(
         "Medians over scenes and seeds",
         "The strategies explored objects with several seeds, with lwrprobe's settings and with those of the thesis.",

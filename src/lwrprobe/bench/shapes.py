@@ -1,14 +1,17 @@
 """Objects that nobody tuned for: strategies over random objects, judged by distances that are made with trimesh.
 
 Options (`--set`): `count`, random objects, whose kinds take turns; `base_seed`, seed of the first, which the others
-follow; `kinds` and `strategies` as comma-separated lists; `profile` of the table `[truth]`; `jobs` side by side;
-`keep`, a folder in which the run folders stay.
+follow; `kinds`, `strategies` and `profiles` of the table `[truth]` as comma-separated lists; `jobs` side by side;
+`journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that are
+missing; `keep`, a folder in which the run folders stay.
 """
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from dataclasses import dataclass, replace
 from functools import partial
+from io import BytesIO
 from itertools import product
 from os import cpu_count
 from pathlib import Path
@@ -23,7 +26,7 @@ from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
-from lwrprobe.sweeps.execute import run_in_order
+from lwrprobe.sweeps.execute import run_kept
 
 if TYPE_CHECKING:
     from lwrprobe.bench.true_mesh import TrueMesh
@@ -34,6 +37,9 @@ METHODS = ("convex_hull", "hermite_rbf", "poisson")
 
 UPRIGHT = ("grid_version", "surface_contour")
 """Strategies that hold the probe as the scene says all the time."""
+
+IDEAL = "ideal"
+"""Profile in which the scene knows the world; in the others errors are judged after alignment."""
 
 WORST = 20
 """Runs that the page shows."""
@@ -65,6 +71,11 @@ class Job:
         """Of the object."""
         return f"random:{self.kind}:{self.seed}"
 
+    @property
+    def key(self) -> str:
+        """Of its record."""
+        return f"{self.kind}_{self.seed}.{self.strategy}.{self.profile}"
+
 
 CRITERIA = (
     Criterion("done", "status", lambda v: v == "done", 0.98),
@@ -83,6 +94,7 @@ MEDIANS = (
 )
 
 COLUMNS = {
+    "profile": "profile",
     "object": "object",
     "strategy": "strategy",
     "status": "status",
@@ -112,21 +124,24 @@ COLUMNS = {
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench shapes`."""
-    jobs, processes = _jobs(quick, options)
-    return _report([_record(job, result) for job, result in zip(jobs, run_in_order(jobs, _judged, processes))])
+    jobs, processes, journal = _jobs(quick, options)
+    judged = run_kept({job.key: job for job in jobs}, _judged, processes, journal)
+    return _report([_record(job, judged[job.key]) for job in jobs])
 
 
-def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
+def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | None]:
     from lwrprobe.scene.shape import KINDS
 
-    asked = Options("shapes", options, "count", "base_seed", "kinds", "strategies", "profile", "jobs", "keep")
+    asked = Options(
+        "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "jobs", "journal", "keep"
+    )
     kinds = asked.words("kinds", KINDS)
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES)
-    profile = asked.text("profile", "ideal")
+    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES[:3])
+    profiles = asked.words("profiles", (IDEAL,) if quick else (IDEAL, "lab"))
     for what, given, known in (
         ("kind", kinds, KINDS),
         ("strategy", strategies, STRATEGIES),
-        ("profile", [profile], TRUTH_PROFILES),
+        ("profile", profiles, TRUTH_PROFILES),
     ):
         for name in given:
             if name not in known:
@@ -134,14 +149,18 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int]:
     first = asked.count("base_seed", 1)
     objects = [(kinds[n % len(kinds)], first + n) for n in range(asked.count("count", 2 if quick else 18))]
     keep = asked.text("keep", "")
-    jobs = [Job(kind, seed, strategy, profile, keep) for (kind, seed), strategy in product(objects, strategies)]
-    return jobs, min(asked.count("jobs", cpu_count() or 1), len(jobs))
+    jobs = [
+        Job(kind, seed, strategy, profile, keep)
+        for profile, (kind, seed), strategy in product(profiles, objects, strategies)
+    ]
+    journal = Path(options["journal"]) if "journal" in asked else None
+    return jobs, min(asked.count("jobs", cpu_count() or 1), len(jobs)), journal
 
 
 def _judged(job: Job) -> dict[str, Any]:
     """What became of one run; a scene that cannot be run is a record that says so."""
     with TemporaryDirectory() as folder:
-        place = Path(job.keep) / f"{job.kind}_{job.seed}.{job.strategy}" if job.keep else Path(folder) / "run"
+        place = Path(job.keep) / job.key if job.keep else Path(folder) / "run"
         try:
             return _explored(job, place)
         except LwrprobeError as error:
@@ -176,11 +195,14 @@ def _explored(job: Job, folder: Path) -> dict[str, Any]:
     settings = [f'strategy.name="{job.strategy}"', f"run.seed={job.seed}", f'truth.profile="{job.profile}"']
     scene = load_scene(job.name, settings)
     summary = explore(scene, folder)
-    return judge(scene, summary, folder, job.strategy in UPRIGHT)
+    return judge(scene, summary, folder, job.strategy in UPRIGHT, job.profile != IDEAL)
 
 
-def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) -> dict[str, Any]:
-    """Figures of a run, beside what its summary says; its collision threats only where the probe was held `upright`."""
+def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, aligned: bool) -> dict[str, Any]:
+    """Figures of a run, beside what its summary says; its collision threats only where the probe was held `upright`.
+
+    `aligned`: errors are those that remain when the object is moved to where the contacts have it.
+    """
     from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, mesh_errors
     from lwrprobe.evaluation.run_folder import read_run
     from lwrprobe.reconstruction.meshes import read_mesh
@@ -203,12 +225,13 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) ->
         return found
     solid = actual.solid().mesh()
     true = TrueMesh(solid.vertices, solid.faces)
+    if aligned:
+        true = true.aligned_with(_some(record.points))
     lowest, radius = scene.area.lower[2], scene.probe.radius
     points, normals = true.surface(_SURFACE, lowest, radius)
     offsets, keep = _probe_points(scene)
     reached = true.fits(points + radius * normals, radius, offsets, keep)
-    some = np.linspace(0, len(record.points) - 1, min(_CONTACTS, len(record.points))).astype(int)
-    found["contact"] = 1e3 * float(np.median(true.distance(record.points[some])))
+    found["contact"] = 1e3 * float(np.median(true.distance(_some(record.points))))
     found["coverage"] = _coverage(record, points[reached], normals[reached])
     if upright:
         places = _threats(folder, left.trace)
@@ -227,6 +250,11 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool) ->
         found["over_best"] = found["mesh"] / best if best else None
         found["picture"] = _picture(mesh, actual)
     return found
+
+
+def _some(points: np.ndarray) -> np.ndarray:
+    """Of contacts (n, 3), so many as are measured."""
+    return points[np.linspace(0, len(points) - 1, min(_CONTACTS, len(points))).astype(int)]
 
 
 def _where(
@@ -298,15 +326,19 @@ def _other(method: str, record: TouchRecord, true: TrueMesh, points: np.ndarray,
     return 1e3 * mesh_errors(mesh, true, points, above)[0] if len(mesh.faces) else None
 
 
-def _picture(mesh: TriangleMesh, scene: Scene) -> np.ndarray:
-    """(h, w, 4) uint8: the mesh, red where it is too far out, blue where too deep."""
+def _picture(mesh: TriangleMesh, scene: Scene) -> str:
+    """The mesh, red where it is too far out, blue where too deep: a PNG file in base64, as a journal can keep it."""
+    from matplotlib.image import imsave
+
     from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
     from lwrprobe.evaluation.mesh_error import deviation
     from lwrprobe.evaluation.render import Sight, View
 
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     view = View(*VIEWS[0], low, high, *_PICTURE)
-    return Sight(mesh, view).paint(deviation_colours(deviation(mesh, scene.solid()), _LIMIT))
+    file = BytesIO()
+    imsave(file, Sight(mesh, view).paint(deviation_colours(deviation(mesh, scene.solid()), _LIMIT)), format="png")
+    return b64encode(file.getvalue()).decode()
 
 
 def _report(found: list[dict[str, Any]]) -> BenchReport:
@@ -315,28 +347,33 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
     report = BenchReport("shapes", "Random objects: what nobody tuned for")
     report.machine = machine() | versions("numpy", "numba", "trimesh", "manifold3d")
     worst = sorted(found, key=_badness, reverse=True)[:WORST]
-    strategies = list(dict.fromkeys(item["strategy"] for item in found))
-    shares = [[s, *(c.kept([i for i in found if i["strategy"] == s]) for c in CRITERIA)] for s in strategies]
-    report.table("Runs that fulfil it", ["strategy", *(c.requirement for c in CRITERIA)], shares)
+    of: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for item in found:
+        of.setdefault((item["profile"], item["strategy"]), []).append(item)
+    shares = [[*key, *(c.kept(mine) for c in CRITERIA), *_middles(mine)] for key, mine in of.items()]
+    columns = ["profile", "strategy", *(c.requirement for c in CRITERIA), *(f"median of {c.key}" for c in MEDIANS)]
+    report.table("Runs that fulfil it", columns, shares)
     pictures = [item.pop("picture", None) for item in worst]
     for item in found:
         item.pop("picture", None)
     numbered = [item | {"no.": number} for number, item in enumerate(worst, 1)]
     report.records(f"The {len(worst)} worst runs", {"no.": "no."} | COLUMNS, numbered)
     report.records("Every run", COLUMNS, found)
-    for criterion in CRITERIA:
-        requirement = f"{criterion.requirement} in {100.0 * criterion.share:.0f} %"
-        report.verdicts.append(replace(criterion, requirement=requirement).verdict(found))
-    for criterion in MEDIANS:
-        values = [item[criterion.key] for item in found if item.get(criterion.key) is not None]
-        middle = float(np.median(values)) if values else np.nan
-        report.require(criterion.requirement, f"{middle:.3g} in the median of {len(values)}", criterion.good(middle))
+    for profile in dict.fromkeys(item["profile"] for item in found):
+        mine = [item for item in found if item["profile"] == profile]
+        for criterion in CRITERIA:
+            requirement = f"{profile}: {criterion.requirement} in {100.0 * criterion.share:.0f} %"
+            report.verdicts.append(replace(criterion, requirement=requirement).verdict(mine))
+        for criterion, middle in zip(MEDIANS, _middles(mine)):
+            report.require(f"{profile}: {criterion.requirement}", f"{middle:.3g}", criterion.good(middle))
     threats = [(item["false_threats"], item["threats"]) for item in found if item.get("threats") is not None]
     false, all_of_them = np.sum(threats, axis=0).tolist() if threats else (0, 0)
     report.require("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
     report.notes = [
         "Mesh errors are means of both ways, above the lowest height of the sphere's centre, undersides that no sphere "
         "reaches included; `reachable mesh` measures against what an upright probe reaches alone.",
+        "In a world that differs from its scene errors are those that remain when the object is moved to where the "
+        "contacts have it.",
         "A threat is false where every link was 1.5 mm or more from the object. It is judged for strategies that do "
         "not lean the probe.",
     ]
@@ -348,18 +385,26 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
     return report
 
 
+def _middles(found: list[dict[str, Any]]) -> list[float]:
+    """The medians that are asked for; NaN where no run has the figure."""
+    values = [[item[c.key] for item in found if item.get(c.key) is not None] for c in MEDIANS]
+    return [float(np.median(some)) if some else float("nan") for some in values]
+
+
 def _badness(item: dict[str, Any]) -> tuple[int, float]:
     """Runs that fail most come first, then by the mesh."""
     return sum(not c.holds(item) for c in CRITERIA), item.get("mesh") or np.inf
 
 
-def _draw_worst(figure: Any, worst: list[dict[str, Any]], pictures: list[np.ndarray | None]) -> None:
+def _draw_worst(figure: Any, worst: list[dict[str, Any]], pictures: list[str | None]) -> None:
     """The meshes of the worst runs, numbered as in the table."""
+    from matplotlib.image import imread
+
     figure.set_size_inches(10.0, 1.9 * -(-len(worst) // 5) + 0.2)
     panels = figure.subplots(-(-len(worst) // 5), 5, squeeze=False).ravel()
     for axes in panels:
         axes.set_axis_off()
     for number, (axes, item, picture) in enumerate(zip(panels, worst, pictures), 1):
         if picture is not None:
-            axes.imshow(picture)
+            axes.imshow(imread(BytesIO(b64decode(picture))))
         axes.set_title(f"{number}: {item['object'].removeprefix('random:')}", fontsize=7)

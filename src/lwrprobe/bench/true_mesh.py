@@ -14,6 +14,9 @@ _CANDIDATES = 6  # samples whose triangles are looked at for the nearest point
 _COARSE = 15  # only every so many of the samples say whether something fits
 _SLACK = 2e-4  # m: between them the surface is that much nearer at most, seen from one sphere radius
 _FAR = 0.012  # m: nothing is nearer, seen from a point of a link
+_ROUNDS = 10  # of the alignment
+_STRAY = 0.005  # m: points farther off have no say in it
+_TOLD = 1e-4  # share of the best seen motion below which one is not told by the points
 _JUDGED = 6000  # points of a mesh that is measured
 
 
@@ -39,6 +42,26 @@ class TrueMesh:
         triangles, places = 1e3 * self._mesh.triangles[self._face[near.ravel()]], 1e3 * points
         feet = trimesh.triangles.closest_point(triangles, np.repeat(places, _CANDIDATES, axis=0))
         return 1e-3 * np.linalg.norm(feet.reshape(-1, _CANDIDATES, 3) - places[:, None], axis=2).min(axis=1)
+
+    def aligned_with(self, points: np.ndarray) -> TrueMesh:
+        """The same shape where surface points (n, 3) have it: moved until they lie on its faces in least squares."""
+        from scipy.spatial.transform import Rotation
+
+        turn, shift = Rotation.identity(), np.zeros(3)  # of the points, onto this mesh
+        for _ in range(_ROUNDS):
+            places = turn.apply(points) + shift
+            _, near = self._tree.query(places)
+            normals = self._mesh.face_normals[self._face[near]]
+            off = np.einsum("ij,ij->i", places - self._mesh.triangles[self._face[near], 0], normals)
+            close = np.abs(off) < _STRAY
+            middle = places[close].mean(axis=0)
+            slopes = np.column_stack([np.cross(places[close] - middle, normals[close]), normals[close]])
+            # What no point tells, as the turn about a rotor's axis, stays as it is.
+            step = np.linalg.lstsq(slopes, -off[close], rcond=_TOLD)[0]
+            small = Rotation.from_rotvec(step[:3])
+            turn, shift = small * turn, small.apply(shift - middle) + middle + step[3:]
+        vertices = turn.inv().apply(np.asarray(self._mesh.vertices) - shift)
+        return TrueMesh(vertices, np.asarray(self._mesh.faces))
 
     def surface(self, count: int, lowest: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Samples (n, 3) whose touching sphere has its centre at or above `lowest` m, and their normals (n, 3)."""

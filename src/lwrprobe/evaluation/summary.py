@@ -162,7 +162,7 @@ class Summary:
     force_control: Table = field(default_factory=dict)
     """Force loop: `delay_s` [s], `stiffness_along_stick` [N/m], `stability_number`, `damping` [N s/m] and more."""
     stages: list[Table] = field(default_factory=list)
-    """Computing time a stage: `name`, `calls`, `us_median` [us], `us_p99` [us], `share` of the total."""
+    """Computing time a stage: `name`, `calls`, `us_median` [us], `us_p99` [us], `us_max` [us], `share` of the total."""
     left_out: list[LeftOut] = field(default_factory=list)
     """What the run did without: `stage`, `why`."""
     wrench_counters: Table = field(default_factory=dict)
