@@ -11,6 +11,7 @@ import pytest
 from lwrprobe.contracts import DriverContext
 from lwrprobe.contracts import GroundTruth as Truth
 from lwrprobe.contracts.plugins import load
+from lwrprobe.errors import MotionInterrupted
 from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.scene import Scene, load_scene, scene_names
@@ -120,13 +121,29 @@ def free_address():
 
 
 def test_touch_over_real_sockets(scene, descent):
+    for attempt in range(3):
+        try:
+            states, samples = touch_over_sockets(scene, descent)
+            break
+        except MotionInterrupted:  # the host stood still for longer than the controller bridges
+            if attempt == 2:
+                raise
+    assert states[-1].q == pytest.approx(descent[-1], abs=1e-5)
+    assert samples[-1].force[2] == pytest.approx(-4.0, rel=0.05)
+    assert min(s.force[2] for s in samples[:20]) > -0.1
+    # Both clocks are the host's: a sample's instant lies among the arm's states.
+    assert states[0].time - 1.0 < samples[0].time < samples[-1].time < states[-1].time
+
+
+def touch_over_sockets(scene, descent):
+    """States of the arm and samples of the sensor while it goes down and for a second after that."""
     world = SimulatedWorld(scene, 1, descent[0])
     bind = free_address()
     controller = load("emulator", "fri").build(world, "127.0.0.1:0", bind, CYCLE, bridged=50)
     device = load("emulator", "ati").build("127.0.0.1:0", "127.0.0.1:0", "1", {1: world.wrench}, 0.0)
     fri, ati = load("driver", "fri"), load("driver", "ati")
     with Reactor([controller, device]):
-        arm = fri(DriverContext(fri.Config(bind=bind, remote=controller.address), scene)).arm()
+        arm = fri(DriverContext(fri.Config(bind=bind, remote=controller.address, silence=2.0), scene)).arm()
         addresses = {"telnet": device.telnet_address, "udp": device.udp_address, "local": "127.0.0.1:0"}
         sensor = ati(DriverContext(ati.Config(**addresses), scene)).sensor()
         with arm, sensor:
@@ -142,11 +159,7 @@ def test_touch_over_real_sockets(scene, descent):
                 states.append(arm.read())
                 samples += sensor.read()
             states += [arm.read(), arm.read()]  # the second one is measured after the last sample was read
-            assert states[-1].q == pytest.approx(descent[-1], abs=1e-5)
-            assert samples[-1].force[2] == pytest.approx(-4.0, rel=0.05)
-            assert min(s.force[2] for s in samples[:20]) > -0.1
-            # Both clocks are the host's: a sample's instant lies among the arm's states.
-            assert states[0].time - 1.0 < samples[0].time < samples[-1].time < states[-1].time
+    return states, samples
 
 
 def test_truth_of_a_run_is_fetched_from_the_rig_once_the_sensor_is_closed(scene, descent):
