@@ -110,8 +110,8 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     first = force.limit(down, free, 1.0).velocity[2]
     assert -0.005 < first < -0.004
     assert force.limit(aside, free, 1.0).velocity[0] == 0.01
-    press(force)
-    assert -0.002 < force.limit(down, free, 1.0).velocity[2] < -0.0008
+    press(force, seconds=8.0)
+    assert -0.002 < force.limit(down, free, 1.0).velocity[2] < -0.001
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 

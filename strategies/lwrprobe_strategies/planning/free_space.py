@@ -66,14 +66,14 @@ class FreeSpace:
         # the sphere came down just there, and it is on the border.
         self._places = GrowingTable(13)
         self._turns: list[np.ndarray] = []
+        self._before_touch: set[int] = set()  # indices of places so near to the next one that who comes back may touch
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
 
-        A normal that is not reliable is that of the force, and leads off what is touched as well. A place that was free
-        just before a touch is that of the touch: who comes back to it exactly may touch there.
+        A normal that is not reliable is that of the force, and leads off what is touched as well.
         """
         (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
         last = self._places.last
@@ -82,10 +82,9 @@ class FreeSpace:
             near = near and ax * last[6] + ay * last[7] + az * last[8] > TURNED
             if near and (normal is None or last[3:6] != last[:3]):
                 return
+            if near:
+                self._before_touch.add(len(self._places) - 1)
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
-        if last is not None and near:
-            self._places.replace_last((x, y, z, x + nx, y + ny, z + nz, *last[6:]))
-            return
         upright = -az > UPRIGHT
         if z >= self._top - SPACING:  # a little lower where the arm lags behind
             self._column, self._descent = (x, y, ax, ay, az), len(self._places)
@@ -228,6 +227,7 @@ class FreeSpace:
     def _along(self, places: list[int]) -> list[Pose]:
         """The places with these indices, in this order; those that lie straight between others are left out."""
         rows = self._places.rows()
+        places = [k for k in places if k not in self._before_touch]
         kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 

@@ -33,14 +33,6 @@ class GrowingTable:
         self._new.extend(row)
         self.last = row
 
-    def replace_last(self, row: Row) -> None:
-        """Put another row in the place of the one that was added last."""
-        if self._new:
-            self._new[-len(row) :] = array("d", row)
-        else:
-            self._columns[:, self._count - 1] = row
-        self.last = row
-
     def __len__(self) -> int:
         return self._count + len(self._new) // len(self._columns)
 
