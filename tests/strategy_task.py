@@ -8,7 +8,15 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 AREA = Area(np.array([-0.1, -0.1, 0.006]), np.array([0.1, 0.1, 0.06]))
 
 
-def task(approach=1.0, stiffness=2e4, lateral=1.0 / 2500.0, axial=1.0 / 1.3e6, links=(), area=AREA):
+def task(
+    approach=1.0,
+    stiffness=2e4,
+    lateral=1.0 / 2500.0,
+    axial=1.0 / 1.3e6,
+    links=(),
+    area=AREA,
+    reachable=lambda poses: True,
+):
     return Task(
         area=area,
         probe=Probe(compliance=np.array([lateral, lateral, axial]), links=links),
@@ -24,4 +32,5 @@ def task(approach=1.0, stiffness=2e4, lateral=1.0 / 2500.0, axial=1.0 / 1.3e6, l
         clearance_threshold=0.003,
         stiffness=stiffness,
         delay=0.015,
+        reachable=reachable,
     )

@@ -340,7 +340,18 @@ class Coverage(SkillStrategy):
         return self.contour()
 
     def retraction(self) -> list[Waypoint]:
-        """Off the surface that is touched; from under something, or leaning, back on the probe's path."""
+        """Off the surface that is touched; from under something, or leaning, back on the probe's path.
+
+        Where the arm cannot go on, waypoints of that which it cannot reach either are left out: what leads off a wall may
+        lead beyond the range of a joint, and what leads along it, as the probe came, does not.
+        """
+        path = self._off_or_back()
+        if self.tip.seen.blocked:
+            while len(path) > 1 and not self.task.reachable([self._pose(path[0])]):
+                path = path[1:]
+        return path
+
+    def _off_or_back(self) -> list[Waypoint]:
         tip = self.tip
         normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
         tip.leave()
@@ -350,6 +361,14 @@ class Coverage(SkillStrategy):
         if tip.trace.ended is guarded_move and not tip.leaving:
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
+
+    def _pose(self, waypoint: Waypoint) -> np.ndarray:
+        """(4, 4) of the tip at a waypoint; held as it is where that does not say."""
+        pose = self.tip.seen.pose.copy()
+        pose[:3, 3] = waypoint.place
+        if waypoint.rotation is not None:
+            pose[:3, :3] = waypoint.rotation
+        return pose
 
     def _begins_above_a_foot(self) -> bool:
         """Whether a line that had to be raised meets a wall above its foot.

@@ -1,5 +1,7 @@
 """Walls that lead down are climbed from the line's other end where that is quicker, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -238,6 +240,30 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
     velocity = next(strategy.retract_onward()).velocity
     assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
     assert (abs(velocity[0]) < 1e-9) == in_plane
+
+
+@pytest.mark.parametrize("blocked", ["", "out of reach: limited"])
+def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
+    """A leaning probe had gone up a wall to the end of a joint's range, and could not go off it."""
+    wall, leaning = np.array([0.0, -1.0, 0.0]), turned(UP, np.array([1.0, 0.0, 0.0]), -0.4) @ DOWN
+    asked = []
+
+    def reachable(poses):
+        asked.append(poses)
+        return poses[-1][2, 3] < 0.02
+
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03, reachable=reachable))
+    stand(strategy.tip.free, *([0.0, -y, 0.006] for y in np.arange(0.03, 0.0, -0.001)), rotation=leaning)
+    stand(strategy.tip.free, *([0.0, 0.0, z] for z in np.arange(0.006, 0.03, 0.001)), rotation=leaning, normal=wall)
+    strategy.tip.observe(replace(seen([0.0, 0.0, 0.029], 1.0, leaning), blocked=blocked))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
+    asked.clear()
+    strategy.back = 0.1
+    path = strategy.retraction()
+    assert (path[0].place[2] < 0.02) == bool(blocked)
+    assert bool(asked) == bool(blocked)
+    assert path[-1].place[1] < -0.01
 
 
 @pytest.mark.parametrize("cut", [False, True])
