@@ -342,8 +342,8 @@ class Coverage(SkillStrategy):
     def retraction(self) -> list[Waypoint]:
         """Off the surface that is touched; from under something, or leaning, back on the probe's path.
 
-        Where the arm cannot go on, waypoints of that which it cannot reach either are left out: what leads off a wall may
-        lead beyond the range of a joint, and what leads along it, as the probe came, does not.
+        Where the arm cannot go on, waypoints of that which it cannot reach either are left out: what leads off a wall
+        may lead beyond the range of a joint, and what leads along it, as the probe came, does not.
         """
         path = self._off_or_back()
         if self.tip.seen.blocked:

@@ -48,6 +48,30 @@ def test_near_a_singularity_the_joints_keep_their_speed_limits(q, displacement, 
     assert follow(q, displacement, turn, governed=True) < 1.0
 
 
+@pytest.mark.parametrize(("acceleration", "kept"), [(np.inf, False), (30.0, True)])
+def test_where_a_joint_turns_round_on_the_path_the_tip_is_slow_enough_for_its_acceleration(acceleration, kept):
+    """A joint that goes 0.08 rad there and back within 40 mm: at 0.25 m/s it turns round with 50 rad/s^2."""
+    tip = CartesianTrajectory(1e-3, LIMITS)
+
+    def joint(x):
+        return 0.08 * np.exp(-0.5 * ((x - 0.1) / 0.01) ** 2)
+
+    def track_all(poses, seed, out):
+        out[:] = joint(poses[:, :1, 3])
+        return len(poses)
+
+    governor = SpeedGovernor(tip, track_all, np.array([1e3]), acceleration)
+    tip.set_goal(pose(0.2), 0.25)
+    asked = []
+    while not tip.arrived:
+        tip.step()
+        asked.append(joint(tip.pose[0, 3]))
+        governor.watch(np.array(asked[-1:]))
+    turns = np.abs(np.diff(asked, 2)).max() / tip.cycle**2
+    assert (turns < 30.0) == kept
+    assert len(asked) < 2500
+
+
 def test_a_governed_tip_that_rests_is_not_slowed_any_more():
     tip = CartesianTrajectory(1e-3, LIMITS)
     tip.scale(0.1)

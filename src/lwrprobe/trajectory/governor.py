@@ -1,4 +1,4 @@
-"""Slow the tip in time where the joints would have to be too fast."""
+"""Slow the tip in time where the joints would have to be too fast, or to change their speed too fast."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ FASTER = 1.5
 
 
 class SpeedGovernor:
-    """Keeps the joints below their speed limits by scaling the tip's speed, inside the tip's own limits.
+    """Keeps the joints below their limits by scaling the tip's speed, inside the tip's own limits.
 
     The plan is looked at ahead for as long as the tip needs to stop: inverse kinematics of a few poses on it gives
     the largest share of a joint speed limit that the plan will ask for and where. At one place that share is
-    proportional to the tip's speed, so that the speed which brings it back into the band follows at once. Far from
-    the limits it looks less often and less closely.
+    proportional to the tip's speed, so that the speed which brings it back into the band follows at once. The
+    acceleration that a joint needs because its path bends is proportional to the square of that speed: the root of
+    its share counts as a share does. Far from the limits it looks less often and less closely.
 
     Parameters
     ----------
     trajectory : the generator whose speed is scaled
     track_all : (poses (m, 4, 4), q_seed (n,), q_out (m, n)) -> how many were solved in turn; as `IKSolver.track_all`
-    speed : (n,) rad/s, joint limits
+    speed, acceleration : (n,) rad/s and rad/s^2, joint limits; a number is that of all joints
     every : cycles from one look to the next, `LONGER` times that below `LOW_USE`
     samples : poses a look, the present one counted; half as many below `LOW_USE`
     highest : share above which the tip slows down
@@ -39,7 +40,7 @@ class SpeedGovernor:
 
     Attributes
     ----------
-    use : largest share ahead at the last look
+    use : largest share ahead at the last look, of speed or the root of that of acceleration
     blocked_in : s from the last look to the first pose on the plan without solution, inf where there is none
     """
 
@@ -48,6 +49,7 @@ class SpeedGovernor:
         trajectory: CartesianTrajectory,
         track_all: Callable[[np.ndarray, np.ndarray, np.ndarray], int],
         speed: np.ndarray,
+        acceleration: np.ndarray | float = inf,
         every: int = 10,
         samples: int = 17,
         highest: float = 0.8,
@@ -60,6 +62,7 @@ class SpeedGovernor:
             raise InputError("every, samples", (every, samples), "1 or more, 3 or more")
         self._trajectory, self._track_all = trajectory, track_all
         self._speed = np.array(speed, dtype=np.float64)
+        self._acceleration = np.broadcast_to(np.float64(acceleration), self._speed.shape)
         self._every, self._slowest = every, slowest
         self._lowest, self._middle, self._highest = lowest, 0.5 * (lowest + highest), highest
         self._poses, self._speed_ratio = np.empty((samples, 4, 4)), np.empty(samples)
@@ -86,8 +89,7 @@ class SpeedGovernor:
         if self._wait < 0 or self._is_faster():
             pause = LONGER * self._every if self._low_use else self._every
             self._wait = pause - 1
-            self._look(q, pause)
-            self._low_use = self.use < LOW_USE and self.blocked_in == inf
+            self._low_use = self._look(q, pause) < LOW_USE and self.blocked_in == inf
         return self.use
 
     def _is_faster(self) -> bool:
@@ -95,7 +97,8 @@ class SpeedGovernor:
         (speed, turn_rate), (old_speed, old_rate) = self._trajectory.asked, self._asked
         return speed > FASTER * old_speed or turn_rate > FASTER * old_rate
 
-    def _look(self, q: np.ndarray, cycles: int) -> None:
+    def _look(self, q: np.ndarray, cycles: int) -> float:
+        """The largest share of a joint speed limit ahead."""
         trajectory, joints = self._trajectory, self._joints
         self._asked = trajectory.asked
         seconds = trajectory.stopping_time + cycles * trajectory.cycle
@@ -106,9 +109,14 @@ class SpeedGovernor:
         joints[0] = q
         solved = 1 + self._track_all(poses[1:], q, joints[1:count])
         self.blocked_in = solved * spacing if solved < count else inf
-        use = (np.abs(np.diff(joints[:solved], axis=0)) / self._speed).max(axis=1, initial=0.0) / spacing
+        speeds = np.diff(joints[:solved], axis=0) / spacing
+        use = (np.abs(speeds) / self._speed).max(axis=1, initial=0.0)
+        fastest = float(use.max(initial=0.0))
+        bends = np.abs(np.diff(speeds, axis=0)) / (spacing * self._acceleration)
+        use[1:] = np.maximum(use[1:], np.sqrt(bends.max(axis=1, initial=0.0)))
         self.use = float(use.max(initial=0.0))
         self._scale(use, 0.5 * (speed_ratio[: solved - 1] + speed_ratio[1:solved]))
+        return fastest
 
     def _scale(self, use: np.ndarray, speed_ratio: np.ndarray) -> None:
         trajectory = self._trajectory

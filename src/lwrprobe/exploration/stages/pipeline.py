@@ -197,7 +197,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
     solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
     clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels, surface)
-    trajectory, governor, no_governor = _motion(motion.mode, cycle, robot, solver, limits)
+    trajectory, governor, no_governor = _motion(scene, cycle, robot, solver, limits)
     conditioner = WrenchConditioner(probe, rate)
     estimator = make_estimator(scene.contact.estimator, probe, estimator_settings(scene))
     return Pipeline(
@@ -245,17 +245,18 @@ def robot_of(scene: Scene) -> Robot:
 
 
 def _motion(
-    mode: str, cycle: float, robot: Robot, solver: IKSolver, limits: CartesianLimits
+    scene: Scene, cycle: float, robot: Robot, solver: IKSolver, limits: CartesianLimits
 ) -> tuple[CartesianTrajectory | JointSpaceTip, SpeedGovernor | None, str]:
     """The generator, what keeps its joints in bounds, and why that is left out."""
-    if mode == "joint":
+    if scene.motion.mode == "joint":
         return (
             JointSpaceTip(cycle, robot, solver, limits),
             None,
             "in joint space the generator keeps the joints' limits",
         )
     trajectory = CartesianTrajectory(cycle, limits)
-    return trajectory, SpeedGovernor(trajectory, solver.track_all, robot.speed), ""
+    governor = SpeedGovernor(trajectory, solver.track_all, robot.speed, scene.safety.joint_acceleration)
+    return trajectory, governor, ""
 
 
 def _clearance(
