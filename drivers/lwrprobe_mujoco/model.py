@@ -22,6 +22,9 @@ NEAR = 0.002
 """m, at which the steps become short."""
 LARGEST_STIFFNESS = 0.5
 """Of a spring, over mass and 1/step^2; a stiffer one cannot be integrated and is taken as rigid."""
+RESOLVED = 0.25
+"""Natural frequency of a contact times the step, up to which the step resolves it, with MuJoCo's mean mass of the
+stick. Across, that is lighter: at twice as much it chatters, and a stiffer contact grows without bound."""
 STICK_HINGE = 1.0 / 3.0
 """Where a rigid stick must be hinged, as a share of its length from its foot, so that both the deflection and the
 slope at its end are those of a cantilever: F L^3 / 3 E I and F L^2 / 2 E I."""
@@ -45,6 +48,7 @@ class Model:
     joints : number of the arm's joints, the first ones of the model
     sphere, stick : numbers of these geometries; stick is -1 without one
     links : numbers of the geometries of all that must not touch anything
+    softened : N/m, of contacts that are stiffer in the scene than a step resolves, 0 where none is
     """
 
     compiled: Any
@@ -52,6 +56,7 @@ class Model:
     sphere: int
     stick: int
     links: frozenset[int]
+    softened: float
 
 
 def build(scene: Scene, robot: Robot, config: MujocoConfig) -> Model:
@@ -69,7 +74,7 @@ def build(scene: Scene, robot: Robot, config: MujocoConfig) -> Model:
     links = _add_body_of_probe(flange, robot, scene)
     _add_probe(spec, flange, robot, scene, config)
     compiled = spec.compile()
-    _set_contacts(compiled, scene, config, names)
+    softened = _set_contacts(compiled, scene, config, names)
     number = {compiled.geom(i).name: i for i in range(compiled.ngeom)}
     arm_links = [f"link {i}" for i in range(len(robot.swinging_links))]
     return Model(
@@ -78,6 +83,7 @@ def build(scene: Scene, robot: Robot, config: MujocoConfig) -> Model:
         sphere=number["sphere"],
         stick=number.get("stick", -1),
         links=frozenset(number[name] for name in links + arm_links),
+        softened=softened,
     )
 
 
@@ -248,21 +254,26 @@ def _add_probe(spec: Any, flange: Any, robot: Robot, scene: Scene, config: Mujoc
         geom.contype, geom.conaffinity = TOUCHING, TOUCHED
 
 
-def _set_contacts(compiled: Any, scene: Scene, config: MujocoConfig, names: list[list[str]]) -> None:
-    """Give each contact the stiffness K [N/m] and damping [N s/m] of its object.
+def _set_contacts(compiled: Any, scene: Scene, config: MujocoConfig, names: list[list[str]]) -> float:
+    """Give each contact the stiffness K [N/m] and damping [N s/m] of its object; see `Model.softened`.
 
     MuJoCo's constraint at rest holds f = k r / ((1 - d) A) for a penetration r, with `solref` = (-k, -b), the
     impedance d, and A = 1/kg, the inverse mass that it finds at the sphere (MuJoCo's chapter on computation).
     """
     inverse_mass = float(compiled.body_invweight0[compiled.body("probe").id, 0])
     scale = (1.0 - config.impedance) * inverse_mass
+    fastest, softened = RESOLVED / config.timestep, 0.0
     for material, geoms in zip((scene.table, *scene.objects), names):
         for name in geoms:
             i = compiled.geom(name).id
             compiled.geom_gap[i] = NEAR  # found from there on, forces from contact on
             compiled.geom_priority[i] = 1  # its numbers count, not the probe's
-            stiff = material.stiffness * scale
+            stiff = min(material.stiffness * scale, fastest**2)
+            if stiff < material.stiffness * scale:
+                softened = stiff / scale
             # the step does not resolve how a light sphere bounces: its contact is damped critically at least
-            compiled.geom_solref[i] = -stiff, -max(material.damping * scale, 2.0 * np.sqrt(stiff))
+            damping = min(max(material.damping * scale, 2.0 * np.sqrt(stiff)), 2.0 * fastest)
+            compiled.geom_solref[i] = -stiff, -damping
             compiled.geom_solimp[i] = config.impedance, config.impedance, 1e-3, 0.5, 2.0
             compiled.geom_friction[i] = material.friction, 0.0, 0.0
+    return softened

@@ -95,7 +95,14 @@ class World:
 
     def _without(self) -> list[LeftOut]:
         why = "MuJoCo's world does not model it"
-        return [{"stage": stage, "why": why} for name, stage in _NOT_MODELLED.items() if getattr(self.config, name)]
+        left: list[LeftOut] = [
+            {"stage": stage, "why": why} for name, stage in _NOT_MODELLED.items() if getattr(self.config, name)
+        ]
+        if self.model.softened > 0.0:
+            step = 1e3 * self.config.timestep
+            why = f"steps of {step:g} ms resolve contacts of up to {self.model.softened:.2g} N/m"
+            left.append({"stage": "stiffness of the object", "why": why})
+        return left
 
     def command(self, q: np.ndarray) -> int:
         """Set point q (n,) for the next cycle; 0, or i + 1 for a joint limit, -(i + 1) for a jump of joint i."""

@@ -125,6 +125,18 @@ def test_a_contact_at_rest_has_the_object_s_stiffness(pressed):
     assert contact.force >= 1e5 * -touching[0].dist * 0.95
 
 
+def test_an_object_that_is_stiffer_than_a_step_resolves_is_taken_as_stiff_as_it_resolves():
+    """The light stick had chattered on it, and above 1e6 N/m the world broke down."""
+    scene = load_scene("block", ["truth.profile=ideal", "truth.object_stiffness=5e6"])
+    driver, samples = run(MujocoDriver, MujocoConfig(**QUIET), scene)
+    rest = np.array([s.force for s in samples if s.time > samples[-1].time - 0.1])
+    assert np.ptp(rest, axis=0).max() < 0.01
+    assert 1.0 < driver.ground_truth().probe_peak_force < 1.2 * np.linalg.norm(rest[-1])
+    (left,) = driver.left_out
+    assert left["stage"] == "stiffness of the object"
+    assert "1.2e+05 N/m" in left["why"]
+
+
 def test_friction_is_coulomb_s_while_the_sphere_slides(pressed):
     _, samples = pressed
     sliding = [s for s in samples if 0.58 < s.time < 0.65]
