@@ -42,7 +42,7 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Waypoint, clear_of, path_to
+from lwrprobe_strategies.planning.paths import THERE, Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
@@ -64,6 +64,8 @@ NEAR_SIDE = -0.3
 """Share of the normal along the line, below which the line leads into the object."""
 BESIDE_LINE = 0.002
 """m across a line, from which on what is touched is not on it."""
+MAX_STAYS = 3
+"""Lines in a row that were left before the tip had moved: the others would follow, and nothing would be touched."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
@@ -97,8 +99,13 @@ class Coverage(SkillStrategy):
         self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
         retraction: list[Waypoint] = []
+        stays = 0
         while (line := self.lines.next(self.tip.here)) is not None:
+            here = self.tip.here
             yield from self.drive(line, retraction)
+            stays = stays + 1 if np.abs(self.tip.here - here).max() < THERE else 0
+            if stays == MAX_STAYS:
+                return Done("the probe cannot leave the place where it is", complete=False)
             retraction = self.retraction()
         with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
             yield from transit(self.tip, retraction, self.begun)
@@ -342,14 +349,15 @@ class Coverage(SkillStrategy):
     def retraction(self) -> list[Waypoint]:
         """Off the surface that is touched; from under something, or leaning, back on the probe's path.
 
-        Where the arm cannot go on, waypoints of that which it cannot reach either are left out: what leads off a wall
-        may lead beyond the range of a joint, and what leads along it, as the probe came, does not.
+        Waypoints that the arm cannot reach from here, and those to which the body may not go, are left out. What leads
+        off a wall may lead beyond the range of a joint, and what leads off something above leads down; what leads along
+        it, as the probe came, does neither.
         """
+        if self.tip.body is not None:
+            self.tip.body.survey()
         path = self._off_or_back()
-        if self.tip.seen.blocked:
-            while len(path) > 1 and not self.task.reachable([self._pose(path[0])]):
-                path = path[1:]
-        return path
+        first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
+        return path[first:]
 
     def _off_or_back(self) -> list[Waypoint]:
         tip = self.tip
@@ -362,13 +370,16 @@ class Coverage(SkillStrategy):
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
 
-    def _pose(self, waypoint: Waypoint) -> np.ndarray:
-        """(4, 4) of the tip at a waypoint; held as it is where that does not say."""
-        pose = self.tip.seen.pose.copy()
+    def _leads_to(self, waypoint: Waypoint) -> bool:
+        """Whether the probe may go straight to a waypoint."""
+        seen, body = self.tip.seen, self.tip.body
+        pose = seen.pose.copy()
         pose[:3, 3] = waypoint.place
         if waypoint.rotation is not None:
             pose[:3, :3] = waypoint.rotation
-        return pose
+        if body is not None and not body.allows(seen.pose, pose):
+            return False
+        return not seen.blocked or self.task.reachable([pose])
 
     def _begins_above_a_foot(self) -> bool:
         """Whether a line that had to be raised meets a wall above its foot.

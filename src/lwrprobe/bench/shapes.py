@@ -1,7 +1,8 @@
 """Objects that nobody tuned for: strategies over random objects, judged by distances that are made with trimesh.
 
 Options (`--set`): `count`, random objects, whose kinds take turns; `base_seed`, seed of the first, which the others
-follow; `kinds`, `strategies` and `profiles` of the table `[truth]` as comma-separated lists; `jobs` side by side;
+follow; `kinds`, `strategies` and `profiles` of the table `[truth]` as comma-separated lists; `step`, m between two
+lines; `jobs` side by side;
 `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that are
 missing; `keep`, a folder in which the run folders stay.
 """
