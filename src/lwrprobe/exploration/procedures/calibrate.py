@@ -372,14 +372,14 @@ def calibrate(
     likely cause where the touches do not fit together, or show no joint's offset that was asked for.
     """
     touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter, poses)
+    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
+    _, q = start_posture(scene, robot)  # the arm's stiffness counts where an exploration begins
     found = measure(touched, message, watch, confirm)
     message("solving")
-    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
     centre = found.centres.copy()
     solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
     rotations_of = robot.fk_batch(np.array(found.touches.free_joints))[:, :3, :3]
     load = identify_payload(found.touches.free, list(rotations_of))
-    _, q = start_posture(touched, robot)
     offsets = slice(solution.parameters.slices["dh"].stop - robot.n, solution.parameters.slices["dh"].stop)
     if poses and not solution.visible("dh")[-robot.n :].any():
         sigma = np.degrees(np.sqrt(np.diag(solution.covariance)[offsets]))
