@@ -327,7 +327,7 @@ class ReferenceSphere(SkillStrategy):
             if not self.task.reachable([tip.pose_at(above), tip.pose_at(_at(above, low))]):
                 continue
             yield from transit(tip, [Waypoint(above), Waypoint(down)])
-            yield from rest(tip, LISTEN)
+            yield from rest(tip, ZEROING)
             outcome = yield from approach(tip, UP, gap + BEYOND)
             if outcome is Ended.CONTACT:
                 low, gap = float(tip.here[2]), SLOPE * radius + NEAR

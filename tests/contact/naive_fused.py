@@ -425,7 +425,7 @@ def fused(g, p, s):
     mu, mu_var = s.friction, s.friction_var
     if sliding:
         learn_friction(p, s, normal, total, slip, force)
-    total = add_friction(g, p, mu, mu_var, sliding, slip, total, force)
+    total = add_friction(g, p, mu, mu_var, sliding and s.streak >= 4.0, slip, total, force)
     normal = smallest_direction(total, normal)
     sigma = tangent_spread(total, normal)
     reason, row = deliver(g, p, normal, sigma, force)

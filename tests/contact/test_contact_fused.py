@@ -126,6 +126,16 @@ def test_a_sphere_that_sticks_while_the_arm_reports_motion_is_not_taken_for_slid
     assert estimator.friction[1] > 0.1  # nothing was learnt from it
 
 
+def test_a_slip_that_has_just_begun_need_not_take_all_of_a_known_friction():
+    """The friction is well known, and the sphere lands anew and creeps: the normal had been turned by 25 degrees."""
+    _, _, estimator = follow(plane(Z, Y, 0.46))
+    assert estimator.friction[1] < 0.03
+    estimator.reset()
+    sequence = ((PROBE.radius * Z + 8e-6 * k * X, 1e-3 * X, [(Z, 1.2 * Z)]) for k in range(4))
+    errors, _, _ = follow(sequence, estimator=estimator, speed_noise=0.0)
+    assert errors[:, 0].max() < 10.0
+
+
 @pytest.mark.parametrize("degrees", [0, 30, 60, 80])
 def test_an_approach_is_not_taken_for_sliding(degrees):
     """The velocity points into the surface: the normal must not be turned away from it."""

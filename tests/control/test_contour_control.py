@@ -118,7 +118,9 @@ def velocity_of(t, control, last, steady, before, normal, force, binormal, speed
     stiffness = 1.0 / (1.0 / t.stiffness + np.sin(angle) ** 2 * lateral + np.cos(angle) ** 2 * along)
     damping, error = np.e * stiffness * t.delay, force - t.force_target
     inward = min(control.approach_speed(n, rotation), 0.01)
-    steady = np.clip(steady + error * period / (damping * 8.0 * t.delay), -0.5 * inward, 0.5 * speed)
+    growth = error + max(force - before, 0.0) / period * t.delay
+    needed = np.clip(1.0 - growth / (0.5 * t.force_target), 0.0, 1.0)
+    steady = np.clip(steady + error * period / (damping * 8.0 * t.delay), -0.5 * inward * needed, 0.5 * speed)
     press = np.clip(error / damping + steady, -inward, 0.05)
     tangent = np.cross(n, binormal)
     tangent /= np.linalg.norm(tangent)
@@ -126,8 +128,7 @@ def velocity_of(t, control, last, steady, before, normal, force, binormal, speed
     if tangent @ rotation[:, 2] > 0.3:
         spare = FORCE_RESERVE * t.force_limit - t.force_threshold
         slide = min(slide, (1.0 - FRICTION * t.force_target / spare) * control.approach_speed(tangent, rotation))
-    coming = max(abs(error), error + max(force - before, 0.0) / period * t.delay)
-    slide *= np.clip(1.0 - coming / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)
+    slide *= np.clip(1.0 - max(abs(error), growth) / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)
     return n, steady, slide * tangent + press * n
 
 
@@ -155,8 +156,11 @@ def test_the_velocity_is_that_of_the_law_along_the_tracked_normal_and_the_tangen
     assert dives > 100
 
 
-def peak_on_a_plane(tilt, stiffer):
-    """N, largest force on a level plane that is `stiffer` times as stiff as stated, with all normals `tilt` rad off."""
+def peak_on_a_plane(tilt, stiffer, away=0.0):
+    """N, largest force on a level plane that is `stiffer` times as stiff as stated, with all normals `tilt` rad off.
+
+    Before, for 1 s, the surface turned away from the probe at `away` m/s, as around an edge.
+    """
     t, period = task(), 0.008
     control, up = ContourControl(t), np.array([0.0, 0.0, 1.0])
     stiffness = stiffer * stiffness_along(t, up)
@@ -165,13 +169,13 @@ def peak_on_a_plane(tilt, stiffer):
     commands, depth, peak = [0.0] * late, t.force_target / stiffness, 0.0
     control.begin(up)
     velocity = np.zeros(3)
-    for k in range(600):
+    for k in range(-1000 if away else 0, 600):
         force = max(stiffness * depth, 0.0)
         if k % 8 == 0:
             normal = wrong if k >= 64 else up
             velocity = control.velocity(normal, force * np.cos(tilt), (-1.0, 0.0, 0.0), 0.02, DOWN, period)
         commands.append(velocity[2])
-        depth -= 1e-3 * commands[-1 - late]
+        depth -= 1e-3 * (commands[-1 - late] + (away if k < 0 else 0.0))
         peak = max(peak, force)
     return peak
 
@@ -180,6 +184,13 @@ def test_a_wrong_normal_does_not_lead_the_sliding_into_a_stiff_surface():
     for tilt, stiffer in ((0.15, 2.0), (0.25, 1.0)):
         assert peak_on_a_plane(tilt, stiffer) < 0.9 * task().force_limit
     assert peak_on_a_plane(0.0, 1.0) <= 1.001 * task().force_target
+
+
+def test_the_flat_behind_an_edge_is_not_pressed_with_what_the_edge_took():
+    """The steady part that had pressed after the surface kept pressing, with twice the wanted force."""
+    t = task()
+    lost = t.force_target / (np.e * t.delay * stiffness_along(t, (0.0, 0.0, 1.0)))  # m/s, at which the contact is lost
+    assert peak_on_a_plane(0.0, 1.0, away=1.2 * lost) < 1.75 * t.force_target
 
 
 def test_a_normal_turns_towards_the_motion_no_faster_than_around_a_sharp_edge():

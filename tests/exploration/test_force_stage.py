@@ -5,7 +5,11 @@ import pytest
 
 from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
 from lwrprobe.contracts import Contact, Goal, SafetyStop, VelocityCommand, WrenchSample
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
+from lwrprobe.exploration.stages.pipeline import robot_of
+from lwrprobe.exploration.stages.touch_law import stiffness_slope
+from lwrprobe.kinematics import follow
 from lwrprobe.scene import load_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -225,3 +229,32 @@ def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_o
     assert force.compliance == pytest.approx(2e-4, rel=0.1)
     press(force, certain=False, seconds=0.1)
     assert force.compliance == 0.0
+
+
+def test_the_probe_is_slower_where_the_arm_is_stiffer_than_where_that_is_stated():
+    force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
+    force.begin(0.0135)
+    force.expect(np.zeros(3), np.array([-3.5, 0.0, 0.0]))
+    for x, share in ((0.0, 1.0), (0.08, 1.0), (-0.08, 0.75)):
+        pose = np.eye(4)
+        pose[:3, :3], pose[0, 3] = DOWN, x
+        force.update(wrench(0.0, (0.0, 0.0, 0.0)), pose, None)
+        down = force.limit(VelocityCommand(np.array([0.0, 0.0, -0.002])), wrench(0.0, (0.0, 0.0, 0.0)), 0.0)
+        assert down.velocity[2] == pytest.approx(-0.002 * share, rel=1e-6)
+        across = force.limit(VelocityCommand(np.array([0.002, 0.0, 0.0])), wrench(0.0, (0.0, 0.0, 0.0)), 0.0)
+        assert across.velocity[0] == 0.002
+
+
+def test_the_slope_of_the_stiffness_is_that_between_neighbouring_places():
+    scene = load_scene("block")
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    slope, shift = stiffness_slope(robot, q), 0.02
+
+    def compliance(x):
+        path = np.tile(pose, (20, 1, 1))
+        path[:, 0, 3] += np.linspace(0.0, x, 20)
+        return float(np.sum((pose[:3, 2] @ robot.jacobian(follow(robot, path, q).q[-1])[:3]) ** 2))
+
+    assert slope[0] == pytest.approx(np.log(compliance(-shift) / compliance(shift)) / (2.0 * shift), rel=0.03)
+    assert slope[0] < -3.0  # a third over 0.1 m

@@ -71,14 +71,16 @@ def test_backward_leads_down_a_wall_ahead_until_the_line_begins(axis, sign):
 def test_a_probe_pushed_off_its_line_is_pulled_back_within_the_surface():
     frame = TrackingFrame(Line(1, 0.01, -0.05, 0.05, 0.006), AREA)
     normal = np.array([0.6, 0.0, 0.8])
-    still = np.zeros(3)
-    pull = frame.guided(np.array([0.012, 0.0, 0.03]), still, normal)
+    slide = np.array([0.0, 0.02, 0.0])
+    pull = frame.guided(np.array([0.012, 0.0, 0.03]), slide, normal) - slide
     assert pull @ normal == pytest.approx(0.0, abs=1e-12)
     assert pull[0] < 0.0
-    far = frame.guided(np.array([0.5, 0.0, 0.03]), still, np.array([0.0, 0.0, 1.0]))
-    assert far[0] == -MAX_RETURN
-    slid = frame.guided(np.array([0.012, 0.0, 0.03]), np.array([0.0, 0.02, 0.0]), normal)
-    assert slid.tolist() == [pull[0], 0.02, pull[2]]
+    assert pull[1] == 0.0
+    place, up = np.array([0.5, 0.0, 0.03]), np.array([0.0, 0.0, 1.0])
+    assert frame.guided(place, slide, up)[0] == -MAX_RETURN
+    slow = np.array([0.0, 0.002, -0.003])
+    assert frame.guided(place, slow, up)[0] == pytest.approx(-0.001), "it had led into the surface at 5 mm/s"
+    assert frame.guided(place, np.array([0.0, 0.0, -0.003]), up)[0] == 0.0
     level = frame.horizontal(1.0).guided(np.array([0.012, 0.0, 0.03]), np.array([0.0, 0.02, 0.0]), normal)
     assert level.tolist() == [0.0, 0.02, 0.0]
 

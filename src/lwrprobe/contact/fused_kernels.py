@@ -106,6 +106,7 @@ _TURN_PATH = 1e-4  # m, shortest path over which a turn of the normal is measure
 _TURN_ERRORS = 4.0  # the same in errors of the normal times the sphere's radius
 _RING_TIME = 0.006  # s at least between two rows of the ring
 _STREAK = 8.0  # samples of sliding before friction is estimated: the running mismatch needs them
+_FRICTION_STREAK = 4.0  # the same before a known friction tells the normal's angle to the force
 _OFFSET_STREAK = 4.0  # the same before the sensor's zero is
 _REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that contradicts sliding
 _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
@@ -146,7 +147,9 @@ def fused(given, params, state, out):
     mu, mu_var = state[S_FRICTION], state[S_FRICTION_VAR]
     if sliding:
         learn_friction(given, params, state, normal, total, slip, out)
-    add_friction(given, params, mu, mu_var, sliding, slip, total, out)
+    # The stick bends before the sphere slips: a slip that has just begun need not take all of the friction yet.
+    slid = sliding and state[S_STREAK] >= _FRICTION_STREAK
+    add_friction(given, params, mu, mu_var, slid, slip, total, out)
     smallest_direction(total, normal)
     sigma = tangent_spread(total, normal)
     reason = deliver_world(given, normal, sigma, params, out)

@@ -94,8 +94,11 @@ class PressCompliance:
         shares = (weight - 0.5 * np.diff(weight, prepend=0.0)) / weight[-1]
         return float(np.interp(0.5, shares, np.array(values)[order]))
 
-    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None) -> bool:
-        """One sample and the tip's nominal pose (4, 4) at its instant; True when a batch has been added."""
+    def update(self, wrench: Wrench, pose: np.ndarray, contact: Contact | None, rise: float = 1.0) -> bool:
+        """One sample and the tip's nominal pose (4, 4) at its instant; True when a batch has been added.
+
+        `rise` is the arm's stiffness there over that where `value` counts.
+        """
         before, self._last = self._last, None
         if contact is None or contact.confidence_score <= 0.0 or not wrench.usable:
             return False
@@ -115,17 +118,17 @@ class PressCompliance:
         sums = self._squares
         sums[0], sums[1], sums[2] = sums[0] + change**2, sums[1] + change * deeper, sums[2] + deeper**2
         self._count += 1
-        return self._count == BATCH and self._close(pose[:3, :3], contact.normal)
+        return self._count == BATCH and self._close(pose[:3, :3], contact.normal, rise)
 
-    def _close(self, rotation: np.ndarray, normal: Vector) -> bool:
+    def _close(self, rotation: np.ndarray, normal: Vector, rise: float) -> bool:
         """Add the batch where force and depth belong together."""
         (ff, fd, dd), self._squares, self._count = self._squares, [0.0, 0.0, 0.0], 0
         if fd <= CORRELATION * sqrt(ff * dd):
             return False
         give = self._bend.shift(rotation, normal)
         along = float(np.dot(normal, give))
-        self._slopes.append(fd / ff - along)
+        self._slopes.append(rise * (fd / ff - along))
         rest = sqrt(max(ff * dd / fd**2 - 1.0, 0.0))
         turned = 2.0 * NORMAL * float(np.linalg.norm(give - along * normal))  # by a normal that is wrong
-        self._sigmas.append(hypot(UNEXPLAINED * rest, turned, BATCHES))
+        self._sigmas.append(rise * hypot(UNEXPLAINED * rest, turned, BATCHES))
         return True

@@ -36,6 +36,11 @@ RESET_TIME = 8.0
 """Integral time of the steady part in units of the delay: slow enough not to disturb the stability of the law."""
 MAX_STEADY = 0.5
 """Share of the inward speed, and of the sliding speed, that the steady part may reach: a tangent 27 degrees off."""
+NEEDLESS = 0.5
+"""Share of the target force that is coming in excess, at which nothing is left of a steady part towards the surface.
+Around an edge it makes up for the surface that turns away; on the flat behind, it would press on with e times that
+force until it is taken up in turn.
+"""
 TURN = 0.08
 """rad by which the surface may turn within one delay: a sliding speed of F_target / (K tau TURN) keeps the contact."""
 MIN_SLIDING = 0.1
@@ -109,16 +114,18 @@ def follow(law, safe, last, normal, force, rise, bx, by, bz, speed, rotation, pe
     damping = damping_without_overshoot(stiffness(law, axial), delay)
     error = force - law[TARGET]
     inward = min(by_direction(safe, axial), MAX_INWARD)
+    # What the force grows by until the loop reacts.
+    coming = error + max(rise, 0.0) * delay
+    needed = min(max(1.0 - coming / (NEEDLESS * law[TARGET]), 0.0), 1.0)
     steady += error * period / (damping * RESET_TIME * delay)
-    steady = min(max(steady, -MAX_STEADY * inward), MAX_STEADY * speed)
+    steady = min(max(steady, -MAX_STEADY * inward * needed), MAX_STEADY * speed)
     press = normal_velocity(error, damping, steady, inward, MAX_OUTWARD)
     tx, ty, tz = perpendicular(nx, ny, nz, bx, by, bz)
     slide, dive = speed, tx * ax + ty * ay + tz * az
     if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
         slide = min(slide, law[FOOT_SHARE] * by_direction(safe, dive))
     slide = min(slide, law[TARGET] / (damping / e * TURN))
-    # What the force grows by until the loop reacts: a wrong normal leads the sliding into the surface.
-    coming = max(abs(error), error + max(rise, 0.0) * delay)
-    slide *= min(max(1.0 - coming / law[SLACK], MIN_SLIDING), 1.0)
+    # A wrong normal leads the sliding into the surface.
+    slide *= min(max(1.0 - max(abs(error), coming) / law[SLACK], MIN_SLIDING), 1.0)
     velocity[0], velocity[1], velocity[2] = slide * tx + press * nx, slide * ty + press * ny, slide * tz + press * nz
     return steady

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from math import nan
+from math import nan, sqrt
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from lwrprobe_strategies.planning.lines import AT_END, Line, X, Y, Z
 
 GAIN = 2.0
 """1/s, of the return of a probe that was pushed off its line."""
-MAX_RETURN = 0.005
-"""m/s, of that return: slow beside the sliding speed, so that the surface decides the path."""
+MAX_RETURN, BESIDE_SLIDING = 0.005, 0.5
+"""m/s of that return, and its share of the sliding speed, at most: the surface decides the path, and where the law of
+the contact slides slowly, because a force is coming or the normal is not sure, the return is no faster way into it."""
 AT_TABLE = 1e-5
 """m above the area's floor, within which the table height is reached."""
 
@@ -124,7 +125,10 @@ class TrackingFrame:
         (vx, vy, vz), (nx, ny, nz), here = velocity.tolist(), normal.tolist(), place.tolist()
         axis, wanted = (Z, self.height) if self.level else (self.line.aside, self.line.place)
         assert wanted is not None
-        pull = min(max(GAIN * (wanted - here[axis]), -MAX_RETURN), MAX_RETURN)
+        press = vx * nx + vy * ny + vz * nz
+        slide = sqrt(max(vx * vx + vy * vy + vz * vz - press * press, 0.0))
+        most = min(MAX_RETURN, BESIDE_SLIDING * slide)
+        pull = min(max(GAIN * (wanted - here[axis]), -most), most)
         out = pull * (nx, ny, nz)[axis]
         back = [-out * nx, -out * ny, -out * nz]
         back[axis] += pull

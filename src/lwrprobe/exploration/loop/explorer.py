@@ -175,6 +175,11 @@ class Explorer:
         return self.arm.time - self._sample.zero_time
 
     @property
+    def zero_time(self) -> float:
+        """s on the robot's clock at which the run's time began; later by each pause in which it stood still."""
+        return self._sample.zero_time
+
+    @property
     def observation(self) -> Observation | None:
         """What the strategy was shown last."""
         return self._sample.observation

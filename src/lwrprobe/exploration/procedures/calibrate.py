@@ -146,6 +146,8 @@ def with_reference_sphere(scene: Scene, diameter: float, poses: Sequence[tuple[f
 
 
 Lean = tuple[float, float, float]
+Span = tuple[str, float, float]
+"""Skill, and s at which it begins and ends, as the sensor's stamps count."""
 
 
 def feasible_leans(scene: Scene) -> list[Lean]:
@@ -241,32 +243,32 @@ def measure(
         explorer.start_up.take_bias(BIAS_SECONDS)
         explorer.begin()
         message("touching the reference sphere")
-        zero = explorer.arm.time - explorer.time
-        outcome = explorer.run(scene.run.time_limit)
+        # The run's time stands still while the arm recovers from an interruption.
+        zeros = [(seen.time, explorer.zero_time) for seen in explorer.observations(scene.run.time_limit)]
+    outcome = explorer.outcome
+    assert outcome is not None
     if outcome.status != "done":
         raise SafetyStop(f"the calibration was not finished: {outcome.reason}")
     centres = np.array(pipeline.strategy.centres)  # type: ignore[attr-defined]
     radius = scene.strategy.options["radius"]
-    touches = _touches(log, pipeline.strategy.trace, zero, robot, centres, radius + scene.probe.radius)
+    touches = _touches(log, _spans(pipeline.strategy.trace, zeros), robot, centres, radius + scene.probe.radius)
     return Measurement(touches, centres, outcome, devices.ground_truth)
 
 
 def _touches(
     log: DeviceLog,
-    trace: Any,
-    zero: float,
+    spans: Sequence[Span],
     robot: Robot,
     centres: np.ndarray,
     reach: float,
 ) -> Touches:
-    """The log cut into touches by the strategy's trace: rest, then load, then unload."""
+    """The log cut into touches by the strategy's skills: rest, then load, then unload."""
     times, joints, sent = log.states()
     good = [(arrival, sample) for arrival, sample in log.samples if sample.status == 0]
     stamps = np.array([sample.time for _, sample in good])
     arrivals = np.array([arrival for arrival, _ in good])
     readings = np.array([[*sample.force, *sample.torque] for _, sample in good])
     found = Touches(following=_following(times, joints, sent), latency=float(np.min(arrivals - stamps)))
-    spans = _spans(trace, zero)
     free: np.ndarray | None = None
     for k, (name, begin, end) in enumerate(spans):
         if name == "rest":
@@ -276,21 +278,28 @@ def _touches(
                 free = readings[mine].mean(axis=0)
                 found.free.append(WrenchSample(0.5 * (begin + end), free[:3], free[3:], len(found.free)))
                 found.free_joints.append(joints[min(at, len(joints) - 1)])
-        elif name == "load" and free is not None:
-            last = spans[k + 1][2] if k + 1 < len(spans) and spans[k + 1][0] == "unload" else end
-            touch = _touch(stamps, readings - free, (begin, end, last), times, joints)
+        elif name == "load" and free is not None and k + 1 < len(spans) and spans[k + 1][0] == "unload":
+            touch = _touch(stamps, readings - free, (begin, end, spans[k + 1][2]), times, joints)
             if touch is not None:
                 found.touches.append(touch)
+            free = None
+        elif not name:
             free = None
     _tell_apart(found, robot, centres, reach)
     return found
 
 
-def _spans(trace: Any, zero: float) -> list[tuple[str, float, float]]:
-    """(skill, begin, end) on the arm's clock, of each skill in the trace."""
+def _spans(trace: Sequence[tuple[float, str, str, str]], zeros: Sequence[tuple[float, float]]) -> list[Span]:
+    """The skills in the strategy's trace; one that an interruption of the run cut in two has no name.
+
+    `zeros` has the run's time of each observation, and the instant at which the run's time then had its zero.
+    """
+    times, begins = np.array(zeros).T
     spans = []
     for before, row in pairwise(trace):
-        spans.append((row[1], before[0] + zero, row[0] + zero))
+        first, last = np.searchsorted(times, [before[0], row[0]])
+        name = row[1] if begins[first] == begins[last] else ""
+        spans.append((name, before[0] + float(begins[first]), row[0] + float(begins[last])))
     return spans
 
 
@@ -363,14 +372,14 @@ def calibrate(
     likely cause where the touches do not fit together, or show no joint's offset that was asked for.
     """
     touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter, poses)
+    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
+    _, q = start_posture(scene, robot)  # the arm's stiffness counts where an exploration begins
     found = measure(touched, message, watch, confirm)
     message("solving")
-    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
     centre = found.centres.copy()
     solution = solve(robot, probe, found.touches.touches, 0.5 * diameter, centre, touched.table.height, priors)
     rotations_of = robot.fk_batch(np.array(found.touches.free_joints))[:, :3, :3]
     load = identify_payload(found.touches.free, list(rotations_of))
-    _, q = start_posture(touched, robot)
     offsets = slice(solution.parameters.slices["dh"].stop - robot.n, solution.parameters.slices["dh"].stop)
     if poses and not solution.visible("dh")[-robot.n :].any():
         sigma = np.degrees(np.sqrt(np.diag(solution.covariance)[offsets]))

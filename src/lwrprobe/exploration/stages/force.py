@@ -80,6 +80,7 @@ class ForceStage:
         self.learns = True
         """Whether touches and presses show the stiffness. With a probe that is not calibrated they do not: across the
         stick, a fifth of its compliance is more than all of the arm's."""
+        self._origin, self._slope = np.zeros(3), np.zeros(3)
         self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
@@ -114,6 +115,10 @@ class ForceStage:
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
+
+    def expect(self, place: np.ndarray, slope: np.ndarray) -> None:
+        """The stiffness is that stated at a place (3,) m, and its logarithm rises by `slope` (3,) 1/m from there on."""
+        self._origin, self._slope = place.copy(), slope.copy()
 
     def begin(self, delay: float, stated: float | None = None, tip_mass: float = 0.0) -> None:
         """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe.
@@ -219,7 +224,7 @@ class ForceStage:
                 self._adopt(found)
         if not certain:
             self._forget_presses()
-        elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact):
+        elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact, self._rise):
             # An arm with mass hardly moves while the force changes: its quick presses show the object alone.
             self._judge_presses()
 
@@ -246,7 +251,18 @@ class ForceStage:
     @property
     def touch_speed(self) -> float:
         """m/s at which something may be met in any direction, as late as the loop is now."""
-        return self._touch_speed * self._share * self._of_stiffness
+        return self._touch_speed * self._share * self._stiffness_share
+
+    @property
+    def _rise(self) -> float:
+        """Stiffness of the arm where the tip is over that where it is stated."""
+        return math.exp(float(self._slope @ (self._place - self._origin)))
+
+    @property
+    def _stiffness_share(self) -> float:
+        """Of the speed that the stated stiffness allows; in steps where the arm is stiffer here than there."""
+        rise = self._rise
+        return self._of_stiffness if rise <= 1.0 else self._of_stiffness * math.floor(SPEED_STEPS / rise) / SPEED_STEPS
 
     @property
     def _share(self) -> float:
@@ -257,8 +273,6 @@ class ForceStage:
 
     def _slowed(self, motion: Motion) -> Motion:
         """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
-        if self.excess <= 0.0 and self._of_stiffness == 1.0:
-            return motion
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
             share = late * self._share_along(motion.pose[:3, 3] - self._place)
@@ -278,12 +292,13 @@ class ForceStage:
 
         Across it the probe gives way so much that the stiffness of arm and object does not count.
         """
-        if self._of_stiffness == 1.0:
+        share = self._stiffness_share
+        if share == 1.0:
             return 1.0
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
-            return self._of_stiffness
+            return share
         along = abs(float(path @ self._axis))
-        return self._of_stiffness if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+        return share if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
 
     def _forget_presses(self) -> None:
         """Normals were wrong: what presses have shown with them is dropped."""
