@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.bench import error_curves, exploration
+from lwrprobe.bench.stroke_pictures import stroke_ends
 from lwrprobe.bench.threat_pictures import touches_of
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
@@ -86,6 +87,25 @@ def test_blind_starts_stand_beside_runs_with_a_given_area(monkeypatch):
         "blind start: found within 25 s in the median": False,
         "blind start: at most 1.3 x the run with a given area, median": False,
     }
+
+
+def test_large_objects_are_judged_by_the_error_after_few_strokes_alone(monkeypatch):
+    few = dict(zip(exploration.LARGE_SCENES, (1.0, 2.4, 2.6, None)))
+    monkeypatch.setattr(exploration, "_explored", lambda job: made_up(job) | {"coverage": 0.1, "mesh_few": few[job[0]]})
+    report = exploration.run(False, {"scenes": "large", "strategies": "active", "profiles": "default", "seeds": "1"})
+    (verdict,) = report.verdicts
+    assert not verdict.held
+    assert verdict.measured == "2 of 4; not random:bumps:4:200/active, random:organic:3:400/active"
+    columns = report.tables[0].columns
+    assert [row[columns.index("mesh mm, 8 strokes")] for row in report.tables[0].rows] == list(few.values())
+
+
+def test_a_stroke_that_regains_its_contact_is_one():
+    rows = [
+        (1.0, "guarded move", "contact"), (2.0, "follow contour", "contact lost"), (3.0, "reapproach", "contact"),
+        (4.0, "follow contour", "line end"), (6.0, "follow contour", "end found"),
+    ]  # fmt: skip
+    assert stroke_ends(rows) == [4.0, 6.0]
 
 
 def test_seconds_count_from_when_the_error_stays_small():

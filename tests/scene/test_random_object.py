@@ -45,6 +45,16 @@ def test_an_object_is_closed_manifold_and_of_the_size_that_is_promised(kind, see
     assert (0.5 * (lower + upper)[:2]) == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["hull", "extrusion", "organic", "stack"])
+def test_an_object_with_a_length_has_it_and_is_pressed_flat_where_it_would_be_too_high(kind):
+    scene = load_scene(f"random:{kind}:1:320")
+    lower, upper = scene.solid().bounds()
+    assert (upper - lower)[:2].max() == pytest.approx(0.32, abs=1e-5)
+    assert upper[2] <= 0.09 + 1e-5
+    assert scene.area.upper[0] > upper[0] + 0.02
+    assert scene.name == f"random_{kind}_1_320"
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_object_stands_with_its_centre_of_mass_over_its_feet(kind, seed):
@@ -145,7 +155,9 @@ def test_the_simulated_solid_is_the_mesh():
         ("random:hull:", "random:hull:SEED"),
         ("random:hull:-1", "random:hull:SEED"),
         ("random:hull:1.5", "random:hull:SEED"),
-        ("random:hull:1:2", "random:hull:SEED"),
+        ("random:hull:1:2", "MM from 20 to 1000"),
+        ("random:hull:1:200:3", "random:hull:SEED"),
+        ("random:hull:1:1e2", "random:hull:SEED"),
         (f"random:hull:{2**63}", "2^63"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -145,6 +147,17 @@ def test_it_ends_when_strokes_teach_nothing_any_more():
         spent += best[-1].seconds
         assert spent < 2.0 * PATIENCE + 100.0
     assert spent >= PATIENCE
+
+
+def test_on_a_larger_surface_strokes_may_teach_little_for_longer():
+    known = outlined()
+    over_top(known, 0.0)
+    lines, faces = scheduler(known, aim=1e-6), known.faces()
+    assert lines.patience(replace(faces, areas=0.5 * faces.areas)) == PATIENCE
+    larger = replace(faces, areas=25.0 * faces.areas)
+    swept = 2.0 * faces.reach * task().contour_speed
+    assert lines.patience(larger) == pytest.approx(2.0 * larger.areas.sum() / swept)
+    assert lines.patience(larger) > 4.0 * PATIENCE
 
 
 def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -36,13 +37,17 @@ def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: i
 
     Instants at which the contacts do not carry a mesh are left out.
     """
-    recorder, pipeline = exploration.recorder, exploration.pipeline
-    trace = recorder.trace()
     outcome = exploration.explorer.outcome
     assert outcome is not None
-    rows: list[Row] = []
     times = {*np.linspace(0.0, outcome.time, instants + 1)[1:].tolist(), *(t for t in AFTER if t < outcome.time)}
-    for time in sorted(times):
+    return errors_at(exploration, truth, sorted(times))
+
+
+def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterable[float]) -> list[Row]:
+    """The rows of `error_curve` at some instants, s."""
+    pipeline, trace = exploration.pipeline, exploration.recorder.trace()
+    rows: list[Row] = []
+    for time in times:
         before = trace[(trace[:, 0] <= time) & (trace[:, 5] == 0.0), 1:4]
         error = _error(_until(exploration.record, time, before), pipeline, truth)
         if error is not None:

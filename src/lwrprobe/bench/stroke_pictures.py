@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,23 @@ GOES_ON = ("contact", "contact lost", "overlarge force", "force released")
 """Events after which the same stroke goes on."""
 
 
+def stroke_ends(rows: Iterable[tuple[float, str, str]]) -> list[float]:
+    """s, when each stroke ended: of (time s, skill, event) whenever another skill begins to move the tip."""
+    return [time for time, skill, event in rows if skill == FOLLOWED and event not in GOES_ON]
+
+
 def strokes_of(folder: Path) -> dict[str, Any]:
     """`points` (n, 3) m, `times` (n,) s, and `ends` of the strokes, s, of a run's folder."""
     from lwrprobe.evaluation.run_folder import read_run
 
     run = read_run(folder)
     with (folder / "states.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    ends = [float(row["time"]) for row in rows if row["state"] == FOLLOWED and row["event"] not in GOES_ON]
+        rows = [(float(row["time"]), row["state"], row["event"]) for row in csv.DictReader(file)]
     every = max(1, len(run.times) // MAX_POINTS)
     return {
         "points": run.record.points[::every].round(5).tolist(),
         "times": run.times[::every].round(3).tolist(),
-        "ends": ends,
+        "ends": stroke_ends(rows),
     }
 
 

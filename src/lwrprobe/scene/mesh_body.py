@@ -44,7 +44,7 @@ def load_body(shape: Mesh | RandomObject, part: int, frame: np.ndarray) -> MeshB
     else:
         from lwrprobe.scene.random_object import random_mesh
 
-        vertices, faces = random_mesh(shape.kind, shape.seed)
+        vertices, faces = random_mesh(shape.kind, shape.seed, shape.length)
     return build_body(vertices @ frame[:3, :3].T + frame[:3, 3], faces, part)
 
 

@@ -28,10 +28,11 @@ _SAME_FACE = 1e-4  # between the planes of the triangles of one face: direction,
 
 
 @lru_cache(maxsize=32)
-def random_mesh(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def random_mesh(kind: str, seed: int, length: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) m and faces (m, 3) of an object that stands on z = 0 with its upright box about the z axis.
 
-    `kind` is one of `KINDS`, `seed` any whole number from 0 up.
+    `kind` is one of `KINDS`, `seed` any whole number from 0 up, `length` m of the longer level side of the box. An
+    object with a length that would be too high with it is pressed flat; without one it is made smaller as a whole.
     """
     draw = np.random.default_rng([seed, crc32(kind.encode())])
     solid = KINDS[kind](draw)
@@ -40,7 +41,9 @@ def random_mesh(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     solid = _largest_piece(solid.rotate((0.0, 0.0, draw.uniform(0.0, 360.0))))
     lower, upper = np.split(np.array(solid.bounding_box()), 2)
     size = upper - lower
-    solid = solid.scale(3 * (min(draw.uniform(*_LENGTHS) / size.max(), _HIGHEST / size[2]),)).simplify(_SHORTEST_EDGE)
+    drawn, flattest = draw.uniform(*_LENGTHS) / size.max(), _HIGHEST / size[2]
+    wide = min(drawn, flattest) if length is None else 1e3 * length / size[:2].max()
+    solid = solid.scale((wide, wide, min(wide, flattest))).simplify(_SHORTEST_EDGE)
     mesh = solid.to_mesh64()
     vertices, faces = np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)

@@ -102,7 +102,7 @@ class Mesh(ShapeTable):
 
 
 class RandomObject(ShapeTable):
-    """An object by kind and seed, 60 to 120 mm long: a closed mesh that stands on z = 0 about the z axis.
+    """An object by kind and seed, 60 to 120 mm long by the seed: a closed mesh that stands on z = 0 about the z axis.
 
     Kinds: `hull` (convex), `bumps` (rounded with bumps and hollows), `extrusion` and `revolution` (of random outlines),
     `boolean` (primitives joined and cut), `organic` (smooth lumps), `thin` (walls and rods), `steps` (stairs and
@@ -112,6 +112,8 @@ class RandomObject(ShapeTable):
     shape: Literal["random"]
     kind: Kind
     seed: int = Field(ge=0, lt=2**63)
+    length: Length | None = None
+    """m, of the longer level side of its upright box; None = by the seed."""
 
 
 class Union(ShapeTable):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Task
-from lwrprobe.mapping.estimate import P95, SurfaceEstimate
+from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
@@ -19,8 +19,9 @@ from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 
 SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
-PATIENCE, PROGRESS = 150.0, 0.9
-"""s of strokes, in which the mean expected error has to fall to this share of itself: what is left is out of reach."""
+PATIENCE, ROUNDS, PROGRESS = 150.0, 2.0, 0.9
+"""s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
+expected error has to fall to this share of itself meanwhile. What is left is out of reach."""
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -84,7 +85,7 @@ class StrokeScheduler(LineScheduler):
         mean, p95 = faces.error()
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
         self._means.append((self._spent, mean))
-        before = [earlier for spent, earlier in self._means if spent <= self._spent - PATIENCE]
+        before = [earlier for spent, earlier in self._means if spent <= self._spent - self.patience(faces)]
         stalled = bool(before) and mean > PROGRESS * before[-1]
         if stalled or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
@@ -98,6 +99,11 @@ class StrokeScheduler(LineScheduler):
                 stroke = replace(stroke, seconds=stroke.seconds + seconds(path, here, self._speeds))
             timed.append(stroke)
         return max(timed, key=lambda stroke: stroke.score, default=None)
+
+    def patience(self, faces: Faces) -> float:
+        """s of strokes without progress, after which nothing more is expected: longer on a larger surface."""
+        swept = 2.0 * faces.reach * self._task.contour_speed
+        return max(PATIENCE, ROUNDS * float(faces.areas.sum()) / swept)
 
     def count(self) -> tuple[int, int]:
         """Strokes done, and as many as one more."""
