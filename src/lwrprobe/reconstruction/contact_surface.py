@@ -33,6 +33,7 @@ from lwrprobe.reconstruction.evidence import LEANING, Evidence, Walls, WallSetti
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
+from lwrprobe.reconstruction.lower_walls import find_lower_walls
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -122,15 +123,16 @@ class ContactSurface:
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, pitch))
-        evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, pitch))
-        known = _hermite_data(clusters, touches) + below
-        contacts = np.vstack([touches.centres, below.points])
+        lower = work.run("lower walls", lambda: find_lower_walls(touches, clusters, pitch))
+        evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
+        known = _hermite_data(clusters, touches) + below + lower
+        contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
         outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
-        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below, walls, touches))
+        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below + lower, walls, touches))
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
 
@@ -226,11 +228,15 @@ def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Tou
     )
 
 
-def _evidence(grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, pitch: float) -> Evidence:
-    visited = np.vstack([touches.centres, touches.visited, _ring(touches, pitch, grid.step)])
-    points = np.vstack([touches.points, below.points - touches.radius * below.normals])
-    normals = np.vstack([clusters.normals[clusters.label], below.normals])  # a single one is too noisy to lean by
-    return gather(grid, points, normals, visited, len(touches.points), touches.radius)
+def _evidence(
+    grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, lower: HermiteData, pitch: float
+) -> Evidence:
+    touching = np.vstack([touches.centres, lower.points])
+    visited = np.vstack([touching, touches.visited, _ring(touches, pitch, grid.step)])
+    inferred = below + lower
+    points = np.vstack([touches.points, inferred.points - touches.radius * inferred.normals])
+    normals = np.vstack([clusters.normals[clusters.label], inferred.normals])  # a single one is too noisy to lean by
+    return gather(grid, points, normals, visited, len(touching), touches.radius)
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
@@ -337,7 +343,7 @@ class _Shrunk:
 
 
 def _judge(
-    body: _Shrunk, hull: TriangleMesh, process: HermiteField, below: HermiteData, walls: Walls, touches: Touches
+    body: _Shrunk, hull: TriangleMesh, process: HermiteField, inferred: HermiteData, walls: Walls, touches: Touches
 ) -> tuple[TriangleMesh, np.ndarray]:
     """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
     from scipy.spatial import cKDTree
@@ -355,9 +361,9 @@ def _judge(
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
     fillet = crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
-    inferred = np.zeros(len(process.data.points), dtype=bool)
-    inferred[len(inferred) - len(walls) - len(below.points) : len(inferred) - len(walls)] = True
-    unreachable = fillet | low | inferred[source][foot]
+    guessed = np.zeros(len(process.data.points), dtype=bool)
+    guessed[len(guessed) - len(walls) - len(inferred.points) : len(guessed) - len(walls)] = True
+    unreachable = fillet | low | guessed[source][foot]
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
     error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)
