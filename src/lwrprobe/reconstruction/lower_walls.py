@@ -13,10 +13,12 @@ from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.touches import Touches
 
 _UPRIGHT = -0.15, 0.35  # z of a wall's normals: lower it overhangs, higher its foot is elsewhere
-_STEP = 0.5  # of the pitch, between places
-_BESIDE = 0.6  # of the pitch: a contact on the same line, or on one that crosses it
+_ALIKE = 0.95  # cosine between the normals of one wall
+_STEP = 0.5  # of the pitch, between places, and from the lowest contacts up to some that bear out the wall
+_BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the wall there
+_DEEP = 1.0  # of the pitch: so far the contacts themselves show how a wall goes on
 _FLOOR = 1.5  # of the pitch: how far away a contact on a floor tells of it
-_FACES_UP = 0.5  # z of such a contact's normal
+_FACES_UP = 0.2  # z of such a contact's normal
 _SUNK = 0.25  # radii: so far below a floor a sphere is in the solid
 _PASSED = 0.8  # radii: so near to a place that was passed freely nothing is
 _GROWTH = 0.03  # m of standard deviation a metre below the last contact
@@ -33,7 +35,9 @@ def find_lower_walls(touches: Touches, clusters: Clusters, pitch: float) -> Herm
 
     if touches.table is None:
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
-    start, facing = clusters.points[lowest := _lowest(clusters, pitch)], clusters.normals[lowest] * [1.0, 1.0, 0.0]
+    lowest = _lowest(clusters, pitch, touches.radius)
+    lowest = lowest[clusters.points[lowest, 2] > touches.lowest + _DEEP * pitch]
+    start, facing = clusters.points[lowest], clusters.normals[lowest] * [1.0, 1.0, 0.0]
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     floors = clusters.normals[:, 2] > _FACES_UP
     floor, up = clusters.points[floors], clusters.normals[floors]
@@ -61,15 +65,19 @@ def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> He
     return HermiteData(centres, normals, deviation, np.full(len(centres), _NORMAL_SD))
 
 
-def _lowest(clusters: Clusters, pitch: float) -> np.ndarray:
-    """(k,) numbers of the clusters on walls below which, on the same line, is no other."""
+def _lowest(clusters: Clusters, pitch: float, radius: float) -> np.ndarray:
+    """(k,) numbers of the clusters that lie lowest on their line on a wall, and higher up face as they do here."""
     from scipy.spatial import cKDTree
 
-    upright = np.flatnonzero((clusters.normals[:, 2] > _UPRIGHT[0]) & (clusters.normals[:, 2] < _UPRIGHT[1]))
-    near = cKDTree(clusters.points[:, :2]).query_ball_point(clusters.points[upright, :2], _BESIDE * pitch)
-    height, normals = clusters.points[:, 2], clusters.normals
-    lower = [
-        bool(((height[rows] < height[i] - 1e-9) & (normals[rows] @ normals[i] > 0.0)).any())
-        for i, rows in zip(upright, near)
-    ]
-    return upright[~np.array(lower, dtype=bool)]
+    height, normals, places = clusters.points[:, 2], clusters.normals, clusters.points[:, :2]
+    upright = np.flatnonzero((normals[:, 2] > _UPRIGHT[0]) & (normals[:, 2] < _UPRIGHT[1]))
+    beside = max(_BESIDE * pitch, radius)
+    found = []
+    for i, near in zip(upright, cKDTree(places).query_ball_point(places[upright], max(pitch, beside))):
+        rise, facing = height[near] - height[i], normals[near] @ normals[i]
+        same_line = np.linalg.norm(places[near] - places[i], axis=1) <= beside
+        lower = same_line & (rise < -1e-9) & (facing > 0.0)
+        higher = (rise > _STEP * pitch) & (facing > _ALIKE)
+        if higher.any() and not lower.any():
+            found.append(i)
+    return np.array(found, dtype=np.int64)
