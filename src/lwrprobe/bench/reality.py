@@ -150,8 +150,8 @@ NOTES = (
     "Each run of a profile has a world of its own, the same in `datasheet` and `calibrated`. `calibrated` is "
     f"`datasheet` after `lwrprobe calibrate` in that world, on a reference sphere of {1e3 * SPHERE:g} mm.",
     "Coverage and `mesh of reachable` are those of what the strategy can reach: with the probe upright for all "
-    "strategies but `orientation_change`, which leans it and is judged by all that the sphere can reach (`coverage_upright` and "
-    "`coverage` of `summary.json`).",
+    "strategies but `orientation_change`, which leans it and is judged by all that the sphere can reach "
+    "(`coverage_upright` and `coverage` of `summary.json`).",
     f"Silently wrong is a run without a warning in which more than {UNTOLD:.0%} of the contacts lie outside of the "
     "stated 95 % region. A false reason says that the object has moved, where it is held.",
     "`arm alone` is the median error after alignment that the arm's table and gears leave if all else is exact: no "

@@ -33,6 +33,7 @@ from lwrprobe.reconstruction.evidence import LEANING, Evidence, Walls, WallSetti
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
+from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_walls import find_lower_walls
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
@@ -132,6 +133,7 @@ class ContactSurface:
         outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
+        work.run("inner edges", lambda: body.sharpen(clusters, pitch))
         mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below + lower, walls, touches))
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
@@ -312,6 +314,8 @@ class _Shrunk:
     """The surface one sphere radius inside the centres' surface, cut by the table."""
 
     def __init__(self, hull: TriangleMesh, outer: np.ndarray, grid: Grid, touches: Touches) -> None:
+        from scipy.spatial import cKDTree
+
         self.grid, self.radius = grid, touches.radius
         self.floor = -np.inf if touches.table is None else touches.table
         starts, members = np.zeros(len(hull.vertices) + 1, dtype=np.int64), np.empty(hull.faces.size, dtype=np.int64)
@@ -326,6 +330,18 @@ class _Shrunk:
             np.maximum(self.values, touches.table - heights, out=self.values)
         self._drop_untouched(touches)
         self.mesh = contour(self.values, grid, self._crossings, _HEIGHT)
+
+        _, self.nearest = cKDTree(hull.vertices).query(self.mesh.vertices)
+        self.feet, self.crowd = np.empty_like(self.mesh.vertices), np.full(len(self.mesh.vertices), np.inf)
+        feet_of(self.mesh.vertices, self.hull, self.nearest, self.feet)
+        crowding(self.mesh.vertices, self.mesh.faces, self.feet, self.crowd)
+
+    def sharpen(self, clusters: Clusters, pitch: float) -> None:
+        """Let the faces beside inner edges go on until they meet, down to the table."""
+        vertices, arcs = self.mesh.vertices.copy(), (self.crowd < CROWDED) & (self.mesh.vertices[:, 2] > self.floor)
+        vertices[arcs] = meet(vertices[arcs], self.feet[arcs], clusters, self.radius, pitch)
+        np.maximum(vertices[:, 2], self.floor, out=vertices[:, 2], where=arcs)
+        self.mesh = TriangleMesh(vertices, self.mesh.faces)
 
     def _drop_untouched(self, touches: Touches) -> None:
         """Islands that no contact lies on come from contradictory data, not from an object."""
@@ -348,18 +364,14 @@ def _judge(
     """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
     from scipy.spatial import cKDTree
 
-    vertices = body.mesh.vertices
-    _, foot = cKDTree(hull.vertices).query(vertices)
+    vertices, foot = body.mesh.vertices, body.nearest
     sample = hull.vertices[::_EVERY]
     deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
     common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.deviation])
     _, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
-    feet, crowd = np.empty_like(vertices), np.full(len(vertices), np.inf)
-    feet_of(vertices, body.hull, foot, feet)
-    crowding(vertices, body.mesh.faces, feet, crowd)
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
-    fillet = crowd < _CROWDED
+    fillet = body.crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
     guessed = np.zeros(len(process.data.points), dtype=bool)
     guessed[len(guessed) - len(walls) - len(inferred.points) : len(guessed) - len(walls)] = True

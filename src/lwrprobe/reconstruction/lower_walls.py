@@ -13,8 +13,9 @@ from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.touches import Touches
 
 _UPRIGHT = -0.15, 0.35  # z of a wall's normals: lower it overhangs, higher its foot is elsewhere
-_ALIKE = 0.95  # cosine between the normals of one wall
-_STEP = 0.5  # of the pitch, between places, and from the lowest contacts up to some that bear out the wall
+_ALIKE = 0.98  # cosine between the normals of one wall
+_STEP = 0.5  # of the pitch, between places
+_STRAIGHT = 2.0  # radii: so much higher up a wall faces the same way
 _BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the wall there
 _DEEP = 1.0  # of the pitch: so far the contacts themselves show how a wall goes on
 _FLOOR = 1.5  # of the pitch: how far away a contact on a floor tells of it
@@ -77,7 +78,7 @@ def _lowest(clusters: Clusters, pitch: float, radius: float) -> np.ndarray:
         rise, facing = height[near] - height[i], normals[near] @ normals[i]
         same_line = np.linalg.norm(places[near] - places[i], axis=1) <= beside
         lower = same_line & (rise < -1e-9) & (facing > 0.0)
-        higher = (rise > _STEP * pitch) & (facing > _ALIKE)
+        higher = (rise > _STRAIGHT * radius) & (facing > _ALIKE)
         if higher.any() and not lower.any():
             found.append(i)
     return np.array(found, dtype=np.int64)
