@@ -96,8 +96,11 @@ def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_t
         assert not lines.next(NEAR).low
 
 
-@pytest.mark.parametrize(("ahead", "up", "again"), [(-1.0, 0.0, True), (0.0, 1.0, False), (1.0, 0.0, False)])
-def test_a_line_of_the_grid_that_did_not_come_over_the_object_is_driven_from_its_other_end(ahead, up, again):
+@pytest.mark.parametrize(
+    ("ahead", "up", "lost", "again"),
+    [(-1.0, 0.0, False, True), (0.0, 1.0, False, False), (1.0, 0.0, False, False), (-1.0, 0.0, True, False)],
+)
+def test_a_line_of_the_grid_that_did_not_come_over_the_object_is_driven_from_its_other_end(ahead, up, lost, again):
     memory = ContactMemory()
     options = CoverageConfig(first_line="border", near_sides=False, across=False, find_ends=False)
     lines = LineScheduler(task(), memory, options)
@@ -105,7 +108,7 @@ def test_a_line_of_the_grid_that_did_not_come_over_the_object_is_driven_from_its
     for y in (-0.030, -0.031):
         centre, normal = np.array([line.place, y, 0.01]), np.array([0.0, ahead, up])
         memory.add(centre, centre - RADIUS * normal, normal, line.place)
-    lines.give_up(replace(line, height=0.02, raised=True))
+    lines.give_up(replace(line, height=0.02, raised=True), lost=lost)
     more = drain(lines)[len(lines.grid) - 1 :]
     assert [(last.begin, last.end) for last in more] == [(line.end, line.begin)] * again
     assert all((last.place, last.height, last.raised) == (line.place, line.height, False) for last in more)

@@ -44,7 +44,7 @@ _MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
-_NEAR_OVERHANG = 1.8  # the same under data that lean down, where nothing else is known
+_NEAR_OVERHANG = 1.8  # the same under data that lean down and beside lower walls, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
@@ -130,7 +130,7 @@ class ContactSurface:
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
-        outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
+        outer = work.run("field", lambda: _outer_field(evidence, process, below, lower, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         work.run("inner edges", lambda: body.sharpen(clusters, pitch))
@@ -263,13 +263,14 @@ def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
 
 
 def _outer_field(
-    evidence: Evidence, process: HermiteField, below: HermiteData, touches: Touches, pitch: float
+    evidence: Evidence, process: HermiteField, below: HermiteData, lower: HermiteData, touches: Touches, pitch: float
 ) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
     data = process.data
     nearest = grid.nearest(data.points, _NEAR_OVERHANG * pitch)
     near = (grid.nearest(data.points, _NEAR * pitch) >= 0) | (data.normals[nearest, 2] < LEANING) & (nearest >= 0)
+    near |= (nearest >= 0) & (grid.nearest(lower.points, _NEAR_OVERHANG * pitch) >= 0)
     source, values = nearest[near], evidence.bound.copy()
     # Away from the surface only the sign counts: the nearest tangent plane has it.
     offset = grid.origin + grid.step * np.argwhere(near) - data.points[source]

@@ -99,11 +99,12 @@ class LineScheduler:
         """Drive this next, and then go on as if it belonged to the present line."""
         self._inserted = line
 
-    def give_up(self, line: Line, touched: bool = True) -> None:
+    def give_up(self, line: Line, touched: bool = True, lost: bool = False) -> None:
         """The line cannot be driven to its end: its fallback comes next, where it has one.
 
         Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
-        what overhangs may let nothing be touched farther down.
+        what overhangs may let nothing be touched farther down. A line of the grid comes again from its other end, unless
+        what it followed was `lost`: nothing was in its way, and the surface ends there.
         """
         up = 0.5 * (line.ceiling - line.height)
         if line.low and not touched and HALF * self._spacing < up < np.inf:
@@ -112,7 +113,7 @@ class LineScheduler:
         self.insert(line.fallback)
         if line.fallback is not None:
             self._given_up.append(line)
-        elif self._number < len(self.grid) and line.axis == Y and line.free_end:
+        elif self._number < len(self.grid) and line.axis == Y and line.free_end and not lost:
             self._stopped.append(line)
 
     def blocked_before(self, line: Line) -> bool:
