@@ -103,8 +103,8 @@ class LineScheduler:
         """The line cannot be driven to its end: its fallback comes next, where it has one.
 
         Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
-        what overhangs may let nothing be touched farther down. A line of the grid comes again from its other end, unless
-        what it followed was `lost`: nothing was in its way, and the surface ends there.
+        what overhangs may let nothing be touched farther down. A line of the grid comes again from its other end,
+        unless what it followed was `lost`: nothing was in its way, and the surface ends there.
         """
         up = 0.5 * (line.ceiling - line.height)
         if line.low and not touched and HALF * self._spacing < up < np.inf:
