@@ -117,6 +117,14 @@ def test_a_line_of_the_grid_that_did_not_come_over_the_object_is_driven_from_its
     assert lines.next(FAR) is None, "once"
 
 
+def test_a_line_that_came_to_its_end_without_a_contact_is_not_driven_again():
+    lines = grid_alone()
+    line = lines.next(NEAR)
+    lines._memory.add(line.start, line.start + RADIUS * line.ahead, -line.ahead, line.place)
+    lines.give_up(line, touched=False)
+    assert len(drain(lines)) == len(lines.grid) - 1
+
+
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)

@@ -104,7 +104,7 @@ class LineScheduler:
 
         Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
         what overhangs may let nothing be touched farther down. A line of the grid comes again from its other end,
-        unless what it followed was `lost`: nothing was in its way, and the surface ends there.
+        unless nothing was `touched` last or what it followed was `lost`: nothing was in its way.
         """
         up = 0.5 * (line.ceiling - line.height)
         if line.low and not touched and HALF * self._spacing < up < np.inf:
@@ -113,7 +113,7 @@ class LineScheduler:
         self.insert(line.fallback)
         if line.fallback is not None:
             self._given_up.append(line)
-        elif self._number < len(self.grid) and line.axis == Y and line.free_end and not lost:
+        elif self._number < len(self.grid) and line.axis == Y and line.free_end and touched and not lost:
             self._stopped.append(line)
 
     def blocked_before(self, line: Line) -> bool:
