@@ -322,7 +322,8 @@ class Coverage(SkillStrategy):
 
     def give_up(self) -> Procedure | None:
         """Leave the line where it is; its fallback comes next, or the next line."""
-        self.lines.give_up(self.frame.line, self.tip.trace.ended is not guarded_move)
+        ended = self.tip.trace.ended
+        self.lines.give_up(self.frame.line, ended is not guarded_move, lost=ended is reapproach)
         return None
 
     def raise_line(self) -> Procedure | None:

@@ -23,8 +23,9 @@ from lwrprobe.evaluation import (
     normal_error,
     point_error,
     reach,
+    reachable_error,
     surface_error,
-    upright_coverage,
+    upright,
 )
 from lwrprobe.scene import load_scene
 
@@ -350,17 +351,25 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     down = np.diag([1.0, -1.0, -1.0])
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.2, 0.2, 0.2]))
     within = reach(block, RADIUS, LOWEST, area, 4000)
+    beside = upright(within, block, [body], down, 0.0)
     points, normals = block.sample_surface(8000, seed=2)
     lowest = (points[:, 2] < 0.01) & (points[:, 2] > LOWEST)
     high = points[:, 2] > 0.0185
 
     def share(made):
-        return upright_coverage(points[made], normals[made], within, PITCH, block, [body], down, 0.0)
+        return coverage(points[made], normals[made], beside, PITCH).share
 
     assert share(high) == 1.0
     assert coverage(points[high], normals[high], within, PITCH).share < 1.0
     assert share(lowest) < 0.2
-    assert upright_coverage(points[high], normals[high], within, PITCH, block, [], down, 0.0) < 1.0
+    assert coverage(points[high], normals[high], upright(within, block, [], down, 0.0), PITCH).share < 1.0
+    lower, upper = block.bounds()
+    right = cuboid(lower, upper)
+    bulge = cuboid(lower - [0.02, 0.02, 0.0], [upper[0] + 0.02, upper[1] + 0.02, 0.01])
+    both = TriangleMesh(np.vstack([right.vertices, bulge.vertices]), np.vstack([right.faces, bulge.faces + 8]))
+    assert mesh_error(both, block, LOWEST).mean > 1e-3
+    assert reachable_error(both, block, within, LOWEST)["mean"] > 1.0
+    assert reachable_error(both, block, beside, LOWEST) == {"mean": 0.0, "p95": 0.0}
 
 
 def test_the_gap_to_the_nearest_contact_shrinks_as_contacts_come(found):

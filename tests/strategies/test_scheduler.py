@@ -96,6 +96,35 @@ def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_t
         assert not lines.next(NEAR).low
 
 
+@pytest.mark.parametrize(
+    ("ahead", "up", "lost", "again"),
+    [(-1.0, 0.0, False, True), (0.0, 1.0, False, False), (1.0, 0.0, False, False), (-1.0, 0.0, True, False)],
+)
+def test_a_line_of_the_grid_that_did_not_come_over_the_object_is_driven_from_its_other_end(ahead, up, lost, again):
+    memory = ContactMemory()
+    options = CoverageConfig(first_line="border", near_sides=False, across=False, find_ends=False)
+    lines = LineScheduler(task(), memory, options)
+    line = lines.next(NEAR)
+    for y in (-0.030, -0.031):
+        centre, normal = np.array([line.place, y, 0.01]), np.array([0.0, ahead, up])
+        memory.add(centre, centre - RADIUS * normal, normal, line.place)
+    lines.give_up(replace(line, height=0.02, raised=True), lost=lost)
+    more = drain(lines)[len(lines.grid) - 1 :]
+    assert [(last.begin, last.end) for last in more] == [(line.end, line.begin)] * again
+    assert all((last.place, last.height, last.raised) == (line.place, line.height, False) for last in more)
+    for last in more:
+        lines.give_up(last)
+    assert lines.next(FAR) is None, "once"
+
+
+def test_a_line_that_came_to_its_end_without_a_contact_is_not_driven_again():
+    lines = grid_alone()
+    line = lines.next(NEAR)
+    lines._memory.add(line.start, line.start + RADIUS * line.ahead, -line.ahead, line.place)
+    lines.give_up(line, touched=False)
+    assert len(drain(lines)) == len(lines.grid) - 1
+
+
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)

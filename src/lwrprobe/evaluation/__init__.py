@@ -8,10 +8,16 @@ from lwrprobe.evaluation.coverage import (
     gap_over_time,
     gap_p95_over_time,
     touched,
-    upright_coverage,
 )
 from lwrprobe.evaluation.lower_bound import lower_bound_path, lower_bound_time
-from lwrprobe.evaluation.mesh_error import MeshError, deviation, face_deviation, is_watertight, mesh_error
+from lwrprobe.evaluation.mesh_error import (
+    MeshError,
+    deviation,
+    face_deviation,
+    is_watertight,
+    mesh_error,
+    reachable_error,
+)
 from lwrprobe.evaluation.point_error import (
     NormalError,
     PointError,
@@ -20,7 +26,7 @@ from lwrprobe.evaluation.point_error import (
     point_error,
     surface_error,
 )
-from lwrprobe.evaluation.reach import Reach, reach
+from lwrprobe.evaluation.reach import Reach, reach, upright
 
 __all__ = [
     "Coverage",
@@ -43,7 +49,8 @@ __all__ = [
     "normal_error",
     "point_error",
     "reach",
+    "reachable_error",
     "surface_error",
     "touched",
-    "upright_coverage",
+    "upright",
 ]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from lwrprobe.contracts import InputError, LinkShape
+from lwrprobe.contracts import InputError
 from lwrprobe.evaluation.point_error import rows
-from lwrprobe.evaluation.reach import Reach, upright
-from lwrprobe.scene.solid import Solid
+from lwrprobe.evaluation.reach import Reach
 
 _CLOSE = 0.005  # m
 _FACING = 0.7071  # share of the normal along the axis
@@ -76,24 +75,6 @@ def touched(
     `contacts` (n, 3) m with `normals` (n, 3); near and the same way as in `Coverage`, for lines `pitch` m apart.
     """
     return _Contacts(contacts, normals).touch(points, facing, _near(pitch))
-
-
-def upright_coverage(
-    contacts: np.ndarray,
-    normals: np.ndarray,
-    found: Reach,
-    pitch: float,
-    solid: Solid,
-    links: Sequence[LinkShape],
-    rotation: np.ndarray,
-    keep: float,
-) -> float:
-    """The share as in `coverage`, of what the probe reaches without being turned; 1 where that is nothing.
-
-    `links` [tip frame] must keep `keep` m from the object `solid`, the tip held at `rotation` (3, 3).
-    """
-    free = upright(found, solid, links, rotation, keep)
-    return _share(_Contacts(contacts, normals).touch(found.points[free], found.normals[free], _near(pitch)))
 
 
 def coverage_over_time(

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import InputError, TriangleMesh
 from lwrprobe.evaluation.point_error import NormalError, normal_error, rows
+from lwrprobe.evaluation.reach import Reach
 from lwrprobe.scene.mesh_distance import MeshDistance
 from lwrprobe.scene.solid import Solid
 
@@ -80,6 +81,26 @@ def mesh_error(mesh: TriangleMesh, solid: Solid, above: float, samples: int = _S
         volume_error=volume,
         overlap=overlap,
     )
+
+
+def reachable_error(mesh: TriangleMesh, solid: Solid, found: Reach, above: float) -> dict[str, float]:
+    """`mean` and `p95` in mm over both ways as in `mesh_error`, of what the sphere reaches; empty without any of it.
+
+    `found` comes from `reach` with its default seed. A point of the mesh counts where the sample of the whole true
+    surface nearest to it is one that the sphere reaches.
+    """
+    from scipy.spatial import cKDTree
+
+    within = found.points[found.points[:, 2] > above]
+    points, _ = sample_mesh(mesh, above, _SAMPLES)
+    if not len(within):
+        return {}
+    whole, _ = solid.sample_surface(round(found.whole_area / found.each), 0)
+    points = points[cKDTree(within).query(points)[0] <= cKDTree(whole).query(points)[0]]
+    there, back = np.abs(solid.signed_distance(points)), MeshDistance(mesh).distance(within)
+    ways = [way for way in (there, back) if len(way)]
+    mean, p95 = np.mean([way.mean() for way in ways]), np.percentile(np.concatenate(ways), 95.0)
+    return {"mean": round(1e3 * float(mean), 5), "p95": round(1e3 * float(p95), 5)}
 
 
 def mean_error(mesh: TriangleMesh, solid: Solid, above: float, samples: int = _SAMPLES, seed: int = 0) -> float:

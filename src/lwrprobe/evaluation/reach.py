@@ -53,18 +53,18 @@ class Reach:
         return replace(self, points=self.points[inside], normals=self.normals[inside])
 
 
-def upright(found: Reach, solid: Solid, links: Sequence[LinkShape], rotation: np.ndarray, keep: float) -> np.ndarray:
-    """(n,) bool: where the links keep `keep` m from the true object while the sphere touches and the tip is not turned.
+def upright(found: Reach, solid: Solid, links: Sequence[LinkShape], rotation: np.ndarray, keep: float) -> Reach:
+    """What of it is reached without turning the tip: the links keep `keep` m from the object while the sphere touches.
 
-    `rotation` (3, 3) is the tip's. The links are looked at in some points of their surface: the answer is for judging a
-    strategy, not for avoiding a collision.
+    `links` [tip frame], `rotation` (3, 3) of the tip. The links are looked at in some points of their surface: the
+    answer is for judging a strategy, not for avoiding a collision.
     """
     centres = found.centres
     free = np.ones(len(centres), dtype=bool)
     for offset in np.concatenate([_surface(link) for link in links] or [np.empty((0, 3))]) @ rotation.T:
         left = np.flatnonzero(free)
         free[left] = solid.signed_distance(centres[left] + offset) >= keep
-    return free
+    return replace(found, points=found.points[free], normals=found.normals[free])
 
 
 def _surface(link: LinkShape) -> np.ndarray:

@@ -143,6 +143,10 @@ class Summary:
     """Mesh against the true shape: `method`, lengths in mm, `normals_deg`, `watertight`, `volume_error`, `iou`."""
     mesh_error_aligned_mm: Table | None = None
     """The same after the rigid motion that aligns the mesh with the true surface."""
+    mesh_error_reachable_aligned_mm: Table | None = None
+    """Its `mean` and `p95` of what the sphere can reach; empty where that is nothing."""
+    mesh_error_upright_aligned_mm: Table | None = None
+    """The same of what a probe held upright can reach."""
     certified_mm: float | None = None
     """mm, no larger ball can hide within reach of the probe."""
     certificate: Table | None = None

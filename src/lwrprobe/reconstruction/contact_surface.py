@@ -33,6 +33,8 @@ from lwrprobe.reconstruction.evidence import LEANING, Evidence, Walls, WallSetti
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
+from lwrprobe.reconstruction.inner_edges import CROWDED, meet
+from lwrprobe.reconstruction.lower_walls import find_lower_walls
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -42,7 +44,7 @@ _MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
-_NEAR_OVERHANG = 1.8  # the same under data that lean down, where nothing else is known
+_NEAR_OVERHANG = 1.8  # the same under data that lean down and beside lower walls, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
@@ -122,15 +124,17 @@ class ContactSurface:
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, pitch))
-        evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, pitch))
-        known = _hermite_data(clusters, touches) + below
-        contacts = np.vstack([touches.centres, below.points])
+        lower = work.run("lower walls", lambda: find_lower_walls(touches, clusters, pitch))
+        evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
+        known = _hermite_data(clusters, touches) + below + lower
+        contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
-        outer = work.run("field", lambda: _outer_field(evidence, process, below, touches, pitch))
+        outer = work.run("field", lambda: _outer_field(evidence, process, below, lower, touches, pitch))
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
-        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below, walls, touches))
+        work.run("inner edges", lambda: body.sharpen(clusters, pitch))
+        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below + lower, walls, touches))
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
 
@@ -226,11 +230,15 @@ def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Tou
     )
 
 
-def _evidence(grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, pitch: float) -> Evidence:
-    visited = np.vstack([touches.centres, touches.visited, _ring(touches, pitch, grid.step)])
-    points = np.vstack([touches.points, below.points - touches.radius * below.normals])
-    normals = np.vstack([clusters.normals[clusters.label], below.normals])  # a single one is too noisy to lean by
-    return gather(grid, points, normals, visited, len(touches.points), touches.radius)
+def _evidence(
+    grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, lower: HermiteData, pitch: float
+) -> Evidence:
+    touching = np.vstack([touches.centres, lower.points])
+    visited = np.vstack([touching, touches.visited, _ring(touches, pitch, grid.step)])
+    inferred = below + lower
+    points = np.vstack([touches.points, inferred.points - touches.radius * inferred.normals])
+    normals = np.vstack([clusters.normals[clusters.label], inferred.normals])  # a single one is too noisy to lean by
+    return gather(grid, points, normals, visited, len(touching), touches.radius)
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
@@ -255,13 +263,14 @@ def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
 
 
 def _outer_field(
-    evidence: Evidence, process: HermiteField, below: HermiteData, touches: Touches, pitch: float
+    evidence: Evidence, process: HermiteField, below: HermiteData, lower: HermiteData, touches: Touches, pitch: float
 ) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid
     data = process.data
     nearest = grid.nearest(data.points, _NEAR_OVERHANG * pitch)
     near = (grid.nearest(data.points, _NEAR * pitch) >= 0) | (data.normals[nearest, 2] < LEANING) & (nearest >= 0)
+    near |= (nearest >= 0) & (grid.nearest(lower.points, _NEAR_OVERHANG * pitch) >= 0)
     source, values = nearest[near], evidence.bound.copy()
     # Away from the surface only the sign counts: the nearest tangent plane has it.
     offset = grid.origin + grid.step * np.argwhere(near) - data.points[source]
@@ -306,6 +315,8 @@ class _Shrunk:
     """The surface one sphere radius inside the centres' surface, cut by the table."""
 
     def __init__(self, hull: TriangleMesh, outer: np.ndarray, grid: Grid, touches: Touches) -> None:
+        from scipy.spatial import cKDTree
+
         self.grid, self.radius = grid, touches.radius
         self.floor = -np.inf if touches.table is None else touches.table
         starts, members = np.zeros(len(hull.vertices) + 1, dtype=np.int64), np.empty(hull.faces.size, dtype=np.int64)
@@ -320,6 +331,18 @@ class _Shrunk:
             np.maximum(self.values, touches.table - heights, out=self.values)
         self._drop_untouched(touches)
         self.mesh = contour(self.values, grid, self._crossings, _HEIGHT)
+
+        _, self.nearest = cKDTree(hull.vertices).query(self.mesh.vertices)
+        self.feet, self.crowd = np.empty_like(self.mesh.vertices), np.full(len(self.mesh.vertices), np.inf)
+        feet_of(self.mesh.vertices, self.hull, self.nearest, self.feet)
+        crowding(self.mesh.vertices, self.mesh.faces, self.feet, self.crowd)
+
+    def sharpen(self, clusters: Clusters, pitch: float) -> None:
+        """Let the faces beside inner edges go on until they meet, down to the table."""
+        vertices, arcs = self.mesh.vertices.copy(), (self.crowd < CROWDED) & (self.mesh.vertices[:, 2] > self.floor)
+        vertices[arcs] = meet(vertices[arcs], self.feet[arcs], clusters, self.radius, pitch)
+        np.maximum(vertices[:, 2], self.floor, out=vertices[:, 2], where=arcs)
+        self.mesh = TriangleMesh(vertices, self.mesh.faces)
 
     def _drop_untouched(self, touches: Touches) -> None:
         """Islands that no contact lies on come from contradictory data, not from an object."""
@@ -337,27 +360,23 @@ class _Shrunk:
 
 
 def _judge(
-    body: _Shrunk, hull: TriangleMesh, process: HermiteField, below: HermiteData, walls: Walls, touches: Touches
+    body: _Shrunk, hull: TriangleMesh, process: HermiteField, inferred: HermiteData, walls: Walls, touches: Touches
 ) -> tuple[TriangleMesh, np.ndarray]:
     """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
     from scipy.spatial import cKDTree
 
-    vertices = body.mesh.vertices
-    _, foot = cKDTree(hull.vertices).query(vertices)
+    vertices, foot = body.mesh.vertices, body.nearest
     sample = hull.vertices[::_EVERY]
     deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
     common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.deviation])
     _, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
-    feet, crowd = np.empty_like(vertices), np.full(len(vertices), np.inf)
-    feet_of(vertices, body.hull, foot, feet)
-    crowding(vertices, body.mesh.faces, feet, crowd)
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
-    fillet = crowd < _CROWDED
+    fillet = body.crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
-    inferred = np.zeros(len(process.data.points), dtype=bool)
-    inferred[len(inferred) - len(walls) - len(below.points) : len(inferred) - len(walls)] = True
-    unreachable = fillet | low | inferred[source][foot]
+    guessed = np.zeros(len(process.data.points), dtype=bool)
+    guessed[len(guessed) - len(walls) - len(inferred.points) : len(guessed) - len(walls)] = True
+    unreachable = fillet | low | guessed[source][foot]
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
     error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)

@@ -12,7 +12,7 @@ from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
+from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.lines import Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import HIGHER, Leans, low_sides
@@ -23,6 +23,8 @@ HALF = 0.25
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
 BESIDE = 1.5
 """Line spacings across a line, within which another line is its neighbour."""
+ONWARD = 0.3
+"""Share of a normal along a line, from which on a contact is on the far side of the object."""
 
 
 class LineScheduler:
@@ -53,11 +55,13 @@ class LineScheduler:
         self._inserted: Line | None = None
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
+        self._stopped: list[Line] = []  # of the grid, given up
         self._raised: list[Line] = []
         self._across = np.empty(0)
         self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
         gaps = (
-            (options.near_sides, self._near_sides), (options.low_lines, self._low_lines),
+            (True, self._from_the_other_end), (options.near_sides, self._near_sides),
+            (options.low_lines, self._low_lines),
             (options.across, self._lines_across), (options.across and options.near_sides, self._low_ends),
             (options.across and options.near_sides, self._lower_sides),
             (options.find_ends, self._outlines),
@@ -95,11 +99,12 @@ class LineScheduler:
         """Drive this next, and then go on as if it belonged to the present line."""
         self._inserted = line
 
-    def give_up(self, line: Line, touched: bool = True) -> None:
+    def give_up(self, line: Line, touched: bool = True, lost: bool = False) -> None:
         """The line cannot be driven to its end: its fallback comes next, where it has one.
 
         Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
-        what overhangs may let nothing be touched farther down.
+        what overhangs may let nothing be touched farther down. A line of the grid comes again from its other end,
+        unless nothing was `touched` last or what it followed was `lost`: nothing was in its way.
         """
         up = 0.5 * (line.ceiling - line.height)
         if line.low and not touched and HALF * self._spacing < up < np.inf:
@@ -108,6 +113,8 @@ class LineScheduler:
         self.insert(line.fallback)
         if line.fallback is not None:
             self._given_up.append(line)
+        elif self._number < len(self.grid) and line.axis == Y and line.free_end and touched and not lost:
+            self._stopped.append(line)
 
     def blocked_before(self, line: Line) -> bool:
         """Whether one like it had to be given up beside it."""
@@ -167,6 +174,17 @@ class LineScheduler:
         low, high = float(self._area.lower[Y]), float(self._area.upper[Y])
         line = Line(Y, float(self.grid.x[self._number]), low, high, self.height, free_end=True)
         return line if here[Y] <= 0.5 * (low + high) else line.turned()
+
+    def _from_the_other_end(self) -> list[Line]:
+        """The grid's lines that were given up on the side of the object where they met it, each the other way round."""
+        contacts, lines = self._memory.contacts(), []
+        for line in self._stopped:
+            normals = contacts[contacts[:, 9] == line.place, 6:9]
+            came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
+            if len(normals) and not came_over.any():
+                low, high = sorted((float(self._area.lower[Y]), float(self._area.upper[Y])), reverse=line.sign > 0.0)
+                lines.append(Line(Y, line.place, low, high, self.height, free_end=True))
+        return lines
 
     def _near_sides(self) -> list[Line]:
         if self._body is not None:

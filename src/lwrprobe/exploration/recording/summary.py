@@ -23,8 +23,9 @@ from lwrprobe.evaluation import (
     normal_error,
     point_error,
     reach,
+    reachable_error,
     surface_error,
-    upright_coverage,
+    upright,
 )
 from lwrprobe.evaluation.align import align
 from lwrprobe.evaluation.coverage import DEFAULT_SPACING
@@ -136,7 +137,8 @@ def _against_truth(
     keys = (
         "coverage", "coverage_upright", "coverage_5mm", "coverage_over_time", "end_errors_mm", "contact_error_mm",
         "contact_error_aligned_mm", "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
-        "mesh_error_aligned_mm", "claims_within_95", "claims_aligned_within_95",
+        "mesh_error_aligned_mm", "mesh_error_reachable_aligned_mm", "mesh_error_upright_aligned_mm",
+        "claims_within_95", "claims_aligned_within_95",
         "lower_bound_time_s", "lower_bound_descending_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
@@ -159,15 +161,11 @@ def _against_truth(
     body = [link for link in pipeline.probe.links if link.name != STICK]
     if solid.bounds()[1][2] > lowest - scene.probe.radius + scene.probe.stick_length:
         rotation = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
-        found["coverage_upright"] = round(
-            upright_coverage(
-                points, normals, reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES), pitch, solid, body, rotation,
-                scene.clearance.threshold,
-            ),
-            4,
-        )  # fmt: skip
+        few = reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES)
+        within_upright = upright(few, solid, body, rotation, scene.clearance.threshold)
+        found["coverage_upright"] = round(coverage(points, normals, within_upright, pitch).share, 4)
     else:
-        found["coverage_upright"] = found["coverage"]
+        within_upright, found["coverage_upright"] = within, found["coverage"]
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
     shares = coverage_over_time(points, normals, times, at, within, pitch)
@@ -193,8 +191,14 @@ def _against_truth(
             error = mesh_error(surface.mesh, solid, lowest).as_dict()
             found["mesh_error_mm"] = {"method": surface.report["method"], **error}
             moved = align(sample_mesh(surface.mesh, lowest, _ALIGNED_SAMPLES)[0], solid).points(surface.mesh.vertices)
-            error = mesh_error(TriangleMesh(moved, surface.mesh.faces), solid, lowest).as_dict()
+            aligned_mesh = TriangleMesh(moved, surface.mesh.faces)
+            error = mesh_error(aligned_mesh, solid, lowest).as_dict()
             found["mesh_error_aligned_mm"] = {"method": surface.report["method"], **error}
+            reached = reachable_error(aligned_mesh, solid, within, lowest)
+            found["mesh_error_reachable_aligned_mm"] = found["mesh_error_upright_aligned_mm"] = reached
+            if within_upright is not within:
+                upright_error = reachable_error(aligned_mesh, solid, within_upright, lowest)
+                found["mesh_error_upright_aligned_mm"] = upright_error
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
             pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found

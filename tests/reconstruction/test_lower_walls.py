@@ -1,0 +1,77 @@
+"""Below the lowest contacts on a wall, where nobody was."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.bench.sampled_lines import RADIUS, sample_lines
+from lwrprobe.evaluation import mesh_error
+from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.contact_surface import ContactSurface
+from lwrprobe.reconstruction.lower_walls import find_lower_walls
+from lwrprobe.reconstruction.touches import prepare
+from lwrprobe.scene.shape import Box
+from lwrprobe.scene.solid import Solid
+from lwrprobe.scene.table import Pose
+
+PITCH, DEPTH = 0.01, 0.045
+
+
+def tall(turned_deg=0.0):
+    at = Pose(xyz=(0.0, 0.0, 0.04), rpy_deg=(0.0, 0.0, turned_deg))
+    return Solid.from_shapes([Box(shape="box", size=(0.06, 0.04, 0.08), at=at)])
+
+
+def upper_part(record, height=DEPTH):
+    """What a probe touches whose body cannot come lower than `height` m."""
+    kept = record.points[:, 2] + RADIUS * record.normals[:, 2] > height
+    return replace(
+        record,
+        points=record.points[kept],
+        normals=record.normals[kept],
+        free_path=np.maximum(record.free_path, [-np.inf, -np.inf, height]),
+    )
+
+
+def found(record):
+    touches = prepare(record, 0.002)
+    return find_lower_walls(touches, cluster(touches.centres, touches.normals, touches.confidence, 0.0033), PITCH)
+
+
+def test_a_wall_goes_straight_down_from_where_it_was_touched_last():
+    solid = tall(35.0)
+    record = upper_part(sample_lines(solid, PITCH, 0.25))
+    result = ContactSurface(ContactSurface.Config(pitch=PITCH)).reconstruct(record)
+    error = mesh_error(result.mesh, solid, 0.006, samples=4000)
+    assert error.watertight
+    assert error.mean < 3e-4
+    low = (result.mesh.vertices[:, 2] < 0.03) & (result.mesh.vertices[:, 2] > 0.008)
+    assert result.unreachable[low].mean() > 0.9, "nobody was there"
+
+
+def test_the_places_lie_below_the_contacts_with_a_deviation_that_grows():
+    solid = tall()
+    walls = found(upper_part(sample_lines(solid, PITCH, 0.25)))
+    assert walls.points[:, 2].min() < 0.012
+    assert walls.points[:, 2].max() < DEPTH + 0.001
+    assert np.abs(solid.signed_distance(walls.points) - RADIUS).max() < 5e-4
+    order = np.argsort(walls.points[:, 2])
+    assert walls.value_sd[order[0]] > 3.0 * walls.value_sd[order[-1]]
+
+
+def test_nothing_goes_down_through_a_floor():
+    floor = Box(shape="box", size=(0.16, 0.16, 0.03), at=Pose(xyz=(0.0, 0.0, 0.015)))
+    tower = Box(shape="box", size=(0.06, 0.04, 0.08), at=Pose(xyz=(0.0, 0.0, 0.04)))
+    walls = found(sample_lines(Solid.from_shapes([floor, tower]), PITCH, 0.25))
+    assert not (np.abs(walls.points[:, :2]).max(axis=1) < 0.06).any()
+
+
+def test_nothing_goes_down_where_the_sphere_passed():
+    record = upper_part(sample_lines(tall(), PITCH, 0.25))
+    below = found(record).points[:, 2].min()
+    x = np.linspace(-0.05, 0.05, 101)
+    passes = [np.column_stack([x, np.full(101, y), np.full(101, 0.02)]) for y in (-0.025, 0.025)]
+    walls = found(replace(record, free_path=np.vstack([record.free_path, *passes])))
+    beside = np.abs(walls.points[:, 1]) > 0.024
+    assert beside.any()
+    assert below < 0.012 < 0.02 < walls.points[beside, 2].min()
