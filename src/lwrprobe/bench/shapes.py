@@ -65,6 +65,7 @@ class Job:
     seed: int
     strategy: str
     profile: str
+    step: float
     keep: str
 
     @property
@@ -134,7 +135,7 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
     from lwrprobe.scene.shape import KINDS
 
     asked = Options(
-        "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "jobs", "journal", "keep"
+        "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "step", "jobs", "journal", "keep"
     )
     kinds = asked.words("kinds", KINDS)
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES[:3])
@@ -149,9 +150,9 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
                 raise UnknownNameError(what, name, known)
     first = asked.count("base_seed", 1)
     objects = [(kinds[n % len(kinds)], first + n) for n in range(asked.count("count", 2 if quick else 18))]
-    keep = asked.text("keep", "")
+    keep, step = asked.text("keep", ""), asked.numbers("step", (0.01,))[0]
     jobs = [
-        Job(kind, seed, strategy, profile, keep)
+        Job(kind, seed, strategy, profile, step, keep)
         for profile, (kind, seed), strategy in product(profiles, objects, strategies)
     ]
     journal = Path(options["journal"]) if "journal" in asked else None
@@ -194,6 +195,8 @@ def _explored(job: Job, folder: Path) -> dict[str, Any]:
     from lwrprobe.scene import load_scene
 
     settings = [f'strategy.name="{job.strategy}"', f"run.seed={job.seed}", f'truth.profile="{job.profile}"']
+    if job.strategy in STRATEGIES[:3]:  # those that drive lines
+        settings.append(f"strategy.step={job.step}")
     scene = load_scene(job.name, settings)
     summary = explore(scene, folder)
     return judge(scene, summary, folder, job.strategy in UPRIGHT, job.profile != IDEAL)
