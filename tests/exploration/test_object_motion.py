@@ -196,13 +196,38 @@ def test_the_kernel_agrees_with_its_definition():
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         normals[random.random(20) < 0.5] = 0.0
         centre, normal = random.normal(0.0, 0.002, 3), np.array([0.6, 0.0, 0.8])
+        sticks, stick = random.normal(size=(20, 3)), random.normal(size=3)
         for touching in (False, True):
             worst = 0.0
-            for place, own in zip(places, normals):
+            for place, own, held in zip(places, normals, sticks):
+                less = 0.0005 * np.linalg.norm(stick - held)
                 displacement = centre - place
                 for axis, sign in ((own, -1.0), (normal, 1.0)):
                     depth = sign * float(displacement @ axis)
                     asked = own.any() if sign < 0.0 else touching
                     if asked and depth <= 0.0075 and np.linalg.norm(displacement - sign * depth * axis) <= 0.001:
-                        worst = max(worst, depth)
-            assert deepest(places, normals, 20, centre, normal, touching, 0.001, 0.0075) == pytest.approx(worst)
+                        worst = max(worst, depth - less)
+            found = deepest(places, normals, sticks, 20, centre, normal, stick, 0.0005, touching, 0.001, 0.0075)
+            assert found == pytest.approx(worst)
+
+
+@pytest.mark.parametrize(("turn", "moved"), [(0.0, True), (0.7, False)])
+def test_touches_in_another_orientation_may_contradict_by_what_arm_and_probe_are_uncertain(turn, moved):
+    """A table that is 0.05 degrees off moves the sphere by a millimetre where the stick leans by 40 degrees."""
+    monitor = ObjectMotionMonitor(RADIUS, 0.0006, 0.2, turned=0.0022)
+    for k, x in enumerate(np.arange(0.0, 0.01, 0.001)):
+        monitor.see(0.008 * k, np.array([x, 0.0, 0.0]), NOTHING, None)
+    stick = np.array([0.0, np.sin(turn), -np.cos(turn)])
+
+    def touch_deeper():
+        for k, x in enumerate(np.arange(0.0, 0.01, 0.001)):
+            place = np.array([x, 0.0, 0.00096])
+            contact = Contact(1.0 + k, place - RADIUS * UP, UP, 0.8 * UP, place)
+            monitor.see(1.0 + k, place, 0.8 * UP, contact, stick=stick)
+
+    if moved:
+        with pytest.raises(ObjectMoved, match="contradict each other by 1"):
+            touch_deeper()
+    else:
+        touch_deeper()
+        assert monitor.moved_since is None

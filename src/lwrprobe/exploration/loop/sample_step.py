@@ -121,7 +121,9 @@ class SampleStep:
             doubt = torque.doubt if torque is not None else 0.0
             force = pipeline.force
             zero = force.zero_error(time)
-            pipeline.object_motion.see(time, place, wrench.world_force, contact, force.compliance, doubt, zero)
+            pipeline.object_motion.see(
+                time, place, wrench.world_force, contact, force.compliance, doubt, zero, pose[:3, 2]
+            )
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:
         """What the run adds up, and the return path."""

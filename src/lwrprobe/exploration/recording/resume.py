@@ -164,4 +164,4 @@ def _remember(pipeline: Pipeline, seen: Observation) -> None:
         else:
             pipeline.sweep.leave()
     if pipeline.object_motion is not None:
-        pipeline.object_motion.recall(place, seen.contact)
+        pipeline.object_motion.recall(place, seen.contact, seen.pose[:3, 2])

@@ -25,7 +25,7 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     found = []
     share = summary.rejected_share
     if share is not None and share > REJECTED:
-        found.append(f"{share:.0%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")
+        found.append(f"{share:.1%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")
     torque = summary.torque or {}
     if torque.get("over_expected", 1.0) > DISAGREE:
         found.append(

@@ -11,7 +11,8 @@ Two signs, both exact for whatever stands still:
 An object that is moved by something else, along its own surface, between two lines that never cross, is not seen.
 
 Centres are compared, not contact points: what is wrong with a normal moves the point along the surface by up to
-2 mm at an edge, and the centre not at all.
+2 mm at an edge, and the centre not at all. Where the stick was held otherwise, errors of the arm's table and of the
+probe move the centre as well: such places may contradict each other by as much as they are uncertain.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ FORGIVEN = 10
 LET_GO = 12
 """Samples without a force after which a push has come to its end."""
 
+DOWN = np.array([0.0, 0.0, -1.0])
 _NOT_TOUCHING = np.zeros(3)
 
 
@@ -69,12 +71,16 @@ class ObjectMotionMonitor:
     tolerance : m, by which places may contradict each other
     threshold : N, above it a touch is declared; half of it is a force all the same
     knows_friction : the contacts' normals are free of it
+    turned : m for each rad by which the stick is held otherwise, by which places may contradict each other beyond it
     """
 
-    def __init__(self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True) -> None:
+    def __init__(
+        self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True, turned: float = 0.0
+    ) -> None:
         self._radius, self._tolerance, self._threshold, self._zero = radius, tolerance, threshold, 0.0
         self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
-        self._places, self._normals = np.empty((1024, 3)), np.zeros((1024, 3))
+        self._places, self._normals, self._sticks = np.empty((1024, 3)), np.zeros((1024, 3)), np.zeros((1024, 3))
+        self._turned, self._stick_held = turned, DOWN
         self._count = self._agreed = 0
         self._last = [inf] * 3
         self._before: tuple[float, list[float], tuple[float, float, float]] | None = None
@@ -97,17 +103,18 @@ class ObjectMotionMonitor:
         compliance: float = 0.0,
         disagreement: float = 0.0,
         zero: float = 0.0,
+        stick: Vector = DOWN,
     ) -> None:
         """Take in where the sphere's centre is, (3,) m, the force on it, (3,) N, and the contact if there is one.
 
         `time` counts in s, `compliance` is how far, in m/N, the surface is known to deform. `disagreement` is that of
         torque and force where it is larger than expected, else 0: normals are wrong then, and contradictions follow.
         `zero` is one standard deviation, in N, of an axis of the force's zero by now: a small force points anywhere,
-        and may be none.
+        and may be none. `stick` is the stick's direction, (3,).
 
         Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """
-        self._doubtful, self._zero = disagreement, zero
+        self._doubtful, self._zero, self._stick_held = disagreement, zero, stick
         trusted = contact is not None and contact.confidence_score >= RELIABLE_FROM
         centre = contact.centre if contact is not None else place
         self._note_stick(force, contact)
@@ -123,8 +130,9 @@ class ObjectMotionMonitor:
             # The contact point is corrected for the surface's deformation, the place is not.
             self._compare(time, contact.point + self._radius * contact.normal, contact.normal, indentation)
 
-    def recall(self, place: Vector, contact: Contact | None) -> None:
+    def recall(self, place: Vector, contact: Contact | None, stick: Vector = DOWN) -> None:
         """Remember a place of an earlier part of the run, as `see` would have."""
+        self._stick_held = stick
         if contact is None:
             centre, normal = place, _NOT_TOUCHING
         elif contact.confidence_score >= RELIABLE_FROM:
@@ -189,7 +197,8 @@ class ObjectMotionMonitor:
     def _compare(self, time: float, centre: Vector, normal: Vector, indentation: float) -> None:
         touching = normal is not _NOT_TOUCHING
         reach = REACH * self._radius
-        found = deepest(self._places, self._normals, self._count, centre, normal, touching, ASIDE, reach)
+        before = self._places, self._normals, self._sticks, self._count
+        found = deepest(*before, centre, normal, self._stick_held, self._turned, touching, ASIDE, reach)
         self._worst = max(self._worst, found)
         if found > self._tolerance + indentation:
             self._agreed += 1
@@ -229,7 +238,9 @@ class ObjectMotionMonitor:
         if self._count == len(self._places):
             self._places = np.concatenate([self._places, np.empty_like(self._places)])
             self._normals = np.concatenate([self._normals, np.zeros_like(self._normals)])
-        self._places[self._count], self._normals[self._count] = place, normal
+            self._sticks = np.concatenate([self._sticks, np.zeros_like(self._sticks)])
+        k = self._count
+        self._places[k], self._normals[k], self._sticks[k] = place, normal, self._stick_held
         self._count += 1
 
 
