@@ -16,7 +16,7 @@ FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrenc
     [
         ({}, None),
         ({"rejected_share": 0.10}, None),
-        ({"rejected_share": 0.49}, "49% of the touches were rejected"),
+        ({"rejected_share": 0.49}, "49.0% of the touches were rejected"),
         ({"rejected_share": None, "true_peak_force_n": None, "link_collisions": None}, None),
         ({"true_peak_force_n": 3.7}, "up to 3.70 N, the limit is 3 N"),
         ({"stillness": {"torque_disagreement": 0.18}}, "torque and force disagree by 18%"),
