@@ -36,7 +36,7 @@ RESET_TIME = 8.0
 """Integral time of the steady part in units of the delay: slow enough not to disturb the stability of the law."""
 MAX_STEADY = 0.5
 """Share of the inward speed, and of the sliding speed, that the steady part may reach: a tangent 27 degrees off."""
-NEEDLESS = 0.5
+NEEDLESS = 1.0
 """Share of the target force that is coming in excess, at which nothing is left of a steady part towards the surface.
 Around an edge it makes up for the surface that turns away; on the flat behind, it would press on with e times that
 force until it is taken up in turn.

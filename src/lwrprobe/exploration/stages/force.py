@@ -260,9 +260,12 @@ class ForceStage:
 
     @property
     def _stiffness_share(self) -> float:
-        """Of the speed that the stated stiffness allows; in steps where the arm is stiffer here than there."""
-        rise = self._rise
-        return self._of_stiffness if rise <= 1.0 else self._of_stiffness * math.floor(SPEED_STEPS / rise) / SPEED_STEPS
+        """Of the speed that the stated stiffness allows; in steps where the arm is stiffer here than the reserve
+        covers, which is used up where presses or doubt have slowed it already.
+        """
+        reserve = COVERED if self._of_stiffness == 1.0 else 1.0
+        share = min(reserve / self._rise, 1.0)
+        return self._of_stiffness * (math.floor(SPEED_STEPS * share) / SPEED_STEPS)
 
     @property
     def _share(self) -> float:
