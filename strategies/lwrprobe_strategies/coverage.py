@@ -64,6 +64,8 @@ NEAR_SIDE = -0.3
 """Share of the normal along the line, below which the line leads into the object."""
 BESIDE_LINE = 0.002
 """m across a line, from which on what is touched is not on it."""
+AT_TOP = 2e-4
+"""m below the area's upper end, from which on what is touched reaches it."""
 MAX_STAYS = 3
 """Lines in a row that were left before the tip had moved: the others would follow, and nothing would be touched."""
 MAX_DETOURS = 2
@@ -103,6 +105,9 @@ class Coverage(SkillStrategy):
         while (line := self.lines.next(self.tip.here)) is not None:
             here = self.tip.here
             yield from self.drive(line, retraction)
+            if self._reaches_the_top():
+                top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
+                return Done(f"the object reaches the area's upper end at {top}, where the probe flies over it", False)
             stays = stays + 1 if np.abs(self.tip.here - here).max() < THERE else 0
             if stays == MAX_STAYS:
                 return Done("the probe cannot leave the place where it is", complete=False)
@@ -359,6 +364,11 @@ class Coverage(SkillStrategy):
         path = self._off_or_back()
         first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
         return path[first:]
+
+    def _reaches_the_top(self) -> bool:
+        """Whether something was touched as high as the probe flies over all that may be there."""
+        centres = self.tip.memory.contacts()[:, Z]
+        return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
 
     def _off_or_back(self) -> list[Waypoint]:
         tip = self.tip

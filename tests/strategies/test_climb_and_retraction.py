@@ -242,6 +242,23 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
     assert (abs(velocity[0]) < 1e-9) == in_plane
 
 
+@pytest.mark.parametrize("below", [0.0, 0.001])
+def test_an_object_that_reaches_the_area_s_upper_end_is_not_flown_over(below):
+    """The table had been 3.7 mm higher than stated: flights over the object had met it with 27 N."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    place = AREA.upper - np.array([0.05, 0.05, below])
+    strategy.tip.memory.add(place, place, np.array([0.0, 1.0, 0.0]), 0.0)
+    strategy.drive = lambda line, retraction: iter(())
+    program = strategy.program()
+    try:
+        done = next(program)
+    except StopIteration as stop:
+        done = stop.value
+    reached = getattr(done, "complete", True) is False and "reaches the area's upper end at 60.0 mm" in done.reason
+    assert reached == (below == 0.0)
+
+
 @pytest.mark.parametrize("blocked", ["", "out of reach: limited"])
 def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     """A leaning probe had gone up a wall to the end of a joint's range, and could not go off it."""
