@@ -16,6 +16,7 @@ def task(
     links=(),
     area=AREA,
     reachable=lambda poses: True,
+    headroom=0.0,
 ):
     return Task(
         area=area,
@@ -33,4 +34,5 @@ def task(
         stiffness=stiffness,
         delay=0.015,
         reachable=reachable,
+        headroom=headroom,
     )

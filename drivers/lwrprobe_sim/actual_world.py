@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.kinematics import Robot, robot_by_name
+from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 from lwrprobe.scene.actual_scene import actual_scene, placed
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.scene.table import Pose
 from lwrprobe_sim.config import SimConfig
 
@@ -31,7 +32,7 @@ def actual_world(scene: Scene, config: SimConfig, seed: int) -> ActualWorld:
 
     Raises SceneError for departures that leave no probe or do not fit the arm's joints.
     """
-    robot = robot_by_name(scene.arm.robot, scene.arm.tool.matrix(), scene.arm.base.matrix())
+    robot = robot_of(scene)
     truth = scene.truth
     if truth.ideal:
         return ActualWorld(scene, config, robot, {"profile": truth.profile})

@@ -6,8 +6,9 @@ import numpy as np
 
 from lwrprobe.compiled import entry
 from lwrprobe.contracts import DeviceRefused, InputError, LeftOut, LinkShape, Probe
-from lwrprobe.kinematics import Robot, robot_by_name
+from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.scene.solid import Solid
 from lwrprobe_sim import body_kernels as body
 from lwrprobe_sim import contact_kernels as contact
@@ -37,7 +38,7 @@ class World:
 
     def __init__(self, scene: Scene, config: SimConfig, seed: int, robot: Robot | None = None) -> None:
         self.scene, self.config = scene, config
-        self.robot = robot or robot_by_name(scene.arm.robot, scene.arm.tool.matrix(), scene.arm.base.matrix())
+        self.robot = robot or robot_of(scene)
         self.probe: Probe = scene.probe.as_probe()
         self.state = np.zeros(kernels.WORLD)
         self.counts = np.zeros(kernels.COUNTS, np.int64)

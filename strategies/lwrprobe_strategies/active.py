@@ -99,6 +99,10 @@ class Active(GridVersion):
         self.frame = TrackingFrame(line, self.task.area)
         return self.contour()
 
+    def raise_area(self, line: Line) -> bool:
+        """The estimate of the surface ends where the area does."""
+        return False
+
     def leaves_descents(self, line: Line) -> bool:
         """Only where a stroke goes on to the other side of the area."""
         return line.free_end

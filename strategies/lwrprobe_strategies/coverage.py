@@ -18,6 +18,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import hypot
 from typing import ClassVar
 
@@ -29,6 +30,7 @@ from lwrprobe_strategies.outcomes import (
     Blocked,
     CollisionThreat,
     Ended,
+    Interruption,
     Jammed,
     Lost,
     Outcome,
@@ -42,7 +44,7 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import THERE, Waypoint, clear_of, path_to
+from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint, clear_of, path_to
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
@@ -66,8 +68,10 @@ BESIDE_LINE = 0.002
 """m across a line, from which on what is touched is not on it."""
 AT_TOP = 2e-4
 """m below the area's upper end, from which on what is touched reaches it."""
-MAX_STAYS = 3
-"""Lines in a row that were left before the tip had moved: the others would follow, and nothing would be touched."""
+RAISE = 0.005
+"""m by which the area's upper end is raised at a time: so much that the sphere fits in between."""
+OTHER_WAYS = 3
+"""Ways off a place that are tried, one after the other, where the planned one has not moved the tip."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
@@ -97,20 +101,26 @@ class Coverage(SkillStrategy):
         self.upright = self.tip.rotation
         self.tip.body = BodySpace(self.task, self.options.step) if BodySpace.needed(self.task) else None
         self.lines = self.scheduler()
-        self.rest, self.back = False, np.inf
+        self.rest, self.back, self.stays = False, np.inf, 0
         self.beside = BESIDE * self.options.step
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
         retraction: list[Waypoint] = []
-        stays = 0
         while (line := self.lines.next(self.tip.here)) is not None:
-            here = self.tip.here
+            here, known = self.tip.here, len(self.tip.memory.trail())
             yield from self.drive(line, retraction)
             if self._reaches_the_top():
-                top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
-                return Done(f"the object reaches the area's upper end at {top}, where the probe flies over it", False)
-            stays = stays + 1 if np.abs(self.tip.here - here).max() < THERE else 0
-            if stays == MAX_STAYS:
-                return Done("the probe cannot leave the place where it is", complete=False)
+                with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
+                    yield from transit(self.tip, self.retraction(), self.begun)
+                if not self.raise_area(line):
+                    top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
+                    return Done(
+                        f"the object reaches the area's upper end at {top}, where the probe flies over it", False
+                    )
+            self.stays = self.stays + 1 if self._stayed(here, known) else 0
+            if self.stays > OTHER_WAYS:
+                return Done("no way leads the probe off the place where it is", complete=False)
+            if self.stays:
+                self.lines.insert(line)
             retraction = self.retraction()
         with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
             yield from transit(self.tip, retraction, self.begun)
@@ -199,12 +209,37 @@ class Coverage(SkillStrategy):
         """Whether an outline has come to the end that it seeks."""
         return past_end(self.tip.control, self.frame, self.tip.here, BESIDE * self.options.step)
 
+    def _stayed(self, here: np.ndarray, known: int) -> bool:
+        """Whether the tip has been at a place (3,) alone since `known` rows of its trail."""
+        been = np.vstack([self.tip.here, self.tip.memory.trail()[known:, :3]])
+        return bool(np.abs(been - here).max() < THERE)
+
+    def raise_area(self, line: Line) -> bool:
+        """Raise the area's upper end, and drive the line again; False where there is no headroom or the arm ends."""
+        by = min(RAISE, self.task.headroom - self.raised)
+        if by < RAISE:
+            return False
+        area = self.task.area.raised(by)
+        centres = self.tip.memory.contacts()[:, :3]
+        (left, front), (right, back) = centres[:, :2].min(axis=0), centres[:, :2].max(axis=0)
+        poses = np.tile(np.eye(4), (5, 1, 1))
+        poses[:, :3, :3], poses[:, :2, 3] = self.upright, self.tip.here[:2]
+        poses[1:, :2, 3] = (left, front), (left, back), (right, back), (right, front)
+        poses[:, Z, 3] = area.upper[Z]
+        if not self.task.reachable(list(poses)):
+            return False
+        self.raised += by
+        self.task = replace(self.task, area=area)
+        self.tip.raise_area(self.task)
+        self.lines.raise_area(self.task, line)
+        return True
+
     # Skills with what they need here
 
     def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
-        self.threats, self.circling, self.foot_felt = 0, CirclingWatch(self.task.area), False
+        self.threats, self.circling, self.foot_felt = 0, CirclingWatch(self.task.area), line.foot_felt
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
         if tip.body is not None:
@@ -341,7 +376,7 @@ class Coverage(SkillStrategy):
         higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat)
         if higher is None:
             return self.give_up()
-        self.lines.raise_line(higher)
+        self.lines.raise_line(replace(higher, foot_felt=self.foot_felt))
         return None
 
     def next_in_passing(self) -> Procedure:
@@ -361,7 +396,7 @@ class Coverage(SkillStrategy):
         """
         if self.tip.body is not None:
             self.tip.body.survey()
-        path = self._off_or_back()
+        path = self._otherwise() if self.stays else self._off_or_back()
         first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
         return path[first:]
 
@@ -380,6 +415,22 @@ class Coverage(SkillStrategy):
         if tip.trace.ended is guarded_move and not tip.leaving:
             return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
         return off_surface(tip.seen, normal, self.options.retreat)
+
+    def _otherwise(self) -> list[Waypoint]:
+        """Off a place that the planned path did not leave: along the force, else back, else up.
+
+        The force is what presses, whatever normal is taken from it.
+        """
+        tip, away = self.tip, self.options.retreat
+        tip.leave()
+        self.back = np.inf
+        force, up = tip.seen.force, np.array([0.0, 0.0, 1.0])
+        size = float(np.linalg.norm(force))
+        if self.stays == 1 and size > self.task.force_threshold:
+            return [Waypoint(tip.here + away * force / size, SpeedLimit.GUARDED)]
+        if self.stays <= 2 and (back := return_path(tip.seen, tip.free, away)):
+            return back
+        return [Waypoint(tip.here + away * up, SpeedLimit.GUARDED)]
 
     def _leads_to(self, waypoint: Waypoint) -> bool:
         """Whether the probe may go straight to a waypoint."""

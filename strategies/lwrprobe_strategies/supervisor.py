@@ -137,6 +137,7 @@ class SkillStrategy(ABC):
     task : what is to be explored, from `start` on; what was found, once the program runs
     tip : what the skills share, from `start` on
     bounds : of an object that was searched for, else None
+    raised : m by which the area's upper end was raised
     """
 
     Config: ClassVar[type]
@@ -144,6 +145,7 @@ class SkillStrategy(ABC):
     task: Task
     tip: Tip
     bounds: Bounds | None
+    raised: float
 
     @abstractmethod
     def program(self) -> Program:
@@ -163,7 +165,7 @@ class SkillStrategy(ABC):
         """Take over: the tip rests in free space. The program runs up to its first motion."""
         self.task, self.tip = task, Tip(task)
         self._supervisor, self._check = Supervisor(self.tip), BodyCheck(self.tip)
-        self.bounds = None
+        self.bounds, self.raised = None, 0.0
         self._program = self.program() if task.search_for is None else self._blind_program()
         self._done: Done | None = None
         self._advance(None)

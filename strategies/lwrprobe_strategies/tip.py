@@ -11,7 +11,7 @@ from lwrprobe.contracts import Confidence, Doubt, Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.free_space import FreeSpace
+from lwrprobe_strategies.planning.free_space import COLUMN, SIDE, FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds, body
 from lwrprobe_strategies.planning.shaft import UNEXPECTED
@@ -70,7 +70,7 @@ class Tip:
         self.reliable = False
         self.control = ContourControl(task)
         self.memory = ContactMemory()
-        self.free = FreeSpace(task.area)
+        self.free = FreeSpace(task.area, _side(task))
         self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body: BodySpace | None = None
         self.leaving = False
@@ -91,9 +91,17 @@ class Tip:
         """Go on with a task in a part of the area; what was touched stays known."""
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
-        self.free = FreeSpace(task.area, min(wide, default=inf))
+        self.free = FreeSpace(task.area, _side(task), min(wide, default=inf))
         self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
         self.body = None
+
+    def raise_area(self, task: Task) -> None:
+        """Go on with a task whose area reaches higher; what was touched and swept stays known."""
+        self.task = task
+        self.free.raise_top(float(task.area.upper[2]))
+        self.overhangs.raise_top(float(task.area.upper[2]))
+        if self.body is not None:
+            self.body.raise_top(task)
 
     def observe(self, seen: Observation) -> None:
         """Take over a sample."""
@@ -147,9 +155,9 @@ class Tip:
         limit = inf
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
-            limit = self.control.stick_speed(self.overhangs.reach(here)) / (side if along[2] <= 0.0 else 1.0)
+            limit = self.control.stick_speed(self.overhangs.reach(here, along)) / (side if along[2] <= 0.0 else 1.0)
         elif not self.touches and self.overhangs.possible(here, along):
-            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here)) / side
+            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along)) / side
         if near is not None and self._stick_is_near:
             back = -self.seen.pose[:3, 2]
             there = near.on_map - here
@@ -207,3 +215,8 @@ class Tip:
         """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
         alike = self._wanted.dot(self.seen.pose.ravel())
         return None if alike > HELD else self.pose_at(self.here)
+
+
+def _side(task: Task) -> float:
+    """m beside where the sphere has been, within which nothing is struck as fast as the probe can."""
+    return SIDE if task.arm_mass == 0.0 else COLUMN

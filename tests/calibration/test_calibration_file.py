@@ -32,7 +32,8 @@ from lwrprobe.scene.calibrated_scene import calibrated, stated_hash
 VALUES = {
     "tool_shift": [1e-4, -2e-4, 3e-4], "sphere_radius": [0.00501], "stick_stiffness": [2000.0, 1.1e6],
     "arm_stiffness": [2e4, 1e4, 2e4], "clock_offset": [0.004], "sensor_latency": [0.005], "table": [0.001, 0.0, 0.002],
-    "payload": [0.0031, 0.0, 0.0, 0.03],
+    "payload": [0.0031, 0.0, 0.0, 0.03], "tool": [2e-4, 1e-4, -3e-4], "joint_hysteresis": [4e-5],
+    "kinematic_table": [1e-4] * 7 + [2e-4] * 7 + [3e-4] * 7 + [4e-4] * 7, "gear_waves": [5e-5] * 7 + [-6e-5] * 7,
 }  # fmt: skip
 
 
@@ -91,7 +92,7 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     write_calibration(calibration, tmp_path / "c.toml")
     stated = load_scene("block", {"calibration": str(tmp_path / "c.toml")})
     used = calibrated(stated)
-    tip = stated.arm.tool.matrix() @ np.array([1e-4, -2e-4, 3e-4, 1.0])
+    tip = stated.arm.tool.matrix() @ np.array([2e-4, 1e-4, -3e-4, 1.0])
     assert used.arm.tool.matrix()[:3, 3] == pytest.approx(tip[:3])
     assert used.probe.radius == 0.00501
     assert used.probe.stiffness_lateral == 2000.0
@@ -102,6 +103,13 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     plane = used.table.normal()
     assert plane[1] / plane[2] == pytest.approx(-0.002)
     assert used.uncertainty.probe_length_mm == pytest.approx(0.01)
+    change = np.repeat([[1e-4], [2e-4], [3e-4], [4e-4]], 7, axis=1)
+    assert used.arm.correction.table_change(7) == pytest.approx(change)
+    assert used.arm.correction.waves(7) == pytest.approx(np.repeat([[5e-5], [-6e-5]], 7, axis=1))
+    assert used.arm.correction.joint_hysteresis_deg == pytest.approx(np.degrees(4e-5))
+    assert used.uncertainty.dh_a_mm == pytest.approx(0.01)
+    assert used.uncertainty.dh_twist_deg == pytest.approx(np.degrees(1e-5))
+    assert used.uncertainty.gear_ripple_deg == pytest.approx(np.degrees(1e-5))
     assert calibrated(load_scene("block")) == load_scene("block")
 
 
@@ -140,6 +148,7 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
         ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
         ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
         ("0.00501,", "nan,", "sphere_radius"),
+        ("-6e-05,\n", "", "gear_waves"),
     ],
 )
 def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):
@@ -158,6 +167,8 @@ def test_missing_file_and_another_probe_are_refused(calibration, tmp_path):
     write_calibration(calibration, tmp_path / "c.toml")
     with pytest.raises(SceneError, match="calibrate again"):
         load_scene("block", {"calibration": str(tmp_path / "c.toml"), "probe.radius": 0.004})
+    with pytest.raises(SceneError, match="calibrate again"):
+        load_scene("block", {"calibration": str(tmp_path / "c.toml"), "arm.gear_waves": 200.0})
 
 
 @pytest.mark.parametrize("diameter", [0.0, 30.0, float("nan")])

@@ -8,8 +8,10 @@ import pytest
 from calibration.synthetic_touches import CENTRE, PROBE, REFERENCE, draw, orientations, robot, touches
 from lwrprobe.calibration import CalibrationRefused, Parameters, Priors, force_to_torque, solve, tool_shift_rows
 from lwrprobe.calibration.model import Model
+from lwrprobe.calibration.quantities import table_share, waves_share
 from lwrprobe.calibration.solution import refuse_moved
 from lwrprobe.contracts import InputError
+from lwrprobe.evaluation import aligned_points
 
 GAPS = np.concatenate([PROBE.force_range, PROBE.torque_range])
 Q = np.array([0.0, 0.4, 0.0, -1.4, 0.0, 1.2, 0.0])
@@ -41,6 +43,38 @@ def test_values_lie_within_three_standard_deviations(drawn):
             ("radius", PROBE.radius + world.radius),
         ):  # fmt: skip
             assert (np.abs(solution.value(name) - value)[:1] < 3.5 * solution.sigma(name)[:1]).all(), name
+
+
+def shifted(arm, tool, change):
+    """The arm with its tool shifted by (3,) m in the tip frame, and its table changed by (4, n)."""
+    pose = arm.tool.copy()
+    pose[:3, 3] += pose[:3, :3] @ tool
+    return arm.with_tool(pose).with_table_changed(change)
+
+
+@pytest.mark.slow
+def test_the_table_that_was_found_leaves_little_of_the_tips_error(drawn):
+    rng = np.random.default_rng(5)
+    around = Q + rng.uniform(-0.15, 0.15, (40, 7))
+    for world, _, solution in drawn:
+        stated = robot()
+        real = shifted(stated, world.tool, np.array([world.dh[name] for name in ("a", "alpha", "d", "theta")]))
+        found = shifted(stated, solution.value("tool"), solution.value("dh").reshape(4, -1))
+        true = real.fk_batch(around)[:, :3, 3]
+        before, after = (
+            np.linalg.norm(aligned_points(made.fk_batch(around)[:, :3, 3], true) - true, axis=1).mean()
+            for made in (shifted(stated, world.tool, np.zeros((4, 7))), found)
+        )
+        assert after < 0.5 * before
+        assert after / before < 3.0 * table_share(solution, stated, around)
+
+
+@pytest.mark.slow
+def test_the_waves_that_were_found_leave_little_of_the_tips_error(drawn):
+    around = Q + np.random.default_rng(6).uniform(-0.15, 0.15, (40, 7))
+    for _, _, solution in drawn:
+        assert waves_share(solution, robot(), around, Priors().gear_waves) < 0.5
+        assert waves_share(solution, robot(), around, 0.0) == 1.0, "nobody knows how many a turn has"
 
 
 @pytest.mark.slow

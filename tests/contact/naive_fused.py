@@ -197,8 +197,12 @@ def learn_offset(g, p, s, raw, cov, force):
         return
     n, _, _ = sliding_normal(force, g.velocity)
     innovation = raw - np.cross(-g.rotation.T @ n, g.force) - s.offset
-    gain = s.offset_cov @ inverse(cov + s.speed_var * (np.linalg.norm(g.force) / speed) ** 2 * np.eye(3))
-    s.offset = s.offset + gain @ innovation
+    precision = inverse(cov + s.speed_var * (np.linalg.norm(g.force) / speed) ** 2 * np.eye(3))
+    gain = s.offset_cov @ precision
+    offset = s.offset + gain @ innovation
+    if innovation @ precision @ innovation > 16.3 or offset @ inverse(first_offset_cov(p)) @ offset > 16.3:
+        return
+    s.offset = offset
     s.offset_cov = s.offset_cov - gain @ s.offset_cov
 
 

@@ -205,6 +205,19 @@ def test_learn_offset(case):
     case.check_memory()
 
 
+def test_no_wander_of_the_zero_explains_the_torque_of_another_contact(case):
+    case.row[kernels.I_VELOCITY : kernels.I_VELOCITY + 3] = 0.02 * np.cross(case.force, case.rng.normal(size=3))
+    case.state[fused_kernels.S_STREAK], case.state[fused_kernels.S_OFFSET : fused_kernels.S_OFFSET + 3] = 10.0, 0.0
+    prior = naive.first_offset_cov(P)
+    case.state[fused_kernels.S_OFFSET_COV : fused_kernels.S_OFFSET_COV + 9] = prior.ravel()
+    raw = case.rng.normal(size=3)
+    for _ in range(100):
+        cov = case.cov + case.state[fused_kernels.S_OFFSET_COV : fused_kernels.S_OFFSET_COV + 9].reshape(3, 3)
+        fused_kernels.learn_offset(case.row, PARAMS, case.state, raw, cov, case.out)
+    offset = case.state[fused_kernels.S_OFFSET : fused_kernels.S_OFFSET + 3]
+    assert offset @ np.linalg.inv(prior) @ offset <= 16.3
+
+
 # --- from sample to sample
 
 

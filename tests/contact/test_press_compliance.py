@@ -82,6 +82,26 @@ def test_batches_on_a_slope_where_the_normal_is_wrong_do_not_make_the_surface_st
     assert abs(watch.value - 3e-5) < 2.0 * watch.sigma
 
 
+@pytest.mark.parametrize("friction", [0.4, -0.4])
+@pytest.mark.parametrize("tilt", [0.1, 0.3])
+def test_friction_on_a_slope_bends_the_stick_and_not_the_surface(tilt, friction):
+    """Down a slope friction holds against what bends the stick, up a slope it adds to it."""
+    bend = Deflection(Probe(compliance=np.array([4e-4, 4e-4, AXIAL])))
+    watch, random = PressCompliance(bend, 125.0), np.random.default_rng(4)
+    normal, tangent = np.array([0.0, np.sin(tilt), np.cos(tilt)]), np.array([0.0, np.cos(tilt), -np.sin(tilt)])
+    for k in range(600):
+        size = 1.0 + 0.5 * np.sin(0.32 * k)
+        load = size * (normal + friction * tangent)
+        force = load + 0.003 * random.standard_normal(3)
+        pose = np.eye(4)
+        pose[:3, :3] = DOWN
+        pose[:3, 3] = 4e-5 * k * tangent - 5e-5 * size * normal - bend.shift(DOWN, load)
+        contact = Contact(k / 125.0, pose[:3, 3], normal, force, pose[:3, 3], 0.9)
+        watch.update(Wrench(k / 125.0, DOWN.T @ force, np.zeros(3), force, k, 0), pose, contact)
+    assert watch.batches >= 10
+    assert watch.value == pytest.approx(5e-5, rel=0.15)
+
+
 def test_a_median_below_zero_is_no_rigid_surface():
     watch = pressed(5e-5)
     watch._slopes = [2e-5, -2e-5, 1e-5, -3e-5, -1e-6]

@@ -43,6 +43,18 @@ def test_a_slow_sensor_shows_it_as_well():
     assert np.abs(left.torque).max() < 0.5 * np.abs(matrix @ force).max()
 
 
+@pytest.mark.parametrize("behind", [0.012, 0.018, 0.030])
+def test_a_stick_that_slides_over_an_edge_teaches_nothing(behind):
+    watch = TorqueAgreement(PROBE, EXPECTED, ZERO, 0.02)
+    force = np.array([-0.01, 0.70, 0.21])  # friction up the stick, on the way down
+    point = np.array([0.0, -PROBE.stick_radius, 0.05 - behind])
+    for k in range(250):
+        wrench = Wrench(k / 125.0, force, np.cross(point, force), force, k, 0)
+        watch.learn(wrench, np.eye(3), np.array([0.0, 0.0, -0.005]))
+    assert watch.surprise == 1.0
+    assert watch.disagreement == 0.0
+
+
 def test_what_agrees_is_left_alone():
     watch = slid(np.zeros((3, 3)))
     assert watch.surprise == 1.0

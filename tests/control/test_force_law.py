@@ -191,6 +191,18 @@ def test_an_unstable_loop_is_seen_and_backing_off_calms_it():
     assert np.median(quiet) < 0.3 * TARGET
 
 
+def test_a_swing_that_takes_the_sphere_off_the_surface_is_one_and_a_last_lift_is_none():
+    watch, delay, period = LimitCycle(TARGET, 0.03, 0.008, band=0.5 * TARGET), 0.03, 0.2
+    for k in range(250):
+        force = 1.5 * math.sin(2.0 * math.pi * 0.008 * k / period)
+        watch.update(0.008 * k, TARGET + force) if TARGET + force > 0.0 else watch.lose(0.008 * k)
+    assert watch.scale < 1.0
+    once = LimitCycle(TARGET, delay, 0.008, band=0.5 * TARGET)
+    for k in range(250):
+        once.update(0.008 * k, 1.6 * TARGET) if k % 60 < 30 else once.lose(0.008 * k)
+    assert once.detections == 0, "touched and left, again and again"
+
+
 def test_noise_bumps_and_one_overshoot_are_no_limit_cycle():
     rng = np.random.default_rng(0)
     watch = LimitCycle(TARGET, 0.01, 0.008)

@@ -72,6 +72,19 @@ def test_the_error_of_a_larger_ball_is_the_difference_of_the_radii():
     assert largest == pytest.approx(1e-3, abs=2e-5)
 
 
+def test_what_the_mesh_makes_of_an_underside_is_no_error_of_what_is_judged():
+    true, low = trimesh.creation.box([0.04, 0.03, 0.02]), trimesh.creation.box([0.04, 0.03, 0.03])
+    low.apply_translation([0.0, 0.0, -0.005])  # 10 mm too deep below
+    judge = TrueMesh(np.asarray(true.vertices), np.asarray(true.faces))
+    points, normals = judge.surface(4000, -1.0, 0.0)
+    mesh = TriangleMesh(np.asarray(low.vertices), np.asarray(low.faces))
+    assert mesh_errors(mesh, judge, points, -1.0)[0] > 1e-3
+    above = normals[:, 2] > -0.5
+    assert mesh_errors(mesh, judge, points, -1.0, above)[0] < 2e-4
+    assert mesh_errors(mesh, judge, points, -1.0, ~above)[0] > 4e-3
+    assert mesh_errors(mesh, judge, points, -1.0, np.zeros(len(points), dtype=bool)) == (np.inf, np.inf)
+
+
 def test_edges_with_four_faces_and_open_ones_are_told():
     box = trimesh.creation.box([1.0, 1.0, 1.0])
     vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)

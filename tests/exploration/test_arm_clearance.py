@@ -14,10 +14,10 @@ from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages import pipeline
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, robot_by_name
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 SCENE = load_scene("block", ['clearance.links="arm"', "truth.profile=ideal"])
 PROBE, ROBOT = SCENE.probe.as_probe(), robot_of(SCENE)

@@ -6,8 +6,8 @@ import pytest
 from lwrprobe.contracts import WrenchSample
 from lwrprobe.exploration.procedures.calibrate import _spans, _touches
 from lwrprobe.exploration.recording.device_log import DeviceLog
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 PERIOD, ZERO, PAUSE, TOUCHES = 0.008, 3.0, 2.5, 3
 SKILLS = (("rest", 0.4), ("load", 0.4), ("unload", 0.4), ("transit", 0.4))

@@ -13,9 +13,11 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rig
 from lwrprobe.exploration.recording.error_sources import _of_arm, error_budget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
-from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
+from lwrprobe.exploration.recording.path_normals import CHORD, PathTurn
+from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.exploration.stages.sensor_errors import estimator_settings
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 Q = np.array([[0.3, 0.6, -0.2, -1.4, 0.1, 1.1, 0.4], [-0.2, 0.7, 0.1, -1.2, 0.3, 0.9, 0.0]])
 
@@ -58,11 +60,12 @@ def test_a_base_that_is_turned_moves_what_is_far_from_it():
     assert np.trace(found, axis1=1, axis2=2) == pytest.approx(2.0 * np.radians(0.1) ** 2 * (arm**2).sum(axis=1))
 
 
-def budget(scene, count=40):
+def budget(scene, count=40, turned=None):
     pipeline = compose(scene, choose(scene), 0.001, 125.0)
     up, joints = np.array([0.0, 0.0, 1.0]), np.repeat(Q[:1], count, axis=0)
     contacts = [Contact(0.1 * k, np.zeros(3), up, 0.8 * up, 0.005 * up, 0.95) for k in range(count)]
-    return error_budget(scene, pipeline, contacts, joints, np.repeat([[0.0, 0.02, 0.0]], count, axis=0))
+    paths = np.repeat([[0.0, 0.02, 0.0]], count, axis=0)
+    return error_budget(scene, pipeline, contacts, joints, paths, turned=turned)
 
 
 def test_without_uncertainty_only_noise_and_the_rest_remain():
@@ -71,6 +74,16 @@ def test_without_uncertainty_only_noise_and_the_rest_remain():
     assert made.causes["kinematics"] == made.causes["base"] == made.causes["probe length"] == 0.0
     turned = 0.1 * np.sqrt(0.5 * (1.0 / 0.95 - 1.0))  # rad in each of two directions, at this confidence
     assert np.trace(made.covariance()[0]) == pytest.approx(2.0 * (0.005 * turned) ** 2 + 3.0 * 2e-5**2)
+
+
+def test_a_normal_that_was_turned_to_its_path_keeps_its_noise_aside_of_it_alone():
+    plain = budget(alone()).covariance()[0]
+    turned = budget(alone(), turned=PathTurn(np.full(40, 0.9), np.zeros(40))).covariance()[0]
+    assert turned[0, 0] == pytest.approx(plain[0, 0]), "aside of the path"
+    normal = 0.1 * np.sqrt(0.5 * (1.0 / 0.95 - 1.0))
+    left = np.hypot(0.1 * normal, 0.9 * CHORD)
+    assert turned[1, 1] == pytest.approx((0.005 * left) ** 2 + 2e-5**2)
+    assert turned[1, 1] < 0.2 * plain[1, 1]
 
 
 def test_a_wider_belief_gives_a_wider_band():

@@ -83,8 +83,9 @@ def test_run_folder_can_be_read_back(block):
     assert len(VoxelMap.read(folder / "map.bt")) == summary["voxels"]
     assert len(read_cloud(folder / "cloud.pcd").points) == summary["voxels"]
     cloud, radius = read_cloud(folder / "contacts.ply"), load_scene(folder / "scene.toml").probe.radius
-    # The normals of the cloud are turned towards the path, about the sphere's centre; the table has them as measured.
-    assert np.allclose(cloud.points + radius * cloud.normals, rows[:, 1:4] + radius * rows[:, 4:7], atol=1e-6)
+    # In the cloud normals are turned towards the path, about the sphere's centre, and what gave way by all touches is
+    # taken off; the table has both as measured.
+    assert np.allclose(cloud.points + radius * cloud.normals, rows[:, 1:4] + radius * rows[:, 4:7], atol=1e-4)
     assert np.degrees(np.arccos(np.einsum("ni,ni->n", cloud.normals, rows[:, 4:7]).clip(-1.0, 1.0))).max() < 10.0
     assert len(read_mesh(folder / "mesh.stl").faces) > 4
 

@@ -7,10 +7,10 @@ from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
 from lwrprobe.contracts import Contact, Goal, SafetyStop, VelocityCommand, WrenchSample
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.exploration.stages.touch_law import stiffness_slope
 from lwrprobe.kinematics import follow
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -123,7 +123,7 @@ def test_a_few_presses_that_scatter_refuse_nothing():
     """Batches of ten changes of the force scatter by half of the compliance; three of them had refused a touch."""
     force, _ = stage()
     force.begin(0.0135)
-    down, free = VelocityCommand(np.array([0.0, 0.0, -0.005])), wrench(0.0, (0, 0, 0))
+    down, free = VelocityCommand(np.array([0.0, 0.0, -0.005])), wrench(1.0, (0, 0, 0))
     force.update(free, np.block([[DOWN, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), None)
     first = force.limit(down, free, 1.0).velocity[2]
     for compliance in (1e-6, 3.4e-5, 2e-6):

@@ -9,9 +9,10 @@ from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.gear_waves import Touches, learn, take_waves_off
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
+from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.kinematics import IKSolver
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 STATED = np.radians(0.005)
 WAVES = 320.0
@@ -66,6 +67,8 @@ def errors(recorder, true):
 def test_waves_that_the_contacts_show_are_taken_off_and_the_rest_is_left_as_it_is():
     recorder, true = touched(AMPLITUDE, noise=2e-6)
     measured, before = recorder.contacts.copy(), errors(recorder, true)
+    for contact in measured[::100]:
+        recorder.touch(contact, SCENE.probe.radius)
     waves = take_waves_off(recorder, SCENE, ROBOT)
     found = np.hypot(waves.sine, waves.cosine)
     sure = found > 0.0
@@ -78,6 +81,9 @@ def test_waves_that_the_contacts_show_are_taken_off_and_the_rest_is_left_as_it_i
     assert recorder.contacts[0].centre - measured[0].centre == pytest.approx(
         recorder.contacts[0].point - measured[0].point, abs=1e-12
     )
+    # What was touched between the contacts goes with them.
+    moved = np.array([contact.centre for contact in recorder.contacts[::100]])
+    assert np.array([centre for _, centre in recorder.passed]) == pytest.approx(moved, abs=1e-12)
 
 
 def test_what_is_larger_than_any_wave_is_not_taken_for_one():

@@ -8,8 +8,8 @@ import pytest
 from lwrprobe.contracts import ArmState, ArmStatus
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop, table_plane
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 CYCLE = 0.002
 

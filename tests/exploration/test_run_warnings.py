@@ -30,6 +30,7 @@ FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrenc
         ({"devices": {"fri": {"late_set_points": 9, "received": 1000}}}, None),
         ({"devices": {"fri": {"late_set_points": 30, "received": 1000}, "ati": {"lost": 1}}}, "3.0% of the set points"),
         ({"reentries": 2}, "set in motion again 2 times"),
+        ({"area_raised_mm": 10.0}, "upper end was raised by 10 mm"),
         ({"unreachable_area": "out of reach: 3 of 70 places of the area"}, "out of reach: 3 of 70"),
     ],
 )
@@ -42,7 +43,7 @@ def test_each_figure_that_is_not_fine_makes_one_sentence(changed, sentence):
 @pytest.mark.slow
 def test_an_uncalibrated_sensor_has_touches_rejected_and_says_so(tmp_path):
     """Contacts that are not accepted are counted; the share is that of the recorded path."""
-    sensor = ["truth.sensor_gain_percent={sigma=2.0}", "truth.sensor_crosstalk_percent={sigma=1.0}", "truth.seed=1"]
+    sensor = ["truth.sensor_gain_percent={sigma=3.0}", "truth.sensor_crosstalk_percent={sigma=2.0}", "truth.seed=1"]
     settings = ["run.seed=7", "run.time_limit=40.0", "truth.profile=ideal", *sensor]
     summary = explore(load_scene("block", settings), tmp_path)
     trace = np.loadtxt(tmp_path / "trace.csv", delimiter=",", skiprows=1, usecols=range(6))

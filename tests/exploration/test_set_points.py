@@ -9,9 +9,9 @@ from lwrprobe.exploration.loop.set_points import MAX_ROWS, SetPoints
 from lwrprobe.exploration.loop.simulated_time import SimulatedTime
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.safety.motion_guard import MotionGuard, MotionStop
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, IKStatus
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory
 from run_alone import run_alone
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.exploration.loop.state_history import HISTORY, VELOCITY_SPAN, StateHistory
-from lwrprobe.kinematics import lwr4
+from lwrprobe.kinematics import Gears, lwr4
 
 ROBOT = lwr4()
 
@@ -40,6 +40,23 @@ def test_pose_and_velocity_are_those_of_the_samples_instant(count):
         expected_pose, expected_velocity = naive(times, velocities, joints, time)
         np.testing.assert_allclose(pose, expected_pose, atol=1e-12)
         np.testing.assert_array_equal(velocity, expected_velocity)
+
+
+def test_the_tip_follows_the_links_and_its_velocity_the_motors():
+    times, velocities, joints = states(10)
+    sine = np.linspace(-2e-3, 2e-3, 7)
+    single, rows = (StateHistory(ROBOT, Gears(320.0, sine, 0.5 * sine, 1e-3)) for _ in range(2))
+    for time, velocity, q in zip(times, velocities, joints):
+        single.note(time, velocity, q)
+    rows.note_rows(times, velocities, joints)
+    plain = StateHistory(ROBOT)
+    plain.note_rows(times, velocities, joints)
+    links = Gears(320.0, sine, 0.5 * sine, 1e-3).links(joints)
+    for recent in (single, rows):
+        np.testing.assert_allclose(recent.tip_at(times[-1])[0], ROBOT.fk_batch(links[-1:])[0], atol=1e-12)
+        np.testing.assert_array_equal(recent.q, links[-1])
+        np.testing.assert_array_equal(recent.newest, joints[-1])
+        np.testing.assert_array_equal(recent.measured_velocity(times[-1]), plain.measured_velocity(times[-1]))
 
 
 def test_what_is_handed_out_is_the_callers_own():

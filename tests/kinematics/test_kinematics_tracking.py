@@ -6,7 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive_kinematics import allocations, pose_error
 
-from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, lwr4, panda, puma560, ur5e
+from lwrprobe.kinematics import (
+    IKSolver,
+    IKStatus,
+    Preference,
+    Robot,
+    dls_kernels,
+    ik_kernels,
+    lwr4,
+    panda,
+    preference_kernels,
+    puma560,
+    ur5e,
+)
 
 TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.25], [0, 0, 0, 1]])
 
@@ -250,3 +262,33 @@ def test_pace_bounds_what_a_preference_moves():
     solver = IKSolver(robot, preference=Preference(-seed, near_posture=100.0, null_space_step=1e-3))
     assert solver.track(robot.fk(seed).A, seed, q) == IKStatus.CONVERGED
     assert 0.5e-3 < np.abs(q - seed).max() < 1.1e-3
+
+
+def naive_weights(robot, zone, q):
+    share = np.minimum(np.minimum(q - robot.lower, robot.upper - q) / zone, 1.0).clip(0.0, 1.0)
+    return np.maximum(3.0 * share**2 - 2.0 * share**3, 1e-3)
+
+
+def test_weights_beside_the_limits_are_those_of_the_plain_formula():
+    robot = lwr4(tool=TOOL)
+    solver, rng = IKSolver(robot, preference=Preference(zone=0.3)), np.random.default_rng(4)
+    places, work = solver.table[robot.n + ik_kernels.PLACES :], np.ones((dls_kernels.SCRATCH, robot.n))
+    for q in rng.uniform(robot.lower, robot.upper, (200, robot.n)):
+        work[dls_kernels.WEIGHT] = 1.0
+        preference_kernels.ease(robot.chain, places, q, work)
+        np.testing.assert_allclose(work[dls_kernels.WEIGHT], naive_weights(robot, 0.3, q), atol=1e-12)
+
+
+def test_a_joint_slows_down_before_its_limit_and_the_others_take_over():
+    """A free motion towards the end of joint 1's range: it had gone on into the limit and stood still in one cycle."""
+    robot, cycle = lwr4(tool=TOOL), 0.002
+    solver = IKSolver(robot, preference=Preference(null_space_step=8e-5))
+    q = np.array([2.80, 0.5357, -2.834, 1.952, -0.543, -0.484, 0.495])
+    pose, rows = robot.fk(q).A, [q]
+    for _ in range(1500):
+        pose[1, 3] += 0.07 * cycle * min(1.0, len(rows) / 100)
+        rows.append(np.empty(robot.n))
+        assert solver.track(pose, rows[-2], rows[-1]) == IKStatus.CONVERGED
+    joints = np.array(rows)
+    assert joints[:, 0].max() > robot.upper[0] - 0.15
+    assert np.abs(np.diff(joints, 2, axis=0)).max() / cycle**2 < 10.0

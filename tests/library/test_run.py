@@ -61,10 +61,11 @@ def test_a_run_read_back_is_the_same_run(run, folder):
     assert again.summary == run.summary
     assert again.folder == folder
     assert again.scene == run.scene
-    # On disk the contacts are as measured; after the run their normals were turned towards the path.
-    assert np.linalg.norm(again.contacts.points - run.contacts.points, axis=1).max() < 0.08 * run.scene.probe.radius
+    # On disk the contacts are as measured; after the run they were moved by what gave way, and normals were turned.
+    moved = np.linalg.norm(again.contacts.points - run.contacts.points, axis=1)
+    assert np.quantile(moved, 0.99) < 0.04 * run.scene.probe.radius
     centres = [c.points + run.scene.probe.radius * c.normals for c in (again.contacts, run.contacts)]
-    assert centres[0] == pytest.approx(centres[1], abs=4e-6)
+    assert centres[0] == pytest.approx(centres[1], abs=2e-4)
     assert again.contacts.confidence == pytest.approx(run.contacts.confidence, abs=1e-3)
     assert again.record.pitch == run.record.pitch
     assert len(again.map) == len(run.map)

@@ -118,6 +118,22 @@ def distance_to_links(points, poses, kind, size):
     return values
 
 
+def nearest_middle(point, contacts, cover):
+    """How near a middle may lie that keeps a distance from contacts (n, 3), by many directions from a point (3,)."""
+    count = 400_000
+    up = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    around = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    level = np.sqrt(1.0 - up * up)
+    directions = np.column_stack([level * np.cos(around), level * np.sin(around), up])
+    farthest = np.zeros(count)
+    for contact in contacts - point:
+        square = contact @ contact
+        if square < cover * cover:
+            along = directions @ contact
+            farthest = np.maximum(farthest, along + np.sqrt(along * along - square + cover * cover))
+    return farthest.min()
+
+
 class ConvexObject:
     """A block or an upright cylinder on the table, and the path of a perfect sphere over it."""
 
@@ -141,6 +157,12 @@ class ConvexObject:
             sides = [np.abs(flat[:, i]) - self.half[i] for i in range(2)]
         beyond = np.column_stack([*sides, points[:, 2] - self.height])
         return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+    def gradient(self, points):
+        """(n, 3) of the distance."""
+        step = 1e-6
+        rises = [self.distance(points + step * axis) - self.distance(points - step * axis) for axis in np.eye(3)]
+        return np.column_stack(rises) / (2.0 * step)
 
     def raster(self, area, radius, pitch, skip, rng):
         """Centres, close together, of a sphere on lines along y and along x, and what they touch.

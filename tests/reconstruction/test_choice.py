@@ -104,3 +104,33 @@ def test_the_default_is_never_much_worse_than_the_best_other_method(share):
     assert error(found.mesh) <= 1.1 * min(others)
     assert found.report["method"] == "convex_hull"
     assert found.report["instead_of_contact_surface"].startswith("convex_hull predicts")
+
+
+def test_a_hull_that_floats_above_the_table_is_not_taken():
+    """All contacts lie high up on a block: a hull of them predicts each other one, and nothing of what is below."""
+    random, points, normals = np.random.default_rng(4), [], []
+    for z in np.arange(0.055, 0.081, 0.004):
+        for turn in range(4):
+            normal = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]][turn])
+            for along in np.arange(-0.02, 0.0201, 0.002):
+                place = 0.02 * normal + along * normal[::-1]
+                points.append([*place, z])
+                normals.append([*normal, 0.0])
+    for x in np.arange(-0.02, 0.0201, 0.004):
+        for y in np.arange(-0.02, 0.0201, 0.002):
+            points.append([x, y, 0.08])
+            normals.append([0.0, 0.0, 1.0])
+    points, normals = np.array(points) + 5e-5 * random.normal(size=(len(points), 3)), np.array(normals)
+    record = TouchRecord(points, normals=normals, probe_radius=SPHERE, table=0.0, lowest=SPHERE, pitch=0.01)
+    raised = reconstruct(record, "convex_hull")
+
+    def hull(_):
+        return raised
+
+    def own(_):
+        stretched = raised.mesh.vertices.copy()
+        stretched[stretched[:, 2] < 0.06, 2] = 0.0
+        return Reconstruction(TriangleMesh(stretched * (1.03, 1.03, 1.0), raised.mesh.faces), {"method": "own"})
+
+    assert better_method(record, own(record), own, {"hull": hull}, 0.01) is None
+    assert better_method(record, scaled(record, 1.03), lambda _: scaled(record, 1.03), {"hull": hull}, 0.01) is not None

@@ -13,6 +13,7 @@ from lwrprobe.evaluation import mesh_error
 from lwrprobe.reconstruction.clusters import cluster, supported
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 from lwrprobe.scene import load_scene
@@ -345,12 +346,32 @@ def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     assert np.mean(result.unreachable[between]) > 0.7, "nobody was there"
 
 
+def field_of(touches, clusters):
+    """Of the centres that the contacts alone tell."""
+    sd = np.full(len(clusters.points), touches.noise)
+    return HermiteField(
+        HermiteData(clusters.points, clusters.normals, sd, np.full(len(sd), touches.normal_noise)), 0.02
+    )
+
+
+def test_nothing_is_inferred_within_a_convex_solid():
+    """Chords between the lower edges of a polyhedron that leans lie inside it: they had hollowed out its mesh."""
+    solid = load_scene("random:hull:900").solid()
+    record = sample_lines(solid, 0.01, 0.25)
+    assert (record.normals[:, 2] < -0.15).sum() > 10
+    touches = prepare(record, 0.002)
+    clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
+    below = find_undersides(touches, clusters, field_of(touches, clusters), 0.01)
+    places = below.points - touches.radius * below.normals
+    assert not (solid.signed_distance(places) < -2e-3).any()
+
+
 def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     def inferred(name):
         solid, record = scenes(name, 0.01, 0.375)
         touches = prepare(record, 0.002)
         clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
-        below = find_undersides(touches, clusters, 0.01)
+        below = find_undersides(touches, clusters, field_of(touches, clusters), 0.01)
         return solid, below.points - touches.radius * below.normals, below.normals, below.value_sd
 
     solid, places, normals, deviation = inferred("cylinder_horizontal")
@@ -427,7 +448,8 @@ def test_an_underside_ends_at_the_wall_that_was_touched_below_it(rim):
     record = sample_lines(solid, 0.01, 0.25)
     assert (record.normals[:, 2] < -0.15).sum() > 10, "the lid's edges were touched from below"
     touches = prepare(record, 0.002)
-    below = find_undersides(touches, cluster(touches.centres, touches.normals, touches.confidence, 0.0033), 0.01)
+    clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
+    below = find_undersides(touches, clusters, field_of(touches, clusters), 0.01)
     places = below.points - touches.radius * below.normals
     assert not (solid.signed_distance(places) < -2e-3).any()
     mesh = surface(record, pitch=0.01).mesh

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from lwrprobe.exploration.procedures.start_posture import start_posture
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.host.real_time import ANSWERS, real_time_priority
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 sys.path.append(str(Path(__file__).parents[1] / "ati"))
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import DriverContext, LinkShape
-from lwrprobe.kinematics import robot_by_name
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.scene import ProbeTable
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe_sim import SimConfig, SimDriver, actual_world
 
 START = np.array([0.0, 0.6, 0.0, -1.5, 0.0, 1.0, 0.0])
@@ -19,7 +19,7 @@ def test_a_forearm_that_sinks_into_the_table_is_counted(monkeypatch):
     link = LinkShape("forearm", "capsule", (0.05, 0.1), forearm, "5")
     plain = ProbeTable.as_probe
     monkeypatch.setattr(ProbeTable, "as_probe", lambda table: replace(plain(table), links=()))
-    monkeypatch.setattr(actual_world, "robot_by_name", lambda *given: replace(robot_by_name(*given), links=(link,)))
+    monkeypatch.setattr(actual_world, "robot_of", lambda scene: replace(robot_of(scene), links=(link,)))
     scene = load_scene("empty", ["truth.profile=ideal", "table.height=-1.0"])
     driver = SimDriver(DriverContext(SimConfig(start_q=tuple(START), lag=0.0), scene, 1))
     frame = driver._world.robot.link_frames(START)[5] @ forearm

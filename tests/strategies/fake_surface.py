@@ -50,6 +50,7 @@ class FakeSurface:
     place : (3,) m, of the sphere's centre
     noise : N, standard deviation of the force's components
     shift : m/s, at which the surface moves up
+    held_back : (3,) m, by which the measured tip is not where the motors have it
     """
 
     distance: Distance
@@ -66,6 +67,7 @@ class FakeSurface:
     fastest: float = 0.0
     clearance: Clearance | None = None
     blocked: str = ""
+    held_back: np.ndarray | None = None
 
     def __post_init__(self):
         self.place = np.array(self.place, dtype=float)
@@ -91,6 +93,8 @@ class FakeSurface:
             contact = Contact(self.time, point, normal, force, self.place.copy())
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.rotation, self.place
+        if self.held_back is not None:
+            pose[:3, 3] += self.held_back
         arrived = not self.velocity.any()
         return Observation(
             self.time, pose, self.velocity.copy(), force, contact, self.clearance, arrived, self.blocked

@@ -195,6 +195,35 @@ def test_sides_of_a_tall_block_are_touched_leaning_from_below_up_to_where_they_w
     assert ends == [], "no touch faces along x"
 
 
+class Open:
+    """A body that may be everywhere above a height."""
+
+    under = 0.003
+
+    def __init__(self, above):
+        self.above = above
+
+    def lowest(self, line, rotation):
+        return np.array([line.begin, line.end]), np.full(2, self.above)
+
+
+@pytest.mark.parametrize(("slope", "depth"), [(0.0, None), (-0.1, 0.015), (-0.5, 0.0)])
+def test_a_side_that_recedes_is_expected_down_to_where_the_stick_keeps_the_sphere_off_it(slope, depth):
+    contacts = touched(slope=slope, xs=(0.0,))
+    contacts = contacts[contacts[:, 2] > TALL - 0.015]  # the sphere comes in by 1.5 mm of the 3 mm there
+    floor, lowest = float(AREA.lower[2]), float(contacts[:, 2].min())
+
+    def sides(above):
+        body = Open(above)
+        return low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, body, lambda away: [DOWN], lambda line: True)
+
+    for line in sides(floor):
+        assert line.height == floor, "there may be a foot"
+        assert line.expected == (None if depth is None else pytest.approx(max(lowest - depth, floor), abs=1.5e-3))
+    assert len(sides(floor)) == 2
+    assert len(sides(lowest - 0.012)) == (0 if depth == 0.0 else 2), "no foot is sought there, and nothing expected"
+
+
 @pytest.mark.parametrize(("reach", "begins"), [(0.06, 0.06), (0.055, 0.05), (0.02, None)])
 def test_a_line_begins_nearer_where_the_arm_does_not_reach_the_border(reach, begins):
     found = space(np.arange(-0.075, 0.0751, PITCH))
@@ -335,3 +364,15 @@ def test_a_line_may_be_driven_at_its_height_a_little_beside_it_too(aside):
         places, heights = found.lowest(line, held)
         poses = [pose(line.place + aside, y, z, held) for y, z in zip(places, heights, strict=True)]
         assert found.depth(np.array(poses)).max() <= 1e-9
+
+
+def test_an_object_that_may_be_taller_fills_what_was_above_it():
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+    unknown, known = space(), [pose(0.0, -0.06, 0.006, leaning(17.5)), pose(0.0, -0.03, 0.0075, leaning(17.5))]
+    above = pose(0.0, 0.0, TALLEST - 0.05 + 0.001)
+    assert unknown.knows(above)
+    for space_ in (found, unknown):
+        space_.raise_top(replace(task(links=LINKS), area=AREA.raised(0.005)))
+    assert not unknown.knows(above)
+    assert unknown.knows(pose(0.0, 0.0, TALLEST - 0.05 + 0.006))
+    assert found.allows(*known), "lines have shown how tall it is"

@@ -8,21 +8,21 @@ from naive_gap_lines import steep_between
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.gap_lines import lines_across, near_sides
+from lwrprobe_strategies.planning.gap_lines import _hollows, lines_across, near_sides
 from lwrprobe_strategies.planning.outlines import outlines
 
 FLOOR, RADIUS = 0.006, 0.005
 NONE = np.empty(0)
 
 
-def contacts_on(height, xs, ys):
+def contacts_on(height, xs, ys, facing=lambda x, y: np.array([0.0, 0.0, 1.0])):
     """Touches of a height field z(x, y) of the sphere's centre along grid lines; NaN where there is nothing."""
     touched = ContactMemory()
     for x in xs:
         for y in ys:
             z = height(x, y)
             if np.isfinite(z):
-                normal = np.array([0.0, 0.0, 1.0])
+                normal = facing(x, y)
                 centre = np.array([x, y, z])
                 touched.add(centre, centre - RADIUS * normal, normal, x)
     return touched
@@ -52,6 +52,55 @@ def test_both_ends_of_a_block_are_crossed_and_nothing_else():
         assert (down.begin, down.end, down.place) == (line.end, line.begin, line.place)
         assert (down.height, down.on_surface) == (0.055, True)
         assert not line.free_end
+
+
+def test_a_line_down_leads_on_past_where_the_sphere_went_by_below():
+    """A flank that overhangs the neighbouring line was left where the line down ended on that."""
+    touched = contacts_on(block, XS, YS)
+    for line in lines_across(touched.contacts(), touched.trail(), XS, 0.01, FLOOR, lambda line: 0.007, RADIUS):
+        down = line.fallback
+        assert down.sign * (down.end - line.begin) == pytest.approx(RADIUS)
+        assert down.begin == line.end
+
+
+def rolled(x, y, middle, edge, sign):
+    """Height and normal of a sphere that rolls over a round edge about a middle; `sign` 1 for a bore, -1 for a boss."""
+    out = np.array([x, y]) - middle
+    rho = float(np.hypot(*out))
+    inside = sign * (edge - rho)
+    if inside >= RADIUS:
+        return (0.03 if sign > 0.0 else np.nan), np.array([0.0, 0.0, 1.0])
+    lean = max(inside, 0.0) / RADIUS
+    across = -sign * lean * out / max(rho, 1e-9)
+    return 0.05 + RADIUS * np.sqrt(1.0 - lean * lean), np.array([*across, np.sqrt(1.0 - lean * lean)])
+
+
+@pytest.mark.parametrize("off", [-0.0015, 0.0, 0.0015])
+def test_a_bore_between_two_lines_is_crossed(off):
+    """A bore of 20 mm between lines 15 mm apart had been passed over."""
+    xs, middle = np.arange(-0.045, 0.0451, 0.015).round(9), np.array([0.0075 + off, 0.004])
+
+    def found(x, y):
+        on = abs(x) <= 0.05 and abs(y) <= 0.025
+        return rolled(x, y, middle, 0.01, 1.0) if on else (np.nan, None)
+
+    touched = contacts_on(lambda x, y: found(x, y)[0], xs, YS, lambda x, y: found(x, y)[1])
+    lines = lines_across(touched.contacts(), touched.trail(), xs, 0.015, FLOOR, lambda line: 0.007)
+    over = [line for line in lines if {line.begin, line.end} == {0.0, 0.015}]
+    assert len(over) >= 3
+    assert all(line.on_surface for line in over)
+    inside = [line.place - middle[1] for line in over if abs(line.place - middle[1]) < 0.005]
+    assert min(inside) < -0.002, "its walls along y as well"
+    assert max(inside) > 0.002
+
+
+@pytest.mark.parametrize("off", [0.0, 0.002, 0.005, 0.0065])
+def test_nothing_that_bulges_is_taken_for_a_hollow(off):
+    xs, middle = np.arange(-0.045, 0.0451, 0.015).round(9) + off, np.zeros(2)
+    touched = contacts_on(
+        lambda x, y: rolled(x, y, middle, 0.03, -1.0)[0], xs, YS, lambda x, y: rolled(x, y, middle, 0.03, -1.0)[1]
+    )
+    assert list(_hollows(touched.contacts(), xs, 0.015, FLOOR)) == []
 
 
 def test_a_line_across_that_ends_in_free_space_may_be_driven_from_there():
@@ -130,6 +179,7 @@ def test_an_end_beside_the_outermost_touch_is_sought_on_the_side_it_lies(sign):
     assert sign * line.begin > sign * line.end
     assert line.place == pytest.approx(point[1] + RADIUS * normal[1])
     assert line.height == pytest.approx(point[2])
+    assert sign * line.end < sign * (point[0] + RADIUS * normal[0]) - 0.001, "a touch is not known to a tenth of that"
 
 
 def test_an_end_is_sought_on_the_wall_and_not_on_the_edge_above_it():

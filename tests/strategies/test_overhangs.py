@@ -12,7 +12,7 @@ from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills import release
+from lwrprobe_strategies.skills import guarded_move, release
 from lwrprobe_strategies.skills.follow_contour import slide
 from lwrprobe_strategies.surface_contour import SurfaceContour
 from lwrprobe_strategies.tip import Tip
@@ -205,3 +205,30 @@ def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_b
     assert strategy.back == strategy.options.retreat
     assert strategy.tip.overhangs.found
     assert not strategy.lines.next(strategy.tip.here).raised, "it was no line that led in under that"
+
+
+@pytest.mark.parametrize("felt", [False, True])
+def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again(felt):
+    """It went down and up again with every 2.5 mm that it was raised by, to above the top of what overhangs."""
+    strategy = SurfaceContour()
+    strategy.start(task())
+    tip = strategy.tip
+    tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
+    line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_felt=felt)
+    strategy.approach(line, []).close()
+    tip.control.begin(np.array([0.0, -1.0, 0.0]))
+    tip.trace.ended = guarded_move
+    strategy.along_surface().close()
+    assert strategy.frame.backward == (not felt)
+    assert strategy.raise_line() is None
+    assert strategy.lines.next(tip.here).foot_felt
+
+
+def test_the_stick_is_met_no_higher_than_from_where_it_has_stood(overhangs):
+    here = np.array([0.0, -0.012, LOW])
+    assert overhangs.reach(here) == overhangs.reach(here, ALONG) > 0.02
+    for y in np.arange(-0.05, 0.0, 0.001):
+        overhangs.note(pose_at([0.0, y, LOW + 0.01]), None)
+    assert overhangs.reach(here, ALONG) == pytest.approx(0.01)
+    assert overhangs.reach(np.array([0.0, -0.012, LOW + 0.02]), ALONG) == 0.0
+    assert overhangs.reach(np.array([0.01, -0.012, LOW]), ALONG) == overhangs.reach(here), "beside it has not"

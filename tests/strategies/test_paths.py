@@ -13,8 +13,10 @@ from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, Fr
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import (
+    BEFORE,
     HOVER,
     RISE,
+    SOUGHT,
     THERE,
     SpeedLimit,
     Speeds,
@@ -273,6 +275,80 @@ def test_a_known_touch_is_come_down_to_at_the_pace_of_a_column_that_the_stick_ha
     *_, known, last = way(line, [0.0, 0.0, 0.05])
     assert known.place[2] == pytest.approx(0.031 + HOVER)
     assert (known.speed_limit, last.speed_limit) == (SpeedLimit.COLUMN, SpeedLimit.GUARDED)
-    assert last.place[2] < line.height
+    assert last.place[2] == pytest.approx(line.height - SOUGHT), "on a slope the surface may be lower than beside"
     *_, known, last = way(line, [0.0, 0.0, 0.05], column(0.05, 0.0, 0.03))
     assert (known.speed_limit, last.speed_limit) == (SpeedLimit.FREE, SpeedLimit.GUARDED)
+
+
+def climbed_wall():
+    """A probe that came down at (-0.05, 0), went level to a wall at x = -0.04 and up that."""
+    free = stand(column(-0.05, 0.0, 0.006), *([x, 0.0, 0.006] for x in np.arange(-0.049, -0.0399, 0.001)))
+    return stand(free, *([-0.04, 0.0, z] for z in np.arange(0.007, 0.0301, 0.001))), np.array([-0.04, 0.0, 0.030])
+
+
+def test_up_from_a_wall_that_was_climbed_leads_back_to_where_the_probe_came_down():
+    """Straight up only the stick has been, and the sphere would have to go slowly."""
+    free, here = climbed_wall()
+    pieces = way(Line(1, 0.07, BORDER, -BORDER, 0.006), here, free)
+    first_at_top = next(i for i, piece in enumerate(pieces) if piece.place[2] == TOP)
+    assert {piece.speed_limit for piece in pieces[: first_at_top + 1]} == {SpeedLimit.FREE}
+    assert pieces[first_at_top].place[:2] == pytest.approx([-0.05, 0.0], abs=SIDE)
+    refused = path_to(
+        Line(1, 0.07, BORDER, -BORDER, 0.006), here, DOWN, AREA, free, SPEEDS, allows=lambda begin, end: False
+    )
+    assert refused[0].place == pytest.approx([*here[:2], TOP], abs=0.01), "where the body may not go back"
+
+
+def test_back_to_the_column_and_up_in_it_to_the_same_line_higher_up():
+    free, here = climbed_wall()
+    pieces = way(Line(0, 0.0, -0.05, -0.03, 0.025), here, free)
+    assert max(piece.place[2] for piece in pieces) < 0.035, "not over the top"
+    assert {piece.speed_limit for piece in pieces} == {SpeedLimit.FREE}
+    assert pieces[-1].place == pytest.approx([-0.05, 0.0, 0.025])
+    leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
+    pieces = path_to(Line(0, 0.0, -0.05, -0.03, 0.025), here, leaning, AREA, free, SPEEDS)
+    assert any(piece.place[2] == TOP for piece in pieces), "it turns above all there is"
+
+
+@pytest.mark.parametrize(("y", "z"), [(-0.06, 0.006), (0.03, 0.03)])
+def test_where_one_column_is_barred_another_one_is_taken_and_not_the_unknown(y, z):
+    """From the nearest and lowest the object is in the way; not from the other side, and not where a line has led."""
+    free = stand(column(-0.05, 0.03, 0.006), *([-0.05, y, height] for height in np.linspace(TOP, z, 60)))
+    stand(free, *([-0.05, beside, z] for beside in np.linspace(y, 0.0, 60)))
+
+    def clear(begin, end):
+        return bool(np.abs(begin - end)[:2].max() < SIDE)
+
+    start = Line(0, 0.0, -0.05, -0.04, 0.006)
+    pieces = path_to(start, np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, clear)
+    over = next(i for i, piece in enumerate(pieces) if piece.place[2] < TOP - RADIUS)
+    assert pieces[over].place == pytest.approx([-0.05, y, z], abs=SIDE)
+    assert pieces[over + 1].speed_limit is SpeedLimit.FREE
+
+
+def test_a_level_path_that_ends_at_a_wall_is_slow_for_its_last_millimetres_only():
+    free = stand(column(-0.05, 0.05, 0.006), *([-0.05, y, 0.006] for y in np.arange(0.049, 0.0009, -0.001)))
+    wall = np.eye(4)
+    wall[:3, :3], wall[:3, 3] = DOWN, (-0.05, 0.0, 0.006)
+    free.note(wall, np.array([0.0, 1.0, 0.0]))
+    *_, fast, slow = way(Line(0, 0.002, -0.05, -0.04, 0.006), [0.05, 0.05, TOP], free)
+    assert (fast.speed_limit, slow.speed_limit) == (SpeedLimit.FREE, SpeedLimit.GUARDED)
+    assert fast.place == pytest.approx([-0.05, 0.002 + BEFORE, 0.006])
+    assert slow.place == pytest.approx([-0.05, 0.002, 0.006])
+
+
+def test_a_known_touch_beside_the_place_is_sought_as_deep_as_a_steep_surface_may_be():
+    for height, deepest in ((0.03, 0.03 - SOUGHT), (0.0065, 0.006)):
+        *_, touch = way(Line(0, 0.0, 0.05, 0.06, height, True, 0.031), [0.0, 0.0, 0.05])
+        assert (touch.speed_limit, touch.place[2]) == (SpeedLimit.GUARDED, pytest.approx(deepest))
+
+
+def test_the_unknown_is_come_down_to_faster_as_far_as_the_stick_has_stood_there():
+    free = stand(nowhere(), *([0.05, y, 0.03] for y in np.arange(-0.02, 0.0201, 0.001)))
+    line = Line(0, 0.0, 0.05, 0.06, 0.02)
+    *_, known, foot = way(line, [0.0, 0.0, 0.05], free)
+    assert (known.speed_limit, foot.speed_limit) == (SpeedLimit.COLUMN, SpeedLimit.GUARDED)
+    assert known.place == pytest.approx([0.05, 0.0, 0.03])
+    beside = Line(0, 0.003, 0.05, 0.06, 0.02)
+    free = stand(nowhere(), [0.05, 0.0, 0.03])
+    assert SpeedLimit.COLUMN not in [piece.speed_limit for piece in way(beside, [0.0, 0.0, TOP], free)]

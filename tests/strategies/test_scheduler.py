@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from strategy_task import AREA, task
 
@@ -125,6 +127,37 @@ def test_a_line_that_came_to_its_end_without_a_contact_is_not_driven_again():
     assert len(drain(lines)) == len(lines.grid) - 1
 
 
+@pytest.mark.parametrize(("expected", "heights"), [(0.022, [0.022]), (0.008, []), (0.028, [])])
+def test_a_side_that_recedes_is_tried_again_once_from_as_low_as_it_is_expected(expected, heights):
+    lines, found = grid_alone(), []
+    line = Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.030, expected=expected)
+    while line.low:
+        lines.give_up(line, touched=False)
+        line = lines.next(NEAR)
+        found.append(line.height)
+    assert found[:-1] == pytest.approx(heights)
+
+
+@pytest.mark.parametrize("low", [0.006, 0.030])
+def test_where_no_line_has_passed_beside_a_tall_object_one_comes_from_the_border_to_it(low):
+    memory, xs = ContactMemory(), [-0.01, 0.0, 0.01]
+    touch_block(memory, xs, top=0.05, low=low)
+    memory.passed(np.array([0.0, BORDER, 0.03]), 0.0)
+    args = memory.contacts(), memory.trail(), np.array([*xs, 0.05])
+    pose = np.eye(4)
+    pose[2, 3] = -0.075
+    body = LinkShape("body", "cylinder", (0.01, 0.05), pose)
+    lines = outer_parts(*args, task(links=(body,)), 0.03, 0.01)
+    pose = pose.copy()
+    pose[2, 3] = -0.045
+    short = task(links=(replace(body, pose=pose),))
+    assert outer_parts(*args, short, 0.03, 0.01) == [], "the body would meet the top"
+    ends = [(line.place, line.begin, round(line.end, 6), line.height) for line in lines]
+    near = [(x, -BORDER, -0.035, 0.03) for x in xs]
+    far = [(x, BORDER, 0.035, 0.03) for x in xs if x != 0.0]
+    assert ends == ([] if low == 0.006 else near + far), "a side that is touched down to its foot needs none"
+
+
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
@@ -185,7 +218,7 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     touch_block(memory, [x], low=0.03)  # the grid was driven as high as that
     sides = []
     while (line := scheduler.next(FAR)) is not None:
-        if line.low and line.axis == 1:
+        if line.low and line.axis == 1 and not line.on_surface:
             sides.append((line.place, line.begin, line.height))
             body.needed = then  # as what is driven since then shows
     assert len(sides) == 2 + lines
@@ -203,3 +236,50 @@ def test_neighbours_end_with_a_side_of_the_grid():
         if pair is not None:
             assert (pair[1] - pair[0]) * lines.towards_next() > 0.0
     assert lines.neighbours() is None
+
+
+def test_of_the_lines_that_come_the_nearest_is_driven_next():
+    """In the order in which they were planned the probe would change sides over the top of the area with each line."""
+    lines = grid_alone()
+    drain(lines)
+    sides = [Line(1, x, y, 0.0, 0.006) for x in (-0.01, 0.0, 0.01) for y in (-BORDER, BORDER)]
+    lines._coming.extend(sides)
+    here, driven = np.array([-0.02, -BORDER, 0.006]), []
+    while (line := lines.next(here)) is not None:
+        driven.append((line.place, line.begin))
+        here = line.start
+    assert driven == [(x, -BORDER) for x in (-0.01, 0.0, 0.01)] + [(x, BORDER) for x in (0.01, 0.0, -0.01)]
+
+
+@pytest.mark.parametrize(
+    ("expected", "other", "height"),
+    [
+        (0.022, {}, 0.022), (None, {}, 0.006), (0.022, {"height": 0.012}, 0.006), (0.022, {"place": 0.03}, 0.006),
+        (0.022, {"begin": -BORDER}, 0.006),
+    ],
+)  # fmt: skip
+def test_a_side_that_recedes_is_not_sought_at_the_foot_where_the_line_beside_met_nothing_there(expected, other, height):
+    lines = grid_alone()
+    drain(lines)
+    beside = Line(1, 0.01, BORDER, 0.02, 0.006, low=True, ceiling=0.030, expected=0.022)
+    lines.give_up(replace(beside, **other), touched=False)
+    lines.insert(None)
+    lines._coming.append(Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.030, expected=expected))
+    assert lines.next(FAR).height == pytest.approx(height)
+
+
+def test_a_line_across_begins_as_high_as_the_grid_where_the_side_recedes_below():
+    options = CoverageConfig(first_line="border", find_ends=False)
+
+    def height(slope, top):
+        memory = ContactMemory()
+        lines = LineScheduler(task(), memory, options, body=object())
+        lines.height, lines.lowest = 0.030, lambda line: 0.010
+        normal = np.array([-1.0, 0.0, slope]) / np.hypot(1.0, slope)
+        for z in np.arange(0.030, top, 0.001):
+            memory.add(centre := np.array([0.0, 0.0, z]), centre - RADIUS * normal, normal, 0.0)
+        return lines._above_receding(Line(0, 0.0, -0.01, 0.0, 0.006))
+
+    assert height(-0.2, 0.06) == 0.030
+    assert height(0.0, 0.06) == 0.010, "the foot of an upright wall is within reach"
+    assert height(-0.2, 0.032) == 0.010, "a line so high would pass above it"

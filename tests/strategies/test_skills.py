@@ -146,6 +146,14 @@ def test_a_guarded_move_ends_at_a_contact_below_the_force_limit_or_at_its_end():
     assert strategy.end is Ended.NO_CONTACT
 
 
+def test_a_guarded_move_ends_where_the_gears_keep_the_tip_from_its_end():
+    surface = over(plane(), [0.0, 0.0, 0.05])
+    surface.held_back = np.array([0.0, -3e-4, 0.0])
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.05, 0.05])), surface)
+    assert strategy.end is Ended.NO_CONTACT
+    assert surface.place[1] == pytest.approx(0.05, abs=1e-5)
+
+
 def doubted(surface, score):
     """The surface, where a contact of a force [N] has the confidence score that `score` gives."""
     look = surface.look

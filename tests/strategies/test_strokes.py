@@ -149,6 +149,16 @@ def test_it_ends_when_strokes_teach_nothing_any_more():
     assert spent >= PATIENCE
 
 
+def test_a_surface_that_is_found_anew_is_no_reason_to_end():
+    known = outlined()
+    lines, here = scheduler(known, aim=1e-6), np.array([0.0, -0.1, TOP])
+    mean = known.faces().error()[0]
+    lines._means, lines._spent = [(0.0, 0.5 * mean), (100.0, 1.3 * mean)], 1.5 * PATIENCE
+    assert lines.next(here) is not None  # less than at 100 s, and more than at the beginning
+    lines._means, lines._spent = [(0.0, 1.3 * mean), (1.0, mean)], 1.5 * PATIENCE
+    assert lines.next(here) is None
+
+
 def test_on_a_larger_surface_strokes_may_teach_little_for_longer():
     known = outlined()
     over_top(known, 0.0)

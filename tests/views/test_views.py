@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import threading
 import time
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -99,8 +100,9 @@ def test_uncertainty_and_certificate_are_shown(runs):
     assert (shown.hiding == cloud.points).all()
     s = lp.open_run(runs[0]).summary
     between_points = np.sqrt(3.0) * s.certificate["grid_mm"]  # what a ball may be larger by than the grid's points tell
-    assert 1e3 * shown.sizes.max() == pytest.approx(s.certified_mm - between_points, abs=0.012)
-    viewer = Viewer(shown, port=0)
+    assert s.certified_mm - between_points < 1e3 * shown.sizes.max() < s.certified_mm + 0.012
+    spread = np.linspace(1e-5, 5e-5, len(shown.sigmas))  # in an ideal world, those of the run may be all the same
+    viewer = Viewer(replace(shown, sigmas=spread), port=0)
     try:
         viewer._handles["colour"].value = "uncertainty"
         painted = viewer._handles["points"].colors.reshape(-1, 3)

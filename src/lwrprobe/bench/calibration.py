@@ -88,8 +88,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
 def _draw(seed: int, profile: str, diameter: float) -> dict[str, Any]:
     from lwrprobe.exploration.procedures.calibrate import calibrate, with_reference_sphere
     from lwrprobe.exploration.procedures.start_posture import start_posture
-    from lwrprobe.exploration.stages.pipeline import robot_of
     from lwrprobe.scene import load_scene
+    from lwrprobe.scene.scene_robot import robot_of
 
     scene = load_scene(SCENE, [f"run.seed={seed}", f'truth.profile="{profile}"'])
     try:

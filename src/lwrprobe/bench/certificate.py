@@ -46,7 +46,7 @@ STEEPEST = 25.0
 WAYS = ("lines", "lines both ways", "pokes")
 PLACES = 2000
 """Of the surface, at which a bump may stand."""
-SIZES = 10
+SIZES = 40
 """Of bumps up to the drawn one, among which the largest that hides is sought."""
 DRAWS = 8
 """Of a bump's size, each below the last, until one fits into the area."""
@@ -214,7 +214,8 @@ def _fate(solid: Solid, area: Area, swept: Swept, opening: float, seed: int, siz
     # Within reach: in a ball as wide as the opening that holds it and nothing of the object, and comes from above.
     wide = max(radius, 0.5 * opening)
     holding = centres[unmet] + (wide - radius) * normals[unmet]
-    free = solid.signed_distance(holding) >= wide - EXACT
+    over = holding[:, 2] >= area.lower[2] - EXACT  # its middle stays in the area, at the foot of a wall, too
+    free = over & (solid.signed_distance(holding) >= wide - EXACT)
     # No part stands out over another one, so that what is free is free upwards.
     return MISSED if free.any() else NOT_CLAIMED
 

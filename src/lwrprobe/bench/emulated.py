@@ -15,8 +15,8 @@ import numpy as np
 
 from lwrprobe.contracts import DriverError
 from lwrprobe.exploration.procedures.start_posture import start_posture
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import robot_of
 
 _RUN = (
     "import sys; from lwrprobe.contracts.plugins import load; sys.exit(load('emulator', sys.argv[1]).run(sys.argv[2:]))"

@@ -24,8 +24,8 @@ from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.exploration.loop.explorer import ProgressSnapshot
 from lwrprobe.exploration.procedures.explore import explore
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 _SCENE = "cylinder_vertical"
 _SMALL = (

@@ -154,8 +154,8 @@ NOTES = (
     "(`coverage_upright` and `coverage` of `summary.json`).",
     f"Silently wrong is a run without a warning in which more than {UNTOLD:.0%} of the contacts lie outside of the "
     "stated 95 % region. A false reason says that the object has moved, where it is held.",
-    "`arm alone` is the median error after alignment that the arm's table and gears leave if all else is exact: no "
-    "touch can take it away without a calibration of the joints.",
+    "`arm alone` is the median error after alignment that the arm's table and gears leave if all else is exact and "
+    "nothing corrects them: a calibration takes most of it away.",
     "The requirement on the stated regions is on the mean over all draws: what a draw has in common moves all its "
     "contacts into the region or out of it.",
 )
@@ -294,9 +294,11 @@ def explored(name: str, settings: list[str]) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
     from lwrprobe.exploration.procedures.explore import Exploration
     from lwrprobe.scene import load_scene
+    from lwrprobe.scene.scene_robot import robot_of
 
     try:
-        with Exploration(load_scene(name, settings)) as exploration:
+        scene = load_scene(name, settings)
+        with Exploration(scene) as exploration:
             for _ in exploration:
                 pass
         summary = exploration.finish().as_dict()
@@ -309,7 +311,7 @@ def explored(name: str, settings: list[str]) -> dict[str, Any]:
     leaning = summary["strategy"] == LEANING
     reached = "reachable" if leaning else "upright"
     joints = np.array([state[0] for state in exploration.recorder.states if state is not None])
-    alone = arm_alone(exploration.pipeline.robot, joints, summary["truth"] or {}, summary["seed"])
+    alone = arm_alone(robot_of(scene), joints, summary["truth"] or {}, summary["seed"])
     return {
         "status": summary["status"],
         "reason": summary["reason"],

@@ -91,7 +91,7 @@ CRITERIA = (
 MEDIANS = (
     Criterion("coverage, median >= 0.99", "coverage", lambda v: v >= 0.99, 0.5),
     Criterion("contact error, median <= 0.05 mm", "contact", lambda v: v <= 0.05, 0.5),
-    Criterion("mesh error, median <= 0.15 mm", "mesh", lambda v: v <= 0.15, 0.5),
+    Criterion("mesh error of what is reachable, median <= 0.15 mm", "mesh_reachable", lambda v: v <= 0.15, 0.5),
     Criterion("robot time, median <= 2.5 times the bound", "ratio", lambda v: v <= 2.5, 0.5),
 )
 
@@ -247,7 +247,7 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, al
         mean, largest = mesh_errors(mesh, true, points, lowest)
         found |= {"mesh": 1e3 * mean, "mesh_max": 1e3 * largest, "manifold": edges_of_two(mesh)}
         found["where"] = _where(mesh, record, true, points, normals, reached)
-        found["mesh_reachable"] = 1e3 * mesh_errors(mesh, true, points[reached], lowest)[0]
+        found["mesh_reachable"] = 1e3 * mesh_errors(mesh, true, points, lowest, reached)[0]
         others = {method: _other(method, record, true, points, lowest) for method in METHODS}
         found |= others
         best = min((error for error in others.values() if error is not None), default=None)
@@ -375,7 +375,9 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
     report.require("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
     report.notes = [
         "Mesh errors are means of both ways, above the lowest height of the sphere's centre, undersides that no sphere "
-        "reaches included; `reachable mesh` measures against what an upright probe reaches alone.",
+        "reaches included; `reachable mesh` is that of what an upright probe reaches alone, both ways. What lies under "
+        "an overhang is a guess: contacts without error on all that an upright probe reaches leave 0.5 to 3.6 mm on "
+        "objects of which it reaches 28 to 84 %.",
         "In a world that differs from its scene errors are those that remain when the object is moved to where the "
         "contacts have it.",
         "A threat is false where every link was 1.5 mm or more from the object. It is judged for strategies that do "

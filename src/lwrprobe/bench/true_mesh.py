@@ -104,10 +104,21 @@ def link_points(link: LinkShape) -> np.ndarray:
     return points @ link.pose[:3, :3].T + link.pose[:3, 3]
 
 
-def mesh_errors(mesh: TriangleMesh, true: TrueMesh, points: np.ndarray, above: float) -> tuple[float, float]:
-    """m, mean of both ways between mesh and surface points (n, 3), above a height, and the largest."""
+def mesh_errors(
+    mesh: TriangleMesh, true: TrueMesh, points: np.ndarray, above: float, judged: np.ndarray | None = None
+) -> tuple[float, float]:
+    """m, mean of both ways between mesh and surface points (n, 3), above a height, and the largest.
+
+    With `judged`, (n,) bool, only of these points, and of the mesh where one of them is the nearest of all points.
+    """
+    from scipy.spatial import cKDTree
+
     other = TrueMesh(mesh.vertices, mesh.faces)
-    there = true.distance(other.surface(_JUDGED, above, 0.0)[0])
+    mine = other.surface(_JUDGED, above, 0.0)[0]
+    if judged is not None and len(mine):
+        mine = mine[judged[cKDTree(points).query(mine)[1]]]
+        points = points[judged]
+    there = true.distance(mine) if len(mine) else mine
     back = other.distance(points[points[:, 2] > above])
     if not len(there) or not len(back):
         return np.inf, np.inf

@@ -17,9 +17,12 @@ FORMAT = 1
 LENGTHS: dict[str, int | None] = {
     "tool_shift": 3, "sphere_radius": 1, "stick_stiffness": 2, "joint_stiffness": None, "arm_stiffness": 3,
     "sensor_matrix": 36, "force_to_torque": 9, "clock_offset": 1, "arm_delay": 1, "sensor_latency": 1, "table": 3,
-    "payload": 4, "joint_offset": None, "surface_compliance": 1,
+    "payload": 4, "kinematic_table": None, "tool": 3, "gear_waves": None,
+    "joint_hysteresis": 1, "joint_offset": None, "surface_compliance": 1,
 }  # fmt: skip
-"""How many numbers each quantity has; None = one for each joint."""
+"""How many numbers each quantity has; None = some for each joint."""
+EACH_JOINT = {"joint_stiffness": 1, "joint_offset": 1, "kinematic_table": 4, "gear_waves": 2}
+"""How many."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -66,6 +69,13 @@ class Calibration:
         sensor_latency s, from an instant to the arrival of its sample;
         table (3) m and slopes, height at the world's origin, rise along x and y;
         payload (4) kg and m, mass and centre of mass;
+        kinematic_table (4 n) m and rad, a, alpha, d and theta of all joints against the robot's model; sums of them are
+        known far better than each, and their standard deviations are those of independent errors that would leave as
+        much of the tip's;
+        tool (3) m, as tool_shift, where the table is corrected too;
+        gear_waves (2 n) rad, sine and cosine of all joints, link less motor over the motor's position; their standard
+        deviations as those of the table;
+        joint_hysteresis rad, width of the joints' play;
         joint_offset (n) rad;
         surface_compliance m/N, of the reference sphere at the contact
     """
@@ -152,6 +162,11 @@ def read_calibration(path: str | Path) -> Calibration:
     missing = [name for name in LENGTHS if name not in calibration.quantities]
     if missing:
         raise FormatError(f"{path}: the table quantity.{missing[0]} is missing")
+    joints = len(calibration.quantities["joint_stiffness"].values)
+    for name, each in EACH_JOINT.items():
+        found = len(calibration.quantities[name].values)
+        if found != each * joints:
+            raise FormatError(f"{path}: quantity.{name} has {found} numbers, not {each * joints} for {joints} joints")
     return calibration
 
 

@@ -25,10 +25,23 @@ _STEP = 1e-6
 
 
 def quantities(
-    solution: Solution, touches: Touches, load: Payload, robot: Robot, probe: Probe, priors: Priors, q: Vector
+    solution: Solution,
+    touches: Touches,
+    load: Payload,
+    robot: Robot,
+    probe: Probe,
+    priors: Priors,
+    q: Vector,
+    around: np.ndarray,
 ) -> dict[str, Quantity]:
-    """All quantities of `Calibration`; `q` (n,) are joints at the sphere, for the arm's stiffness there."""
+    """All quantities of `Calibration`.
+
+    `q` (n,) are joints at the sphere, for the arm's stiffness there; `around` (m, n) joints over the area, for what is
+    left of the errors of the kinematic table and of the gears.
+    """
     s = solution
+    table_left, dh_prior = table_share(s, robot, around), s.parameters.sigma[s.parameters.slices["dh"]]
+    waves_left = waves_share(s, robot, around, priors.gear_waves)
     shift = tool_shift(s, robot, q)
     prior_shift = np.array([priors.sphere_off_axis, priors.sphere_off_axis, priors.probe_length])
     stick = 1.0 / (probe.compliance[1:] * np.exp(s.value("stick")))
@@ -53,6 +66,19 @@ def quantities(
         "table": _taken(s, "table", "m and 1"),
         "payload": _quantity(
             "kg and m", [load.mass, *load.com], [load.mass_sigma, *load.com_sigma], [mass_seen] * 4
+        ),
+        "kinematic_table": _quantity(
+            "m and rad", s.value("dh"), table_left * dh_prior, np.full(4 * robot.n, table_left < 0.5)
+        ),
+        "tool": _taken(s, "tool", "m"),
+        "gear_waves": _quantity(
+            "rad", s.value("ripple"), np.full(2 * robot.n, waves_left * priors.gear_ripple), s.visible("ripple")
+        ),
+        "joint_hysteresis": _quantity(
+            "rad",
+            priors.joint_hysteresis * np.maximum(s.value("play"), 0.0),
+            priors.joint_hysteresis * s.sigma("play"),
+            s.visible("play"),
         ),
         "joint_offset": _quantity(
             "rad", s.value("dh")[offsets], s.sigma("dh")[offsets], s.visible("dh")[offsets]
@@ -89,6 +115,37 @@ def tool_shift_rows(parameters: Parameters, robot: Robot, q: Vector) -> np.ndarr
     for block, lengths in ((0, robot.a), (2, robot.d)):
         rows[2, begin + block * n : begin + block * n + n - 1] -= robot.tool[2, 3] * lengths[:-1] / size
     return rows
+
+
+def table_share(solution: Solution, robot: Robot, joints: np.ndarray) -> float:
+    """Share of the tip's error over joints (m, n) by the kinematic table that is left: after a rigid alignment, since
+    no touch shows where the base stands."""
+    at, poses = solution.parameters.slices, robot.fk_batch(joints)
+    by_table = derivatives_by_table(robot, joints, poses)
+    arms = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
+    rigid = np.concatenate([np.broadcast_to(np.eye(3), (len(joints), 3, 3)), cross_matrices(arms)], axis=2)
+    rigid = np.linalg.qr(rigid.reshape(-1, 6))[0]
+
+    def size(rows: np.ndarray, covariance: np.ndarray) -> float:
+        rows = rows.reshape(rigid.shape[0], -1)
+        rows = rows - rigid @ (rigid.T @ rows)
+        return float(np.sqrt(np.einsum("ij,jk,ik->", rows, covariance, rows)))
+
+    both = np.r_[at["dh"], at["tool"]]
+    left = size(np.concatenate([by_table, poses[:, :3, :3]], axis=2), solution.covariance[np.ix_(both, both)])
+    before = size(by_table, np.diag(solution.parameters.sigma[at["dh"]] ** 2))
+    return min(left / before, 1.0)
+
+
+def waves_share(solution: Solution, robot: Robot, joints: np.ndarray, waves: float) -> float:
+    """Share of the tip's error over joints (m, n) by the gears' waves that is left; all of it where `waves` is 0."""
+    if waves == 0.0:
+        return 1.0
+    at, linear = solution.parameters.slices["ripple"], robot.jacobian_batch(joints)[:, :3]
+    angle = waves * joints[:, None]
+    rows = np.concatenate([linear * np.sin(angle), linear * np.cos(angle)], axis=2)
+    left = np.einsum("kij,jl,kil->", rows, solution.covariance[at, at], rows)
+    return min(float(np.sqrt(left / np.sum(rows**2 * solution.parameters.sigma[at] ** 2))), 1.0)
 
 
 def _arm_stiffness(s: Solution, robot: Robot, priors: Priors, q: Vector) -> Quantity:

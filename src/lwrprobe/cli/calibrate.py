@@ -25,6 +25,7 @@ ROWS: tuple[tuple[str, str, tuple[str, ...], float, str], ...] = (
     ("table", "table", ("height",), 1e3, "mm"),
     ("payload", "payload", ("mass",), 1e3, "g"),
     ("payload", "payload's middle", ("", "x", "y", "z"), 1e3, "mm"),
+    ("joint_hysteresis", "joints' play", ("",), 57.29578, "deg"),
     ("joint_offset", "joint offset", ("1", "2", "3", "4", "5", "6", "7"), 57.29578, "deg"),
 )  # fmt: skip
 """Quantity, its words, those of its numbers, factor and unit for reading."""

@@ -70,7 +70,7 @@ def _start_of(scene: str) -> str:
 
     loaded = load_scene(scene)
     from lwrprobe.exploration.procedures.start_posture import start_posture
-    from lwrprobe.exploration.stages.pipeline import robot_of
+    from lwrprobe.scene.scene_robot import robot_of
 
     _, q = start_posture(loaded, robot_of(loaded))
     return ",".join(f"{degrees(angle):.6f}" for angle in q)

@@ -20,6 +20,7 @@ from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.torque_agreement import TorqueAgreement
 from lwrprobe.contact.touch import TouchFit, zero_force_point
 from lwrprobe.contact.touch_identification import TouchIdentification
+from lwrprobe.contact.touch_rises import TouchRise, TouchRises
 from lwrprobe.contact.wrench import UNCONFIRMED, Wrench, WrenchNoise
 
 __all__ = [
@@ -41,6 +42,8 @@ __all__ = [
     "TorqueAgreement",
     "TouchFit",
     "TouchIdentification",
+    "TouchRise",
+    "TouchRises",
     "Wrench",
     "WrenchConditioner",
     "WrenchNoise",

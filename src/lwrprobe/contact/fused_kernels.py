@@ -96,6 +96,7 @@ STATE = S_RING + RING * ROW
 
 _RUN = 0.15  # weight of a new sample in the running mismatch
 _GATE = 13.8  # chi-squared, 2 degrees of freedom, 0.1 %
+_OFFSET_GATE = 16.3  # chi-squared, 3 degrees of freedom, 0.1 %
 _REST_DRIFT = 0.019  # rad per square root of a second by which the memory fades at rest
 _JUMP_MARGIN = 0.26  # rad beyond what rolling and noise explain
 _FRICTION_STEP = 0.05  # change of mu over a centimetre
@@ -201,7 +202,10 @@ def add_offset(state, raw, m, cov):
 
 @kernel
 def learn_offset(given, params, state, raw, cov, out):
-    """Kalman step on the offset: while sliding, the normal is known without torque, which predicts m."""
+    """Kalman step on the offset: while sliding, the normal is known without torque, which predicts m.
+
+    What no wander of the zero explains is the torque of another contact, such as one of the stick.
+    """
     speed = magnitude(given, I_VELOCITY)
     if state[S_STREAK] < _OFFSET_STREAK or speed < params[P_MIN_SPEED]:
         return
@@ -225,8 +229,14 @@ def learn_offset(given, params, state, raw, cov, out):
     w1 = inv[1] * seen[0] + inv[3] * seen[1] + inv[4] * seen[2]
     w2 = inv[2] * seen[0] + inv[4] * seen[1] + inv[5] * seen[2]
     p = state[S_OFFSET_COV : S_OFFSET_COV + 9].reshape((3, 3))
-    for i in range(3):
-        state[S_OFFSET + i] += p[i, 0] * w0 + p[i, 1] * w1 + p[i, 2] * w2
+    o0 = state[S_OFFSET] + p[0, 0] * w0 + p[0, 1] * w1 + p[0, 2] * w2
+    o1 = state[S_OFFSET + 1] + p[1, 0] * w0 + p[1, 1] * w1 + p[1, 2] * w2
+    o2 = state[S_OFFSET + 2] + p[2, 0] * w0 + p[2, 1] * w1 + p[2, 2] * w2
+    across, along = params[P_ZERO_ACROSS], params[P_ZERO_ALONG]
+    too_far = (o0 * o0 + o1 * o1) * along + o2 * o2 * across > _OFFSET_GATE * across * along
+    if too_far or w0 * seen[0] + w1 * seen[1] + w2 * seen[2] > _OFFSET_GATE:
+        return
+    state[S_OFFSET], state[S_OFFSET + 1], state[S_OFFSET + 2] = o0, o1, o2
     before = p.copy()
     for j in range(3):
         b0, b1, b2 = before[0, j], before[1, j], before[2, j]

@@ -9,6 +9,7 @@ import numpy as np
 from lwrprobe.contracts import InputError
 
 _SWINGS = 4  # half periods that make a limit cycle
+_HALF_PERIOD = 6.0  # delays, at most
 _RECOVERY = 20.0  # delays without oscillation after which one step of backing off is taken back
 
 
@@ -17,8 +18,9 @@ class LimitCycle:
 
     An integrating loop with delay tau swings with a period of about 4 tau at its limit of stability (w tau = pi/2),
     faster surfaces aside; a clamp on the velocity keeps the amplitude bounded. Four crossings from beyond one side of
-    a dead band to beyond the other, each within 4 tau of the last (or three samples, where those are longer), are
+    a dead band to beyond the other, each within 6 tau of the last (or three samples, where those are longer), are
     taken for it: noise stays inside the band, and bumps of the surface come one at a time.
+    Play of the gears, and a swing that takes the sphere off the surface, make half of a period longer than 2 tau.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ class LimitCycle:
         if not (np.isfinite(delay) and delay >= 0.0):
             raise InputError("limit_cycle.delay", delay, "zero seconds or more")
         self._target, self._band = target, band
-        self._longest = max(4.0 * delay, 3.0 * period)
+        self._longest = max(_HALF_PERIOD * delay, 3.0 * period)
         self._recover_after = _RECOVERY * max(delay, period)
         self._side = 0
         self._crossings: deque[float] = deque(maxlen=_SWINGS)
@@ -58,8 +60,16 @@ class LimitCycle:
             self._changed = time
         return self.scale
 
+    def lose(self, time: float) -> None:
+        """No contact at this instant: a swing takes the sphere off for half of a period, anything else for longer."""
+        if self._side > 0:
+            self._cross(time)
+            self._side = -1
+        elif time - self._last() > self._longest:
+            self.reset()
+
     def reset(self) -> None:
-        """Contact lost: what was seen no longer counts, the backing off stays."""
+        """What was seen no longer counts, the backing off stays."""
         self._side = 0
         self._crossings.clear()
 

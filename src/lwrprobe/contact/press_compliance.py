@@ -37,7 +37,8 @@ FLOOR = 0.1
 
 
 class PressCompliance:
-    """Weighted median over batches of changes, each the slope of depth over force between neighbouring samples.
+    """Weighted median over batches of changes, each the slope of the sphere's depth over force between neighbouring
+    samples.
 
     Only changes count, so that a slope of the surface and an error of the normal enter as noise. Batches whose
     correlation is low are dropped; the median over the others does not follow a single one. A batch weighs less the
@@ -45,7 +46,7 @@ class PressCompliance:
 
     Parameters
     ----------
-    bend : the probe's own deflection, which is subtracted
+    bend : the probe's own deflection, which leads from the tip to the sphere
     rate : Hz, of the sensor
     """
 
@@ -105,7 +106,9 @@ class PressCompliance:
         normal, (x, y, z) = contact.normal.tolist(), pose[:3, 2].tolist()
         if abs(normal[0] * x + normal[1] * y + normal[2] * z) < ALONG:
             return False
-        place, force = pose[:3, 3].tolist(), wrench.world_force.tolist()
+        # The sphere's own place: friction bends the stick as well as what presses along the normal.
+        place = self._bend.centre(pose[:3, 3], pose[:3, :3], wrench.world_force).tolist()
+        force = wrench.world_force.tolist()
         self._last = (wrench.time, place, force, normal)
         if before is None or not 0.0 < wrench.time - before[0] < self._gap:
             return False
@@ -127,7 +130,7 @@ class PressCompliance:
             return False
         give = self._bend.shift(rotation, normal)
         along = float(np.dot(normal, give))
-        self._slopes.append(rise * (fd / ff - along))
+        self._slopes.append(rise * fd / ff)
         rest = sqrt(max(ff * dd / fd**2 - 1.0, 0.0))
         turned = 2.0 * NORMAL * float(np.linalg.norm(give - along * normal))  # by a normal that is wrong
         self._sigmas.append(rise * hypot(UNEXPLAINED * rest, turned, BATCHES))

@@ -13,6 +13,7 @@ import numpy as np
 
 from lwrprobe.compiled import entry
 from lwrprobe.contact import torque_kernels as kernels
+from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
@@ -25,8 +26,13 @@ LARGE = 0.05
 """Disagreement from which on normals are wrong for its sake, expected or not: half a radius with a lever of ten."""
 GAP = 6.25
 """Periods of the sensor between two samples, from which on the earlier one says nothing."""
+BEHIND = 2.0
+"""Radii behind the sphere's centre, from which on a force acts on the stick: no error of torque or lever that is to be
+learnt moves a touch of the sphere so far."""
 LARGEST = 10.0
 """That ratio at most: without a prior, readings with a wrong normal would decide what forces have not shown."""
+
+_ORIGIN, _SENSOR_FRAME = np.zeros(3), np.eye(3)
 
 
 class TorqueAgreement:
@@ -46,7 +52,7 @@ class TorqueAgreement:
     """
 
     def __init__(self, probe: Probe, expected: Vector, zero: float, normal_error: float, rate: float = 125.0) -> None:
-        self._lever = probe.sensor_distance
+        self._probe, self._lever = probe, probe.sensor_distance
         self._params = np.array([probe.radius, self._lever, *probe.compliance, zero, normal_error, GAP / rate])
         self._expected, self._scale, self._zero = np.array(expected, dtype=np.float64), 1.0, zero
         self._state = np.array([-np.inf, 0.0, 0.0, 1.0])
@@ -87,9 +93,12 @@ class TorqueAgreement:
         return max(sqrt(self._state.item(kernels.S_MISFIT)) / SURPRISE, 1.0)
 
     def learn(self, wrench: Wrench, rotation: np.ndarray, velocity: Vector) -> None:
-        """One reading in contact; rotation (3, 3) of the sensor and velocity (3,) m/s of the centre, world frame."""
+        """One reading in contact; rotation (3, 3) of the sensor and velocity (3,) m/s of the centre, world frame.
+
+        One of the stick says nothing about the torque of the sphere.
+        """
         state = self._state
-        if not wrench.usable:
+        if not wrench.usable or self._on_stick(wrench):
             state[kernels.S_TIME], state[kernels.S_FORCE] = wrench.time, wrench.magnitude
             return
         used = self._learn(
@@ -99,6 +108,11 @@ class TorqueAgreement:
         if used and state.item(kernels.S_SINCE) > SOLVE_EVERY:
             state[kernels.S_SINCE] = 0.0
             self._solve()
+
+    def _on_stick(self, wrench: Wrench) -> bool:
+        """Whether the force surely acts on the stick."""
+        place = stick_contact(self.corrected(wrench)[0], _ORIGIN, _SENSOR_FRAME, self._probe)
+        return place is not None and -place.item(2) > BEHIND * self._probe.radius
 
     def _solve(self) -> None:
         """Matrix and covariance; where more disagrees than expected, more is expected."""

@@ -41,6 +41,10 @@ class Area:
         if not (self.lower < self.upper).all():
             raise InputError("area", (self.lower.tolist(), self.upper.tolist()), "lower < upper on every axis")
 
+    def raised(self, by: float) -> Area:
+        """The same box with its upper end `by` m higher."""
+        return Area(self.lower, self.upper + np.array([0.0, 0.0, by]))
+
 
 @dataclass(slots=True, frozen=True)
 class Task:
@@ -68,6 +72,7 @@ class Task:
     arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
     search_for : m, diameter of the smallest object that is to be found; where it is in the area is not known. None =
         the area is around the object
+    headroom : m by which the strategy may raise the area's upper end where the object reaches up to that
     tallest : m, nothing is known to be taller, inf = as tall as the area allows
     options : the strategy's own configuration, an instance of its `Config`
     reachable : whether the arm, from where it stands, can take the tip straight through these poses (4, 4) in turn,
@@ -92,6 +97,7 @@ class Task:
     arm_mass: float = 0.0
     arm_stiffness: float = np.inf
     search_for: float | None = None
+    headroom: float = 0.0
     tallest: float = np.inf
     options: Any = None
     reachable: Callable[[Sequence[np.ndarray]], bool] = lambda poses: True
@@ -167,6 +173,19 @@ class SearchingStrategy(Protocol):
 
     @property
     def bounds(self) -> Bounds | None: ...
+
+
+@runtime_checkable
+class RaisingStrategy(Protocol):
+    """A strategy that may raise the area's upper end.
+
+    Attributes
+    ----------
+    raised : m by which it has done so
+    """
+
+    @property
+    def raised(self) -> float: ...
 
 
 @runtime_checkable

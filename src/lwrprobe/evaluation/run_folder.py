@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lwrprobe.contracts import STRATEGY_CONTRACT, FormatError, LwrprobeError, TouchRecord
+from lwrprobe.contracts import STRATEGY_CONTRACT, Area, FormatError, LwrprobeError, TouchRecord
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
@@ -39,6 +39,11 @@ class RunFolder:
     record: TouchRecord
     force: np.ndarray
     trace: np.ndarray
+
+    @property
+    def area(self) -> Area:
+        """Where the sphere's centre could go: the scene's area, as far up as the run has raised it."""
+        return self.scene.area.as_area().raised(0.0 if self.summary is None else 1e-3 * self.summary.area_raised_mm)
 
     @property
     def times(self) -> np.ndarray:

@@ -314,7 +314,7 @@ class _Page:
     def _learning(self, solid: Solid) -> list[str]:
         """Coverage and errors against the robot's time."""
         record, instants, scene = self.run.record, self.run.times, self.run.scene
-        found = reach(solid, scene.probe.radius, self.lowest, scene.area.as_area(), _SAMPLES // 2)
+        found = reach(solid, scene.probe.radius, self.lowest, self.run.area, _SAMPLES // 2)
         if not len(found.points) or record.normals is None:
             return []
         times = np.linspace(0.0, float(instants.max()), 41)[1:]
@@ -387,7 +387,7 @@ class _Page:
 
     def _hiding_places(self, places: np.ndarray, sizes: np.ndarray, largest: float) -> str:
         touched = self.run.record.points
-        area = self.run.scene.area.as_area()
+        area = self.run.area
         paint = np.vstack([np.tile(_PLAIN, (len(touched), 1)), ERROR.colours(sizes / largest)])
         views = [View(a, e, area.lower, area.upper) for a, e in VIEWS]
         images = [render_points(np.vstack([touched, places]), paint, view, 6e-4) for view in views]

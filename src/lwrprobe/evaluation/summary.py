@@ -50,6 +50,8 @@ class Summary:
     """s on the robot's clock, until that object was bounded; None where the area was given."""
     bounds_mm: list[list[float]] | None = None
     """mm, lower and upper corner of what was then explored, in places of the sphere's centre."""
+    area_raised_mm: float = 0.0
+    """mm by which the area's upper end was raised, because the object was touched up to there."""
     real_time_factor: float | None = None
     """Duration on the robot's clock divided by the wall-clock time of the exploration."""
     path_length_m: float = 0.0
@@ -101,6 +103,10 @@ class Summary:
     gear_waves: Table | None = None
     """Waves of the gears that the contacts were corrected for, joint by joint: `amplitude_deg`, 0 where none was sure,
     and `error_deg`, the standard deviation of the joint value that remains; null where nothing was corrected."""
+    give: Table | None = None
+    """What gave way under the contacts, which were corrected for it: `object_um_n` [um/N] of the object and
+    `object_error_um_n`, its standard deviation; `stick_percent` and `arm_percent`, by how much both gave way more than
+    stated; `touches` that it was learnt from. Null where nothing was corrected."""
     side_turn: Table | None = None
     """Turn of all normals about their path that the contacts were corrected for: `angle_deg` and `error_deg`, the
     standard deviation of what is left; null where nothing was learnt."""

@@ -1,5 +1,6 @@
 """Serial arms: forward kinematics, Jacobians, inverse kinematics, straight paths and workspaces."""
 
+from lwrprobe.kinematics.gears import Gears
 from lwrprobe.kinematics.inertia import LinkInertia, apparent_mass, link_inertias, mass_matrix
 from lwrprobe.kinematics.models import iiwa14, lwr4, panda, puma560, robot_by_name, ur5e
 from lwrprobe.kinematics.path import FollowReport, follow, sensitivity, straight_line
@@ -13,6 +14,7 @@ from lwrprobe.kinematics.workspace import Reachability, Workspace, dexterity, re
 __all__ = [
     "Branch",
     "FollowReport",
+    "Gears",
     "IKResult",
     "IKSolver",
     "IKStatus",

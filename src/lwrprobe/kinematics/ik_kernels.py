@@ -11,7 +11,7 @@ from lwrprobe.kinematics import dls_kernels as dls
 from lwrprobe.kinematics import srs_kernels as srs
 from lwrprobe.kinematics.chain_kernels import LOWER, UNIT, UPPER
 from lwrprobe.kinematics.dls_kernels import bound, damped_step, descend, look, move, project
-from lwrprobe.kinematics.preference_kernels import NULL_SPACE_STEP, OFF_SINGULARITY, POSTURE, potential, wish
+from lwrprobe.kinematics.preference_kernels import NULL_SPACE_STEP, OFF_SINGULARITY, POSTURE, ease, potential, wish
 
 CONVERGED, UNREACHABLE, LIMITED, BUDGET, JUMP, INVALID = range(6)
 
@@ -131,9 +131,13 @@ def track(table, pose, seed, out):
     wanted = CONVERGED
     if spherical and srs.beyond(shape, target, settings[dls.POSITION_TOL]):
         wanted = _into_reach(chain, settings, shape, work, arm_work)
-    shifted = settings[NULL_SPACE_STEP] > 0.0 and _drift(chain, settings, places_of(table, n), target, out, work)
+    preferring = settings[NULL_SPACE_STEP] > 0.0
+    if preferring:
+        ease(chain, places_of(table, n), out, work)
+        _drift(chain, settings, places_of(table, n), target, out, work)
     arrived, steps = descend(chain, settings, target, out, work)
-    if shifted and not arrived:
+    if preferring and not arrived:
+        bound(chain, seed, jump, work)
         _clip(seed, work, out)
         arrived, steps = descend(chain, settings, target, out, work)
     settings[STEPS] = steps

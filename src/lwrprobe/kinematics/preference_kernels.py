@@ -2,17 +2,38 @@
 
 A wish is the descent of `potential`: towards a posture, away from limits that are near, away from singularities
 (Yoshikawa 1985). It enters the solver as PUSH, of which only the null-space part survives.
+
+A joint that comes near its limit slows down before it, and the others take over: it weighs less the nearer the limit
+is, as in the weighted least norm of Chan and Dubey (1995), but in both directions, so that no weight ever jumps.
 """
 
 import math
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
+from lwrprobe.kinematics.chain_kernels import LOWER, UPPER
 from lwrprobe.kinematics.dls_kernels import JAC, NORMAL, PUSH, RHS, WEIGHT, factorise, gram, substitute
 
 # columns of the settings row, behind those of dls_kernels
 NEAR_POSTURE, OFF_LIMITS, OFF_SINGULARITY, NULL_SPACE_STEP = range(7, 11)
 # rows of `places`: the preferred posture, and the ends of the ranges in which no limit is near
 POSTURE, EASE_LOW, EASE_HIGH = range(3)
+# a joint at its limit keeps this share of its weight: an arm that is not redundant still needs it
+LEAST_WEIGHT = 1e-3
+
+
+@kernel
+def ease(chain, places, q, work):
+    """WEIGHT of each joint by how far q is from its limits: whole out of the zones beside them, falling smoothly."""
+    weight, low, high = work[WEIGHT], places[EASE_LOW], places[EASE_HIGH]
+    for i in range(q.shape[0]):
+        row = chain[i + 1]
+        share = 1.0
+        if q[i] < low[i]:
+            share = (q[i] - row[LOWER]) / (low[i] - row[LOWER])
+        elif q[i] > high[i]:
+            share = (row[UPPER] - q[i]) / (row[UPPER] - high[i])
+        share = max(share, 0.0)
+        weight[i] *= max(share * share * (3.0 - 2.0 * share), LEAST_WEIGHT)
 
 
 @kernel

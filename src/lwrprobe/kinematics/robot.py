@@ -132,6 +132,11 @@ class Robot:
         """The same arm standing elsewhere, base (4, 4)."""
         return replace(self, base=as_pose(base, "base"))
 
+    def with_table_changed(self, change: Array) -> Robot:
+        """The same arm, its table changed by (4, n): of `a` [m], `alpha` [rad], `d` [m] and `theta` [rad]."""
+        a, alpha, d, theta = change
+        return replace(self, a=self.a + a, alpha=self.alpha + alpha, d=self.d + d, theta=self.theta + theta)
+
     def with_limits(self, lower: Array, upper: Array) -> Robot:
         """The same arm with other joint limits (n,)."""
         return replace(self, lower=lower, upper=upper)

@@ -53,6 +53,10 @@ class BodyOverHeights:
         self._heights = np.ascontiguousarray(heights, dtype=np.float64)
         self._state[kernels.BOX_TALLEST] = np.inf
 
+    def raise_top(self, top: float) -> None:
+        """There may be something up to `top` m from now on; the heights are to be replaced."""
+        self._state[[kernels.TOP, kernels.BOX_TALLEST]] = top, np.inf
+
     def note(self, pose: np.ndarray) -> bool:
         """The body is there itself; whether that has lowered anything since it was last noted."""
         pose = _as_array(pose)

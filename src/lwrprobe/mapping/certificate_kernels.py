@@ -1,7 +1,8 @@
 """Distances of grid points from what a probe has swept and from what it has touched (kernels, private).
 
 A grid is an array (nx, ny, nz) of values at origin + edge * (i, j, k). A value is lowered to a distance where that is
-smaller; what is farther away than the value is left alone.
+smaller; what is farther away than the value is left alone. `owners` says of each grid point what is nearest to it, by
+number: row * kinds + kind, where kind 0 is the sphere.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ def last_index(high, origin, edge, count):
 
 
 @kernel
-def lower_to_sphere(values, origin, edge, a, b, radius, band):
-    """Distances, up to `band`, from a sphere swept along the segment from a to b."""
+def lower_to_sphere(values, owners, number, origin, edge, a, b, radius, band):
+    """Distances, up to `band`, from a sphere swept along the segment from a to b, which has a number."""
     d0, d1, d2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length2 = d0 * d0 + d1 * d1 + d2 * d2
     far = radius + band
@@ -54,14 +55,15 @@ def lower_to_sphere(values, origin, edge, a, b, radius, band):
                 square = u * u + v * v + w * w
                 if limit > 0.0 and square < limit * limit:
                     values[i, j, k] = np.sqrt(square) - radius
+                    owners[i, j, k] = number
 
 
 @kernel
-def lower_to_path(values, origin, edge, centres, joined, radius, band):
-    """Distances from a sphere along (n, 3) centres; where `joined` is 0 it did not come from the one before."""
-    for row in range(centres.shape[0]):
-        before = row - 1 if row > 0 and joined[row] else row
-        lower_to_sphere(values, origin, edge, centres[before], centres[row], radius, band)
+def lower_to_path(values, owners, first, kinds, origin, edge, begins, ends, radius, band):
+    """Distances from a sphere along segments from `begins` to `ends` (n, 3), whose rows count from `first` on."""
+    for row in range(begins.shape[0]):
+        number = (first + row) * kinds
+        lower_to_sphere(values, owners, number, origin, edge, begins[row], ends[row], radius, band)
 
 
 @kernel
@@ -106,10 +108,10 @@ def link_distance(x, y, z, kind, size):
 
 
 @kernel
-def lower_to_link(values, origin, edge, poses, kind, size, shrink, band):
-    """Distances, up to `band`, from one link at the poses (n, 4, 4) of its own frame.
+def lower_to_link(values, owners, first, kinds, which, origin, edge, poses, kind, size, shrink, band):
+    """Distances, up to `band`, from one link at the poses (n, 4, 4) of its own frame, rows from `first` on.
 
-    The link counts as `shrink` farther away than it is.
+    The link counts as `shrink` farther away than it is, and as the kind `which` in `owners`.
     """
     nx, ny, nz = values.shape
     half = np.empty(3)
@@ -145,3 +147,4 @@ def lower_to_link(values, origin, edge, poses, kind, size, shrink, band):
                     distance = link_distance(u, v, w, kind, size) + shrink
                     if distance < values[i, j, k]:
                         values[i, j, k] = distance
+                        owners[i, j, k] = (first + row) * kinds + which

@@ -68,6 +68,8 @@ def better_method(
     if residual <= SUSPICIOUS:
         return None
     made = {name: surface for name, method in others.items() if (surface := _made(method, record)) is not None}
+    if not _floats(found.mesh, record, pitch):
+        made = {name: surface for name, surface in made.items() if not _floats(surface.mesh, record, pitch)}
     near = [name for name, surface in made.items() if residual >= TIMES * _residual(surface.mesh, contacts)]
     if not near:
         return None
@@ -118,6 +120,16 @@ def _score(method: Method, whole: Reconstruction, record: TouchRecord, pitch: fl
         far = np.full(len(points), pitch) if surface is None else np.abs(offsets(surface.mesh, points))
         total, count = total + float(np.minimum(far, pitch).sum()), count + len(points)
     return total / count + _needless(whole.mesh, record, pitch) + _in_the_way(whole.mesh, record, pitch)
+
+
+def _floats(mesh: TriangleMesh, record: TouchRecord, pitch: float) -> bool:
+    """Whether a mesh ends above the table, by more than the probe leaves out and the pitch.
+
+    What stands on a table reaches down to it. Contacts that were all held out above say nothing of that.
+    """
+    if record.table is None or record.lowest is None:
+        return False
+    return bool(mesh.vertices[:, 2].min() > record.lowest + pitch)
 
 
 def _needless(mesh: TriangleMesh, record: TouchRecord, pitch: float) -> float:

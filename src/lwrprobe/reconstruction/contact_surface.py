@@ -44,7 +44,7 @@ _MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
-_NEAR_OVERHANG = 1.8  # the same under data that lean down and beside lower walls, where nothing else is known
+_NEAR_OVERHANG = 2.5  # the same under data that lean down and beside lower walls, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
@@ -123,10 +123,11 @@ class ContactSurface:
         touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
-        below = work.run("undersides", lambda: find_undersides(touches, clusters, pitch))
+        touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
+        below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
         lower = work.run("lower walls", lambda: find_lower_walls(touches, clusters, pitch))
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
-        known = _hermite_data(clusters, touches) + below + lower
+        known = touched.data + below + lower
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
@@ -369,14 +370,16 @@ def _judge(
     sample = hull.vertices[::_EVERY]
     deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
     common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.deviation])
-    _, source = cKDTree(process.data.points).query(hull.vertices)
+    apart, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
     fillet = body.crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
     guessed = np.zeros(len(process.data.points), dtype=bool)
     guessed[len(guessed) - len(walls) - len(inferred.points) : len(guessed) - len(walls)] = True
-    unreachable = fillet | low | guessed[source][foot]
+    # Between two lines no place is farther than half a pitch from one; under data that lean down the surface is led on.
+    led_on = (process.data.normals[source, 2] < LEANING) & (apart > 0.25 * process.reach)
+    unreachable = fillet | low | (guessed[source] | led_on)[foot]
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
     error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)

@@ -8,7 +8,7 @@ edge (the sphere rolls over it: an arc of its own radius) or a rounding has begu
 Such a guess is worth less than contacts on both sides of it that face the same way. Where they say with a deviation
 not much larger than the guess's that the surface passes between solid and free, the guess is dropped; where they say
 that it passes where the sphere has been, the guess goes to the border of that space. Beside contacts whose normals lean
-down the surface goes on inwards, below what the stick lets the sphere reach: there a guess is dropped as well.
+down the surface goes on inwards, below what the stick lets the sphere reach: there each guess is dropped.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ _TOGETHER = 2.5
 _BESIDE = 1.0  # of the reach: contacts on the lines on either side of a guess are that near
 _ALIKE = 0.8  # cosine between a guess's direction and the normals of contacts that the surface leads on
 LEANING = -0.15  # z of the normals of contacts under which the surface goes on inwards; less is noise
+_FAR_BELOW = 1.5  # of the reach: how far under such contacts
 _TOWARDS = 0.3  # cosine between such a normal and the direction of a guess that it makes needless
 _TRUSTED = 4.0
 """Times a guess's deviation that the contacts' own may have: the guesses beside one another err the same way."""
@@ -143,7 +144,8 @@ def _bound(
     `place` (n, 3) and `deviation` (n,) are changed in place.
     """
     trusted = known.deviations(place) < _TRUSTED * deviation
-    kept = ~(trusted & _under(known, place, direction))
+    # However sure the arcs of lines far above are of a guess: they know of no overhang.
+    kept = ~_under(known, place, direction)
     sure = np.flatnonzero(trusted & kept & _between(known, place, direction))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
     kept[sure[(at_start <= 0.0) & (at_end >= 0.0)]] = False
@@ -160,7 +162,7 @@ def _under(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.
     distance, nearest = cKDTree(known.data.points).query(place)
     normals = known.data.normals[nearest]
     towards = np.einsum("ij,ij->i", normals, direction) > _TOWARDS
-    return (normals[:, 2] < LEANING) & towards & (distance < known.reach)
+    return (normals[:, 2] < LEANING) & towards & (distance < _FAR_BELOW * known.reach)
 
 
 def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -3,6 +3,9 @@
 Where the sphere rolls over the lower edges of two faces that look apart, what lies between the edges is taken to
 overhang as they do: a lying cylinder is touched at the rims of its two end faces and nowhere else below its axis.
 Without this, the walls above go straight down. A surface that bends away smoothly says nothing about what it bends to.
+
+Between two edges of a convex solid all lies within it. A chord is left out where the surface that goes on from the
+contacts nearest to it leaves it inside.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.reconstruction.clusters import Clusters, cluster, supported
-from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches
 
 _DOWN = -0.2  # of the normal across the chord: less is noise
@@ -25,12 +28,14 @@ _NORMAL_SD = 0.1  # rad
 _BESIDE = 1.0  # of the pitch, across a chord, within which a wall that was touched goes on below it: to the next line
 _FACING = 0.5  # of a wall's normal, against the chord
 _MAX_SAMPLES = 600  # contacts that face down, of many
+_WITHIN = 2.5
+"""Standard deviations by which a chord lies inside the surface that goes on from the contacts."""
 
 
-def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
+def find_undersides(touches: Touches, clusters: Clusters, known: HermiteField, pitch: float) -> HermiteData:
     """Where the sphere's centre would be if it touched the underside, and the surface's normals there.
 
-    `clusters` are those of the touches' centres, `pitch` [m] lies between their lines.
+    `clusters` are those of the touches' centres, `known` is their field, `pitch` [m] lies between their lines.
     """
     down = touches.normals[:, 2] < 0.7 * _DOWN
     low = np.flatnonzero(supported(down, down, touches.points, touches.normals, touches.confidence, touches.radius))
@@ -43,12 +48,27 @@ def find_undersides(touches: Touches, clusters: Clusters, pitch: float) -> Hermi
         ends, normals, feet, clusters.normals, _SHARP * touches.radius, _SURE * _scatter(touches, clusters)
     )
     walls = feet, clusters.normals
-    places, facing, deviation = _chords(ends, normals, sharp, walls, pitch, touches.radius, touches.noise)
+    places, facing, deviation, chord = _chords(ends, normals, sharp, walls, pitch, touches.radius, touches.noise)
     kept = _inside(places, feet, touches.visited, touches.radius, pitch)
+    places, facing, deviation, chord = places[kept], facing[kept], deviation[kept], chord[kept]
+    if not len(places):
+        return _data(places, facing, deviation)
+    found, sd = _gathered(places, facing, deviation, touches.radius, pitch)
+    within = known.values_near(found.points, found.points[:, None])[:, 0]
+    within = within < -_WITHIN * np.hypot(known.deviations(found.points), sd)
+    kept = ~np.isin(chord, chord[within[found.label]])
     if not kept.any():
         return _data(places[kept], facing[kept], deviation[kept])
-    found = cluster(places[kept] + touches.radius * facing[kept], facing[kept], np.ones(kept.sum()), 0.5 * pitch)
-    return _data(found.points, found.normals, np.bincount(found.label, deviation[kept]) / found.weight)
+    found, sd = _gathered(places[kept], facing[kept], deviation[kept], touches.radius, pitch)
+    return _data(found.points, found.normals, sd)
+
+
+def _gathered(
+    places: np.ndarray, facing: np.ndarray, deviation: np.ndarray, radius: float, pitch: float
+) -> tuple[Clusters, np.ndarray]:
+    """The sphere's centres over places (n, 3) of the surface, clustered, and the mean deviation of each cluster."""
+    found = cluster(places + radius * facing, facing, np.ones(len(places)), 0.5 * pitch)
+    return found, np.bincount(found.label, deviation) / found.weight
 
 
 def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:
@@ -99,7 +119,7 @@ def _chords(
     radius: float,
     noise: float,
 ) -> tuple[np.ndarray, ...]:
-    """Places along the chords between ends that match, the normals there, and the deviation to expect.
+    """Places along the chords between ends that match, the normals there, the deviation to expect, the chord's number.
 
     A chord ends where it comes to one of the `walls`, feet and normals (k, 3), that stand below it.
     """
@@ -131,7 +151,8 @@ def _chords(
             kept = (along < near) | (length[i, j] - along < far)
             for found in (places, facing, deviation):
                 found[-1] = found[-1][kept]
-    return np.concatenate(places), np.concatenate(facing), np.concatenate(deviation)
+    chord = np.repeat(np.arange(len(places)), [len(rows) for rows in places])
+    return np.concatenate(places), np.concatenate(facing), np.concatenate(deviation), chord
 
 
 def _to_wall(

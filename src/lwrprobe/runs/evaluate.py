@@ -128,7 +128,8 @@ def evaluate(
     error = None if surface is None else mesh_error(surface, truth, above)
     area, spacing = None, DEFAULT_SPACING
     if isinstance(subject, Run):
-        area, spacing = subject.scene.area.as_area(), subject.summary.line_spacing_m or DEFAULT_SPACING
+        area = subject.scene.area.as_area().raised(1e-3 * subject.summary.area_raised_mm)
+        spacing = subject.summary.line_spacing_m or DEFAULT_SPACING
     count = None if record is None else len(record.points)
     distances = normals = covered = None
     if record is not None and count:

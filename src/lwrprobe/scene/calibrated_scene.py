@@ -15,7 +15,7 @@ from lwrprobe.scene.table import Pose
 from lwrprobe.scene.uncertainty import UncertaintyTable
 
 _STATED: dict[str, tuple[str, ...]] = {
-    "arm": ("robot", "base", "tool"),
+    "arm": ("robot", "base", "tool", "correction", "gear_waves"),
     "probe": (
         "radius", "sensor_distance", "stiffness_lateral", "stiffness_axial", "mass", "centre_of_mass", "force_range",
         "torque_range",
@@ -58,7 +58,7 @@ def calibrated(scene: Scene) -> Scene:
     if found is None:
         return scene
     tool = scene.arm.tool.matrix()
-    tool[:3, 3] += tool[:3, :3] @ found.values("tool_shift")
+    tool[:3, 3] += tool[:3, :3] @ found.values("tool")
     stick = found.values("stick_stiffness")
     probe: dict[str, Any] = {
         "radius": float(found.values("sphere_radius")[0]),
@@ -80,7 +80,14 @@ def calibrated(scene: Scene) -> Scene:
     return scene.model_copy(
         update={
             "arm": scene.arm.model_copy(
-                update={"tool": Pose(xyz=tuple(tool[:3, 3].tolist()), rpy_deg=scene.arm.tool.rpy_deg)}
+                update={
+                    "tool": Pose(xyz=tuple(tool[:3, 3].tolist()), rpy_deg=scene.arm.tool.rpy_deg),
+                    "correction": scene.arm.correction.calibrated(
+                        found.values("kinematic_table"),
+                        found.values("gear_waves"),
+                        float(found.values("joint_hysteresis")[0]),
+                    ),
+                }
             ),
             "probe": scene.probe.model_copy(update=probe),
             "table": scene.table.model_copy(update=table),
@@ -99,6 +106,7 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
     shift, stick = found.sigma("tool_shift"), found.sigma("stick_stiffness") / found.values("stick_stiffness")
     ratio = found.sigma("force_to_torque").reshape(3, 3)
     lever = max(abs(found.values("force_to_torque")[1]), 1e-6)
+    a, alpha, d, theta = found.sigma("kinematic_table").reshape(4, -1).max(axis=1)
     arm = found.sigma("arm_stiffness") / found.values("arm_stiffness")
     measured = {
         "probe_length_mm": 1e3 * shift[2],
@@ -108,6 +116,12 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
         # What counts for a contact's place is the torque for a force: both gains together.
         "sensor_gain_percent": 1e2 * max(ratio[0, 1], ratio[1, 0]) / lever,
         "sensor_crosstalk_percent": 1e2 * float(np.mean(np.diag(ratio)[:2])) / 0.01,
+        "gear_ripple_deg": float(np.degrees(max(found.sigma("gear_waves")))),
+        "joint_hysteresis_deg": float(np.degrees(found.sigma("joint_hysteresis")[0])),
+        "dh_a_mm": 1e3 * float(a),
+        "dh_d_mm": 1e3 * float(d),
+        "dh_twist_deg": float(np.degrees(alpha)),
+        "dh_offset_deg": float(np.degrees(theta)),
         "arm_stiffness_percent": 1e2 * max(arm),
         "arm_delay_ms": 1e3 * found.sigma("arm_delay")[0],
         "sensor_delay_ms": 1e3 * found.sigma("sensor_latency")[0],

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
+from lwrprobe.scene.arm_correction import ArmCorrection
 from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
 from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
@@ -29,6 +30,8 @@ class ArmTable(Table):
     """The robot's base frame (LWR 4+: the shoulder) in the world."""
     tool: Pose = Pose(xyz=(0.0, 0.0, 0.25))
     """The tip frame (sphere's centre, z along the stick away from the flange) in the robot's last frame."""
+    correction: ArmCorrection = ArmCorrection()
+    """By how much this arm differs from its model."""
     tip_rpy_deg: Vector3 = (180.0, 0.0, 180.0)
     """degrees about the world's x, y, z: how the tip is held while exploring; the default points straight down."""
     start_deg: tuple[float, ...] | None = Field(default=None, strict=False)

@@ -15,11 +15,11 @@ from lwrprobe.evaluation.run_folder import read_run, read_table
 from lwrprobe.evaluation.run_report import HIDING_FILE
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.procedures.start_posture import start_posture
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.kinematics import IKSolver, Robot
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, read_cloud
 from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene.scene_robot import robot_of
 
 RATE = 25.0
 """Hz of the places that are kept."""

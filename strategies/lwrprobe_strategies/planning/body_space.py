@@ -43,6 +43,10 @@ class BodySpace:
     ----------
     task : the area, how tall the object may be, the probe's links
     spacing : m, between two lines
+
+    Attributes
+    ----------
+    under : m, by which the sphere of an upright probe comes in under what its stick passes
     """
 
     def __init__(self, task: Task, spacing: float) -> None:
@@ -53,6 +57,7 @@ class BodySpace:
         self._top = _top(task)
         self._task, self._spacing = task, spacing
         self._below = BELOW * task.probe.radius
+        self.under = task.probe.radius - task.probe.stick_radius
         behind = [link for link in task.probe.links if link.name != "stick"]
         points = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
         self._column: tuple[int, int, float] = (-1, -1, np.inf)
@@ -67,6 +72,12 @@ class BodySpace:
         """Whether the body of an upright probe can come down to what the area may hold at all."""
         bottom = min((bottom for _, bottom in body(task)), default=np.inf)
         return float(task.area.lower[Z]) + bottom < _top(task)
+
+    def raise_top(self, task: Task) -> None:
+        """The object may be taller than was known: as tall as a task says."""
+        self._task, self._top, self._changed = task, _top(task), True
+        self._body.raise_top(self._top)
+        self.survey()
 
     def note(self, pose: np.ndarray, touches: bool) -> None:
         """The tip is at a pose (4, 4), and touches something or nothing; called with every sample."""

@@ -20,7 +20,7 @@ TURNED = 0.998
 """Cosine between two directions of the stick, up to which the second one is kept (3.6 degrees)."""
 SIDE = 0.0026
 """m sideways from where the sphere has been, within which it fits: half of its radius. What stands in the strip that is
-left is met by the sphere's flank, across the stick, where the probe gives way."""
+left is met by the sphere's flank, across the stick, where the probe gives way. An arm with a mass strikes it."""
 COLUMN = 0.0005
 """m sideways from where the sphere came down, within which it goes up again and meets nothing with its flank either: as
 far as a return path leads that ends in going up as fast as the probe can."""
@@ -34,6 +34,8 @@ BROKEN = 0.01
 """m between two places in a row, above which nobody saw how the probe came from one to the other."""
 SHORT = 0.15
 """m along the axes, as far as the return path may be the quicker one."""
+FAR_COLUMN = 0.4
+"""The same where it saves a slow way up."""
 HOLLOW = 0.3 * LIFT * SPACING
 """m^2, change of the place off the surface against the path: there the surface is hollow."""
 FARTHEST_BACK = 600
@@ -55,12 +57,14 @@ class FreeSpace:
     Parameters
     ----------
     area : the sphere's centre is above all that may be there at the area's top, and no lower
+    side : m sideways from where the sphere has been, within which it fits as fast as the probe can
     body : m above the sphere's centre, from which on a body that is wider than the sphere stands on the stick: where
         an upright probe is, the sphere fits from that height on
     """
 
-    def __init__(self, area: Area, body: float = np.inf) -> None:
-        self._area, self._body = area, body
+    def __init__(self, area: Area, side: float = SIDE, body: float = np.inf) -> None:
+        self._area, self._side, self._body = area, side, body
+        self._came_down = CAME_DOWN if side > COLUMN else JUST_THERE
         self._top = float(area.upper[2])
         # Place, place off the surface, stick's direction; whether the sphere came down near it, the stick is upright,
         # the sphere came down just there, and it is on the border.
@@ -69,6 +73,14 @@ class FreeSpace:
         self._before_touch: set[int] = set()  # indices of places so near to the next one that who comes back may touch
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
+
+    def raise_top(self, top: float) -> None:
+        """All that may be there reaches higher, up to `top` m: where the sphere came down something may be above."""
+        self._top, self._column = top, None
+        rows, self._places = self._places.rows().copy(), GrowingTable(13)
+        rows[:, [CAME_DOWN, JUST_THERE]] = 0.0
+        for row in rows.tolist():
+            self._places.add(tuple(row))
 
     def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
@@ -103,10 +115,10 @@ class FreeSpace:
     def clear_down_to(self, x: float, y: float) -> float:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
         rows = self._places.rows()
-        beside = np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < SIDE
+        beside = np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < self._side
         met = rows[beside & _in_the_way(rows, x, y), 2]
         beside &= rows[:, 2] > met.max(initial=-np.inf)
-        near, above = rows[beside], self._open(rows, beside, CAME_DOWN)
+        near, above = rows[beside], self._open(rows, beside, self._came_down)
         level = min(self._top, float(rows[above, 2].min(initial=np.inf)))
         for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
             if level - z > GAP:
@@ -119,13 +131,21 @@ class FreeSpace:
         level = self.clear_down_to(place.item(0), place.item(1))
         return min(level, place.item(2) + self._body)
 
+    def stood_down_to(self, place: np.ndarray, beside: float = COLUMN) -> float:
+        """m, the lowest height at which the upright probe has been over a place (3,), or no more than `beside` m from
+        that; inf where it has not.
+        """
+        rows = self._places.rows()
+        over = (np.abs(rows[:, :2] - place[:2]).max(axis=1, initial=0.0) <= beside) & (rows[:, 10] > 0.0)
+        return float(rows[over, 2].min(initial=np.inf))
+
     def open_places(self, axis: int, place: float) -> np.ndarray:
         """(n, 3) m, places from which the probe may go straight up, within `BORDER` of a place [m] on one axis.
 
         It came down there, or it is on the area's border where nothing was touched: nothing stands there.
         """
         rows = self._places.rows()
-        return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, CAME_DOWN), :3]
+        return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, self._came_down), :3]
 
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
@@ -192,12 +212,24 @@ class FreeSpace:
         rows = self._places.rows()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
         near &= np.hypot(rows[:, 0] - place[0], rows[:, 1] - place[1]) < reach
-        found = np.flatnonzero(near)
+        return self._back_to_one_of(near, SHORT)
+
+    def back_to_column(self) -> list[Pose] | None:
+        """Back on the upright probe's path, to the latest place from which it may go straight up as fast as it can.
+
+        None where `back_to` has no path.
+        """
+        rows = self._places.rows()[-FARTHEST_BACK:]
+        return self._back_to_one_of(self._open(rows, np.ones(len(rows), dtype=bool), JUST_THERE), FAR_COLUMN)
+
+    def _back_to_one_of(self, wanted: np.ndarray, farthest: float) -> list[Pose] | None:
+        """Back to the latest of the `wanted` (n,) of the last n places, `farthest` m at most; None as in `back_to`."""
+        rows, found = self._places.rows()[-FARTHEST_BACK:], np.flatnonzero(wanted)
         if not len(found):
             return None
         path = rows[found[-1] :]
         steps = np.diff(path[:, :3], axis=0)
-        if not path[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > SHORT:
+        if not path[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > farthest:
             return None
         off = path[:, 3:6] - path[:, :3]
         touching = off.any(axis=1)  # a contact may be lost for a moment just at the edge

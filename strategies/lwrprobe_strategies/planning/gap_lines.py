@@ -2,6 +2,8 @@
 
 Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
 line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
+So are hollows between two lines: one of them touched a surface that falls towards the other, which is no lower.
+
 A line over a tall object begins at a height at which the body above the stick clears whatever may be there, and goes
 up; what lies below is touched afterwards, when it is known what the body has to clear. All these lines lead upwards
 where they can: a foot that has not been touched yet has to be approached slowly.
@@ -9,8 +11,9 @@ where they can: a foot that has not been touched yet has to be approached slowly
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -25,6 +28,13 @@ OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
 UNDER = -0.5
 """Share of the normal along z, up to which a touch is one of an underside."""
+FALLS, RIM = 0.3, 0.3
+"""Share of the normal across a line, and along z, from which on a touch is one of a surface that falls beside the line:
+normals are known to a few degrees."""
+RUN = 3
+"""Such touches in a row at least."""
+PLACES = 3
+"""Lines over a short hollow: its walls along x and along y."""
 
 
 def lines_across(
@@ -34,6 +44,7 @@ def lines_across(
     pitch: float,
     floor: float,
     lowest: Callable[[Line], float],
+    radius: float = 0.0,
 ) -> list[Line]:
     """Lines along x over every face that the lines along y, at `places` (n,) m, left out; in the order to drive them.
 
@@ -43,6 +54,7 @@ def lines_across(
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
     lowest : m, height at which a line that begins in free space may be driven
+    radius : m, of the sphere: on its way down it may still touch above where it passed below, by as much farther out
     """
     if not len(contacts):
         return []
@@ -52,13 +64,16 @@ def lines_across(
         heights = _heights(contacts, xs, y, floor)
         for first, last in _left_out(xs, heights, pitch, floor):
             runs.setdefault((first, last), []).append((y, heights))
+    for pair, y in _hollows(contacts, xs, pitch, floor):
+        runs.setdefault(pair, []).append((y, _heights(contacts, xs, y, floor)))
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
             ends = [_end(trail, xs, heights, i, y, floor) for i in (first, last)]
             # From its foot up a wall is followed faster than down from its top.
             low, high = sorted(ends, key=lambda end: end.height)
-            down = replace(high, end=low.begin) if high.on_surface else None
+            past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
+            down = replace(high, end=low.begin + past) if high.on_surface else None
             line = replace(low, end=high.begin, fallback=down, free_end=down is None)
             lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
@@ -130,6 +145,26 @@ def _heights(contacts: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np
         if len(own):
             heights[i] = own[:, 2].max()
     return heights
+
+
+def _hollows(
+    contacts: np.ndarray, xs: np.ndarray, pitch: float, floor: float
+) -> Iterator[tuple[tuple[int, int], float]]:
+    """Index pairs of neighbouring lines with a hollow in between, and m in y where it is to be crossed."""
+    for i, beside in chain(pairwise(range(len(xs))), pairwise(range(len(xs) - 1, -1, -1))):
+        own = contacts[contacts[:, 9] == xs[i]]
+        falls = np.sign(xs[beside] - xs[i]) * own[:, 6]
+        own = own[(falls > FALLS) & (own[:, 8] > RIM)]
+        own = own[np.argsort(own[:, 1])]
+        for run in np.split(own, np.flatnonzero(np.diff(own[:, 1]) > 2.0 * NEAR) + 1):
+            if len(run) < RUN:
+                continue
+            low, high = run[0, 1], run[-1, 1]
+            count = max(int(np.ceil((high - low) / pitch)), PLACES)
+            for y in (low + (np.arange(count) + 0.5) * (high - low) / count).tolist():
+                heights = _heights(contacts, xs, y, floor)
+                if heights[i] > floor + 1e-4 and heights[beside] > heights[i] - ROUGH:
+                    yield (min(i, beside), max(i, beside)), y
 
 
 def _left_out(xs: np.ndarray, heights: np.ndarray, pitch: float, floor: float) -> list[tuple[int, int]]:

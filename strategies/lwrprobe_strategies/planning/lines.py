@@ -10,8 +10,8 @@ from lwrprobe.contracts import Area, InputError
 
 X, Y, Z = range(3)
 """Indices of the world axes."""
-AT_END = 1e-5
-"""m, within which a line's end is reached."""
+AT_END = 1e-4
+"""m, within which a line's end is reached: play and waves of the gears keep the tip from it by half as much."""
 ON_FLOOR = 0.003
 """m above the area's floor, up to which a line that begins there counts as one on the floor."""
 
@@ -31,9 +31,11 @@ class Line:
     outline : 0, or the sign on the other horizontal axis towards which a contact is followed in the horizontal plane
     fallback : the line to drive where this one has to be given up
     raised : begins above something that the stick has touched
+    foot_felt : the wall that it meets has been followed down to its foot already
     low : what is above it was passed before, so it is not raised
     ceiling : m, height above which the surface was touched already
     rotation : (3, 3) in which it is driven, None = upright
+    expected : m, height below which its side is expected to recede too far to be touched; None = nothing is known
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -49,7 +51,9 @@ class Line:
     low: bool = False
     free_end: bool = False
     raised: bool = False
+    foot_felt: bool = False
     ceiling: float = np.inf
+    expected: float | None = None
     rotation: np.ndarray | None = field(default=None, compare=False)
 
     @property

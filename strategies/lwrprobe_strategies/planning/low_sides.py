@@ -13,6 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 
 NEAR = 0.0015
@@ -36,6 +37,11 @@ WORTH = 0.4
 """Square pitches that a line must add to what is touched: other lines may have gone up the same side."""
 OVERLAP = 0.001
 """m, by which both contours overlap."""
+
+RECEDES = -0.05
+"""Share of the normal along z over that along the line, up to which a side recedes below."""
+LEAST = 0.5
+"""Pitches in height that a line up a side must add, where no foot may be below it."""
 
 Leans = Callable[[np.ndarray], Sequence[np.ndarray]]
 """Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first.
@@ -83,7 +89,8 @@ def low_sides(
             last = facing[facing[:, Z] < low[Z] + ALIKE]
             out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
             away = out / float(np.sqrt(out @ out))
-            slope = max(float(np.median(last[:, 8] / (side * last[:, 6 + axis]))), 0.0)
+            onwards = float(np.median(last[:, 8] / (side * last[:, 6 + axis])))
+            slope = max(onwards, 0.0)
             best: Line | None = None
             for rotation in leans(away):
                 line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
@@ -91,8 +98,17 @@ def low_sides(
                     best = _within_reach(line, reachable) or best
                 if best is not None and best.height <= floor + HIGHER:
                     break
-            if best is not None and _left(best, low[3:6], away, slope, contacts, pitch) > WORTH * pitch * pitch:
-                lines.append(replace(best, end=end - side * BEYOND))
+            if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
+                continue
+            assert best.rotation is not None
+            if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
+                # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
+                room = body.under - float((side * (own[:, 3 + axis] - low[3 + axis])).max())
+                expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
+                if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
+                    continue
+                best = replace(best, expected=expected)
+            lines.append(replace(best, end=end - side * BEYOND))
     return lines
 
 
@@ -105,7 +121,9 @@ def _within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
     return None
 
 
-def _left(line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float) -> float:
+def left_below(
+    line: Line, touch: np.ndarray, away: np.ndarray, slope: float, contacts: np.ndarray, pitch: float
+) -> float:
     """m^2 that a line up a side would touch and nothing has touched yet: no more than half a pitch beside and below it.
 
     The side goes on below and beside a `touch` (3,) with the horizontal normal `away` (3,), and out by `slope` m for

@@ -14,6 +14,8 @@ UPWARD = 0.3
 """Share of the normal along z, up to which a touch is one of a wall."""
 WIDENS = 0.05
 """Share of the normal along z, from which on an object is wider below."""
+BEYOND = 0.002
+"""m by which a line leads on past where the outermost touch was: a contact is known to a fraction of that."""
 BENT = 0.06
 """Share of the normal across x, from which on an end in x is not yet the object's end (3.4 degrees)."""
 
@@ -40,5 +42,6 @@ def outlines(contacts: np.ndarray, places: np.ndarray, height: float) -> list[Li
         begin = float(free[np.argmin(sign * free)])
         # What faces up there reaches further out below.
         level = height if last[8] > WIDENS else max(float(last[2]), height)
-        lines.append(Line(0, float(last[1]), begin, float(last[0]), level, outline=-1 if across > 0.0 else 1))
+        end = float(last[0]) - sign * BEYOND
+        lines.append(Line(0, float(last[1]), begin, end, level, outline=-1 if across > 0.0 else 1))
     return lines

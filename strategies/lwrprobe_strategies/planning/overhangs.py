@@ -69,6 +69,10 @@ class Overhangs:
         self._ahead_of: dict[tuple[int, int, float, float], tuple[float, float]] = {}
         self._beside: tuple[int, int, float] = -1, -1, -np.inf  # square, and the tallest near it
 
+    def raise_top(self, top: float) -> None:
+        """The area reaches up to `top` m from now on."""
+        self._tallest = top - self._probe.radius
+
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
         if contact is None:
@@ -121,9 +125,15 @@ class Overhangs:
         if abs(i - k) <= self._cells and abs(j - m) <= self._cells:
             self._beside = k, m, max(tallest, height)
 
-    def reach(self, place: np.ndarray) -> float:
-        """m above the sphere's centre, at a place (3,), up to which something may meet the stick."""
-        return min(max(self._tallest - place.item(2), 0.0), self._probe.sensor_distance)
+    def reach(self, place: np.ndarray, along: np.ndarray | None = None) -> float:
+        """m above the sphere's centre, at a place (3,), up to which something may meet the stick.
+
+        On the way along a unit vector (3,) that is no higher than from where the stick has stood just ahead.
+        """
+        tallest = self._tallest
+        if along is not None:
+            tallest = min(tallest, self._stood.heights.item(self._ahead(place, along)))
+        return min(max(tallest - place.item(2), 0.0), self._probe.sensor_distance)
 
     def ahead(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether the upright stick may meet one, for a sphere that goes from a place (3,) along a unit vector (3,)."""
@@ -160,7 +170,7 @@ class Overhangs:
         tallest = self._tallest_beside(i, j)
         if tallest <= z + self._probe.radius or self._free(z, i, j):
             return 0.0
-        return min(tallest - z, self.reach(place))
+        return min(tallest - z, self.reach(place, along))
 
     def above(self, place: np.ndarray) -> bool:
         """Whether the sphere may meet one on the way up a surface, from a place (3,).

@@ -31,10 +31,15 @@ RISE = 0.0015
 """m by which something may reach further than what was touched of it."""
 DEEP = 5.0
 """Metres sideways that take as long as one down into the unknown."""
+BEFORE = 0.006
+"""m before the end of a level path, up to which it is fast where it ends at a wall."""
 FARTHEST = 0.3
 """m sideways, as which the rest of a path from a known column may count at most; more is no gain."""
 HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
+SOUGHT = 0.003
+"""m below a known contact, down to which the surface is sought: it may fall by twice the distance from that contact to
+the line, which is up to 1.5 mm away."""
 
 
 Clear = Callable[[np.ndarray, np.ndarray], bool]
@@ -119,28 +124,36 @@ def path_to(
     start, top = line.start, float(area.upper[Z])
     if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
         return [Waypoint(start, rotation=turn)]
-    if not line.on_surface and np.abs(start[:2] - here[:2]).max() < OWN_COLUMN and start[Z] > here[Z]:
+    if not line.on_surface and _above(here, start):
         return [replace(waypoint, rotation=turn) for waypoint in up_from(here, start, free)]
-    up = up_from(here, np.array([here[X], here[Y], top]), free)
+    to_column = _back_to_column(here, free)
+    up = _to_top(here, turn, top, to_column, free, speeds, allows)
     above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
     if line.on_surface:
         known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
-        touch = Waypoint(start - (0.0, 0.0, HOVER), SpeedLimit.GUARDED)
+        deep = min(max(start[Z] - SOUGHT, float(area.lower[Z])), start[Z] - HOVER)
+        touch = Waypoint(np.array([start[X], start[Y], deep]), SpeedLimit.GUARDED)
         return [*up, above, *_down_to(known, free, SpeedLimit.COLUMN), touch]
     straight_down = [*up, above, *_down_to(start, free, SpeedLimit.GUARDED)]
+    stood = free.stood_down_to(start)
+    if stood < top - THERE:
+        known = np.array([*start[:2], max(stood, start[Z])])
+        foot = [Waypoint(start, SpeedLimit.GUARDED)] if stood > start[Z] else []
+        straight_down = [*up, above, *_down_to(known, free, SpeedLimit.COLUMN), *foot]
     paths = []
-    column = _known_column(free, start, line.axis)
-    if column is None:
+    columns = _known_columns(free, start, line.axis)
+    if not columns:
         paths.append(straight_down)
-    else:
+    for column in columns:
         over = Waypoint(np.array([*column[:2], top]), rotation=turn)
         level = np.array([*start[:2], column[Z]])
-        beside = SpeedLimit.FREE if free.swept(column, level) else SpeedLimit.GUARDED
         foot = [Waypoint(start, SpeedLimit.GUARDED)] if column[Z] - start[Z] > THERE else []
-        paths.append([*up, over, Waypoint(column), Waypoint(level, beside), *foot])
+        paths.append([*up, over, Waypoint(column), *_level(column, level, free), *foot])
     back = free.back_to(start, BESIDE)
     if back is not None and np.abs(back[0][0] - here).max() < OWN_COLUMN and np.vdot(turn, back[-1][1]) > HELD:
         paths.append([*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, SpeedLimit.GUARDED)])
+    if to_column and _above(to_column[-1].place, start) and np.vdot(turn, to_column[-1].rotation) > HELD:
+        paths.append([*to_column, *up_from(to_column[-1].place, start, free)])
     if line.axis == Y and abs(here[Y] - line.begin) <= BORDER:
         # Nothing should stand on the border; where something does, the area is cut through an object.
         level = np.array([start[X], start[Y], here[Z]])
@@ -151,6 +164,11 @@ def path_to(
         if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
             return path
     return straight_down
+
+
+def _above(low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether a place (3,) lies above another one, in the probe's own column."""
+    return bool(np.abs(high[:2] - low[:2]).max() < OWN_COLUMN and high[Z] > low[Z])
 
 
 def clear_of(points: np.ndarray, task: Task) -> Clear:
@@ -206,6 +224,36 @@ def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoi
     return [Waypoint(np.array([here[X], here[Y], level]), SpeedLimit.COLUMN), Waypoint(there)]
 
 
+def _back_to_column(here: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """From a place (3,) of the upright probe back to where it may go straight up; nothing where no path is known."""
+    back = free.back_to_column()
+    if not back or np.abs(back[0][0] - here).max() > OWN_COLUMN:
+        return []
+    return [Waypoint(place, rotation=rotation) for place, rotation in back]
+
+
+def _to_top(
+    here: np.ndarray,
+    turn: np.ndarray,
+    top: float,
+    to_column: list[Waypoint],
+    free: FreeSpace,
+    speeds: Speeds,
+    allows: Clear,
+) -> list[Waypoint]:
+    """From a place (3,) to the top of the area: straight up, or first along a path to a column where that is quicker.
+
+    Above a place to which the sphere did not come down it might meet something with its flank.
+    """
+    up = up_from(here, np.array([here[X], here[Y], top]), free)
+    if not to_column:
+        return up
+    column = to_column[-1].place
+    path = [*to_column, *up_from(column, np.array([*column[:2], top]), free)]
+    quicker = seconds(path, here, speeds) < seconds(up, here, speeds)
+    return path if quicker and _allowed(path, here, turn, allows) else up
+
+
 def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Waypoint]:
     """Straight down to a place (3,): fast as far as the sphere fits, at the limit `below` from there on."""
     level = max(free.clear_down_to(float(there[X]), float(there[Y])), float(there[Z]))
@@ -213,18 +261,36 @@ def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Wayp
     return [fast] if level - there[Z] < THERE else [fast, Waypoint(there, below)]
 
 
-def _known_column(free: FreeSpace, start: np.ndarray, axis: int) -> np.ndarray | None:
-    """(3,) m, a place beside the start (3,) of a line, from which the sphere fits straight up.
+def _known_columns(free: FreeSpace, start: np.ndarray, axis: int) -> list[np.ndarray]:
+    """(3,) m, places beside the start (3,) of a line, from which the sphere fits straight up.
 
-    The cheapest of them all, counting what is left to be driven slowly from there; None where none is of use.
+    On each side of it the cheapest of all, and the cheapest of those as high as the stick has stood at the start,
+    counting what is left to be driven slowly from there: there the level path is most likely known. Empty where none
+    is of use.
     """
     stood, aside = free.open_places(axis, float(start[axis])), 1 - axis
     deep = np.maximum(stood[:, Z], start[Z])
     cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
-    if not len(stood) or cost.min() > FARTHEST:
-        return None
-    best = int(np.argmin(cost))
-    return np.array([*stood[best, :2], deep[best]])
+    level = free.stood_down_to(start, BORDER)
+    found: list[np.ndarray] = []
+    for side in (stood[:, aside] < start[aside], stood[:, aside] >= start[aside]):
+        for low in (-np.inf, level):
+            left = side & (cost <= FARTHEST) & (deep > low - BORDER)
+            if left.any():
+                best = int(np.argmin(np.where(left, cost, np.inf)))
+                found.append(np.array([*stood[best, :2], deep[best]]))
+    return found
+
+
+def _level(begin: np.ndarray, end: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """Level from one place (3,) to another: fast as far as the probe has been there, also where that ends at a wall."""
+    motion = end - begin
+    length = float(np.sqrt(motion @ motion))
+    if free.swept(begin, end):
+        return [Waypoint(end)]
+    if length > 2.0 * BEFORE and free.swept(begin, before := end - BEFORE / length * motion):
+        return [Waypoint(before), Waypoint(end, SpeedLimit.GUARDED)]
+    return [Waypoint(end, SpeedLimit.GUARDED)]
 
 
 def seconds(path: list[Waypoint], here: np.ndarray, speeds: Speeds) -> float:

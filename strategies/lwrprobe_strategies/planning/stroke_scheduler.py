@@ -21,7 +21,8 @@ SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
 PATIENCE, ROUNDS, PROGRESS = 150.0, 2.0, 0.9
 """s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
-expected error has to fall to this share of itself meanwhile. What is left is out of reach."""
+expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach. A
+surface that is found anew makes it larger, and is no reason to end."""
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -85,8 +86,10 @@ class StrokeScheduler(LineScheduler):
         mean, p95 = faces.error()
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
         self._means.append((self._spent, mean))
-        before = [earlier for spent, earlier in self._means if spent <= self._spent - self.patience(faces)]
-        stalled = bool(before) and mean > PROGRESS * before[-1]
+        begun = self._spent - self.patience(faces)
+        meanwhile = np.array([earlier for spent, earlier in self._means if spent >= begun])
+        fallen = meanwhile <= PROGRESS * np.maximum.accumulate(meanwhile)
+        stalled = begun >= 0.0 and not fallen.any()
         if stalled or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)

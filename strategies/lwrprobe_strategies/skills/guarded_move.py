@@ -17,6 +17,8 @@ from lwrprobe_strategies.tip import Tip
 
 ALIKE = 0.1
 """Share of a speed, below which a change is not worth a new plan."""
+HELD_BACK = 5e-4
+"""m, by which play and waves of its gears may keep the tip from a goal at which the motors rest."""
 FACING = -0.3
 """Normal along the motion, below which what is being left stands in the way."""
 
@@ -54,17 +56,15 @@ def guarded_move(
     ax, ay, az = ahead.tolist()
     last = float(end @ ahead) - AT_END
     goal: Goal | None = None
-    speed = 0.0
+    speed, times = 0.0, inf
     doubt = StickDoubt(rest)
     while True:
         if not doubt.found and (goal is None or tip.seen.goal_reached):
             target, times = (end, inf) if stretch is None else stretch(tip.here)
             speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
-            if times < inf:
-                speed = min(speed, times * tip.control.stick_speed(tip.overhangs.reach(tip.here)))
-            goal = Goal(tip.pose_at(target), speed, guarded_move.name)
+            goal = Goal(tip.pose_at(target), min(speed, _expected(tip, ahead, times)), guarded_move.name)
         if goal is not None:
-            goal = slowed(goal, min(speed, tip.stick_limit(ahead)))
+            goal = slowed(goal, min(speed, _expected(tip, ahead, times), tip.stick_limit(ahead)))
         try:
             if doubt.found or goal is None:
                 yield VelocityCommand(doubt.velocity(tip, ahead), reason=guarded_move.name)
@@ -80,8 +80,14 @@ def guarded_move(
             tip.control.begin(tip.normal())
             return Ended.CONTACT
         x, y, z = tip.here.tolist()
-        if x * ax + y * ay + z * az >= last:
+        short = last - (x * ax + y * ay + z * az)
+        if short <= 0.0 or (tip.seen.goal_reached and short < HELD_BACK):
             return Ended.NO_CONTACT
+
+
+def _expected(tip: Tip, ahead: np.ndarray, times: float) -> float:
+    """m/s along a unit vector (3,), so many times as fast as the stick may be met."""
+    return times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead)) if times < inf else inf
 
 
 def slowed(goal: Goal, speed: float) -> Goal:

@@ -16,6 +16,7 @@ from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.kinematics import IKStatus
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import gears_of
 
 _CONVERGED = int(IKStatus.CONVERGED)
 _UNANSWERED = int(ArmStatus.UNANSWERED)
@@ -57,7 +58,7 @@ class ArmMotion:
         self.cycle = devices.arm.cycle
         self.time, self.q = 0.0, np.zeros(robot.n)
         self.stretch, self.slowed, self.blocked = 1, 0, ""
-        self.history = StateHistory(robot)
+        self.history = StateHistory(robot, gears_of(scene, robot.n))
         sensor = devices.sensor
         self.excess = ReactionExcess(self.cycle, sensor.latency, 1.0 / sensor.rate)
         self.guard = MotionGuard(robot, self.cycle, scene.safety, table_plane(scene))

@@ -67,6 +67,8 @@ class ContactStep:
             self._clock.lap("map")
             self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))
             self._clock.lap("record")
+        elif contact.confidence_score > 0.0:
+            self._recorder.touch(contact, self._pipeline.probe.radius)
         if sweep is not None:
             sweep.leave()
         return contact

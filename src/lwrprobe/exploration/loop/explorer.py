@@ -47,6 +47,8 @@ STAGES = (
     "set points", "governor", "record", "bag",
 )  # fmt: skip
 
+OVERSHOOT = 0.01
+"""m of the margin around the area that stays for the arm's deviations when a strategy raises the area."""
 SHOW_EVERY = 0.1
 """s of wall-clock time between two progress snapshots."""
 
@@ -379,6 +381,7 @@ def make_task(
         arm_mass=arm_mass,
         arm_stiffness=arm_stiffness(scene),
         search_for=scene.area.search_for,
+        headroom=max(scene.safety.margin - OVERSHOOT, 0.0),
         options=pipeline.options,
         reachable=reachable,
         clear=clear,

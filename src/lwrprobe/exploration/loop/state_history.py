@@ -7,7 +7,7 @@ import numpy as np
 from lwrprobe.compiled import entry
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.loop import state_history_kernels as k
-from lwrprobe.kinematics import Robot
+from lwrprobe.kinematics import Gears, Robot
 
 HISTORY = 64
 """Cycles that are remembered: longer than any sample is late."""
@@ -18,20 +18,26 @@ VELOCITY_SPAN = 0.004
 class StateHistory:
     """Joint states and tip velocities of the last `HISTORY` cycles of one robot.
 
+    Parameters
+    ----------
+    robot : its kinematics
+    gears : between what the arm reports and its joints; None = nothing is known of them
+
     Attributes
     ----------
-    q : (n,) joint values at the instant that `tip_at` was asked for last
+    q : (n,) joint values of the links at the instant that `tip_at` was asked for last
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, gears: Gears | None = None) -> None:
+        self._gears = gears
         self._chain = robot.chain
-        self._ring = np.zeros((HISTORY, k.JOINTS + robot.n))
+        self._ring = np.zeros((HISTORY, k.JOINTS + 2 * robot.n))
         self._count = 0
         self.q = np.zeros(robot.n)
         three, pose = np.zeros(3), np.zeros((4, 4))
-        self._note = entry(k.note, self._ring, 0, 0.0, three, self.q)
+        self._note = entry(k.note, self._ring, 0, 0.0, three, self.q, self.q)
         self._acceleration = entry(k.acceleration, self._ring, 0)
-        self._note_rows = entry(k.note_rows, self._ring, 0, three, np.zeros((1, 3)), self._ring)
+        self._note_rows = entry(k.note_rows, self._ring, 0, three, np.zeros((1, 3)), self._ring, self._ring)
         self._scratch = np.zeros(robot.n)
         self._mean_velocity = entry(
             k.mean_velocity, self._ring, 0, 0.0, VELOCITY_SPAN, self._chain, self._scratch, three
@@ -40,12 +46,14 @@ class StateHistory:
 
     def note(self, time: float, velocity: Vector, q: Vector) -> None:
         """The arm stands at q (n,) now, and its tip is to move at a velocity (3,) m/s, world frame."""
-        self._note(self._ring, self._count, time, velocity, q)
+        links = q if self._gears is None else self._gears.links(q[None])[0]
+        self._note(self._ring, self._count, time, velocity, q, links)
         self._count += 1
 
     def note_rows(self, times: Vector, velocities: np.ndarray, joints: np.ndarray) -> None:
         """`note` for times (m,), velocities (m, 3) and joints (m, n), oldest first."""
-        self._note_rows(self._ring, self._count, times, velocities, joints)
+        links = joints if self._gears is None else self._gears.links(joints)
+        self._note_rows(self._ring, self._count, times, velocities, joints, links)
         self._count += len(times)
 
     def tip_at(self, time: float) -> tuple[np.ndarray, Vector]:
@@ -66,7 +74,7 @@ class StateHistory:
     @property
     def newest(self) -> Vector:
         """(n,) joint values of the newest state."""
-        return self._ring[(self._count - 1) % HISTORY, k.JOINTS :]
+        return self._ring[(self._count - 1) % HISTORY, k.JOINTS : k.JOINTS + self.q.size]
 
     @property
     def acceleration(self) -> float:

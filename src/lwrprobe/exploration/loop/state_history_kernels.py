@@ -1,6 +1,7 @@
 """The arm's last states in a ring, and the tip between two of them.
 
-A row is time, the tip's velocity (3), joint values (n); row `count - 1` modulo the ring's length is the newest.
+A row is time, the tip's velocity (3), the arm's joint values (n), and those of its links (n); row `count - 1` modulo
+the ring's length is the newest.
 """
 
 from lwrprobe.compiled import allocation_free_kernel as kernel
@@ -10,26 +11,28 @@ TIME, VELOCITY, JOINTS = 0, 1, 4
 
 
 @kernel
-def note(ring, count, time, velocity, q):
-    """Write state number `count`."""
+def note(ring, count, time, velocity, q, links):
+    """Write state number `count`: the arm's joint values q (n,) and those of its links (n,)."""
     row = ring[count % ring.shape[0]]
     row[TIME] = time
     for i in range(3):
         row[VELOCITY + i] = velocity[i]
     for i in range(q.shape[0]):
         row[JOINTS + i] = q[i]
+        row[JOINTS + q.shape[0] + i] = links[i]
 
 
 @kernel
-def note_rows(ring, count, times, velocities, joints):
-    """Write states number `count` and following: times (m,), velocities (m, 3), joint values (m, n)."""
+def note_rows(ring, count, times, velocities, joints, links):
+    """Write states number `count` and following: times (m,), velocities (m, 3), joint values and links (m, n)."""
     for k in range(times.shape[0]):
-        note(ring, count + k, times[k], velocities[k], joints[k])
+        note(ring, count + k, times[k], velocities[k], joints[k], links[k])
 
 
 @kernel
-def joints_at(ring, count, time, q):
-    """Joints q (n,) at an instant, interpolated linearly; returns the row of the cycle that the instant lies in.
+def joints_at(ring, count, time, first, q):
+    """Values q (n,) from column `first` on at an instant, interpolated linearly; returns the row of
+    the cycle that the instant lies in.
 
     Before the oldest state known that one counts, after the newest the newest.
     """
@@ -43,14 +46,14 @@ def joints_at(ring, count, time, q):
     span = later[TIME] - earlier[TIME]
     share = min(max((time - earlier[TIME]) / span, 0.0), 1.0) if span > 0.0 else 1.0
     for i in range(q.shape[0]):
-        q[i] = earlier[JOINTS + i] + share * (later[JOINTS + i] - earlier[JOINTS + i])
+        q[i] = earlier[first + i] + share * (later[first + i] - earlier[first + i])
     return at % length
 
 
 @kernel
 def tip_at(ring, count, time, chain, q, pose, velocity):
-    """Tip pose (4, 4) and joints q (n,) at an instant, and the velocity (3,) commanded in that cycle."""
-    row = ring[joints_at(ring, count, time, q)]
+    """Tip pose (4, 4) and joints q (n,) of the links at an instant, and the velocity (3,) commanded in that cycle."""
+    row = ring[joints_at(ring, count, time, JOINTS + q.shape[0], q)]
     for i in range(3):
         velocity[i] = row[VELOCITY + i]
     f = tip_frame(chain, q)
@@ -76,7 +79,7 @@ def mean_velocity(ring, count, time, span, chain, q, velocity):
     if not end - begin > 0.1 * span:
         return
     for instant, sign in ((begin, -1.0), (end, 1.0)):
-        joints_at(ring, count, instant, q)
+        joints_at(ring, count, instant, JOINTS, q)
         f = tip_frame(chain, q)
         for i in range(3):
             velocity[i] += sign * f[9 + i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -31,12 +31,13 @@ from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.recording.device_log import DeviceLog
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.stages.pipeline import choose, compose, robot_of
-from lwrprobe.kinematics import Robot, follow
+from lwrprobe.exploration.stages.pipeline import choose, compose
+from lwrprobe.kinematics import Robot, follow, reachable
 from lwrprobe.kinematics.path import rotations
 from lwrprobe.scene import Scene, widened_area
 from lwrprobe.scene.calibrated_scene import stated_hash
 from lwrprobe.scene.scene import AreaTable, ClearanceTable, StrategyTable
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.scene.shape import Sphere
 from lwrprobe.scene.table import Pose
 
@@ -51,6 +52,8 @@ DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
 TILTS = ((0.0, 3), (0.4, 5), (0.75, 7))
 """rad out of the orientation of the start, and to how many sides."""
+LEANING = 0.4
+"""rad, of the orientations in which the kinematic table's errors are asked for over the area."""
 SPINS = (0.0, 1.2, -1.2)
 """rad about the stick, in turn: they tell an offset of the sphere from errors of the arm."""
 SMALLER = (1.0, 0.8, 0.6)
@@ -207,6 +210,15 @@ def _leaned(upright: np.ndarray, tilt: float, side: float, spin: float) -> np.nd
     """(3, 3), as the strategy leans."""
     lean = rotations(np.array([np.cos(side), np.sin(side), 0.0]), np.array([tilt]))[0]
     return lean @ upright @ rotations(np.array([0.0, 0.0, 1.0]), np.array([spin]))[0]
+
+
+def _postures_around(scene: Scene, robot: Robot) -> np.ndarray:
+    """(m, n) joints with the tip at the corners of the area, upright and leaning to four sides, where the arm can."""
+    pose, q = start_posture(scene, robot)
+    corners = np.array(list(product(*zip(scene.area.lower, scene.area.upper))))
+    turned = [pose[:3, :3], *(_leaned(pose[:3, :3], LEANING, side, 0.0) for side in np.arange(4) * TURN / 4.0)]
+    found = [reachable(robot, corners, rotation, q) for rotation in turned]
+    return np.concatenate([one.q[one.mask] for one in found])
 
 
 def _angle(begin: np.ndarray, end: np.ndarray) -> float:
@@ -372,7 +384,7 @@ def calibrate(
     likely cause where the touches do not fit together, or show no joint's offset that was asked for.
     """
     touched = with_reference_sphere(scene.model_copy(update={"calibration": ""}), diameter, poses)
-    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors()
+    robot, probe, priors = robot_of(touched), touched.probe.as_probe(), Priors(gear_waves=scene.arm.gear_waves)
     _, q = start_posture(scene, robot)  # the arm's stiffness counts where an exploration begins
     found = measure(touched, message, watch, confirm)
     message("solving")
@@ -397,6 +409,6 @@ def calibrate(
         touches=len(found.touches.touches),
         residual=solution.residual,
         time=found.outcome.time,
-        quantities=quantities(solution, found.touches, load, robot, probe, priors, q),
+        quantities=quantities(solution, found.touches, load, robot, probe, priors, q, _postures_around(scene, robot)),
     )
     return calibration, found

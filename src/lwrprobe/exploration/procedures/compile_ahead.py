@@ -123,7 +123,7 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     # The stages that only a moving arm needs are compiled by the run itself at this time.
     pipeline: Any = SimpleNamespace(
         voxels=voxels, surface=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(),
-        area=scene.area.as_area(), explored=scene.area.as_area(), bounds=None,
+        area=scene.area.as_area(), explored=scene.area.as_area(), bounds=None, raised=0.0,
         touching_poses=lambda centre, facing: (),
         force=SimpleNamespace(report=dict), torque=None, left_out=[],
         line_spacing=DEFAULT_SPACING,

@@ -13,9 +13,10 @@ from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.procedures.start_posture import start_posture, tip_mass_at_start, unreachable_part
-from lwrprobe.exploration.stages.pipeline import reaction_delay, robot_of
+from lwrprobe.exploration.stages.pipeline import reaction_delay
 from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import robot_of
 
 _NEAR = np.radians(5.0)  # of a joint limit
 

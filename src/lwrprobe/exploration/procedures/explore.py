@@ -37,6 +37,7 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
+from lwrprobe.exploration.recording.give import take_give_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.recording.path_normals import turn_to_path
@@ -47,11 +48,12 @@ from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warni
 from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
-from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose, robot_of
+from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose
 from lwrprobe.exploration.stages.touch_law import stiffness_slope
 from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
+from lwrprobe.scene.scene_robot import robot_of
 
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
@@ -272,13 +274,14 @@ class Exploration:
 
         self._message("reconstructing and comparing")
         begin = perf_counter()
+        give = take_give_off(recorder, scene, pipeline, self._start[1])
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turned = turn_to_path(recorder, scene.probe.radius)
         aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside)
+        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside, give)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -289,6 +292,7 @@ class Exploration:
                 summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
         summary.gear_waves = waves.report() if waves is not None else None
+        summary.give = give.report() if give is not None else None
         summary.side_turn = aside.report() if aside is not None else None
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()

@@ -40,7 +40,9 @@ from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
+from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
+from lwrprobe.exploration.recording.give import take_give_off
 from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
@@ -269,6 +271,7 @@ class Replay:
         if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
             recorder.withhold(pipeline.object_motion.moved_since)
         table = leave_table_out(recorder, scene, pipeline)
+        give = take_give_off(recorder, scene, pipeline, start_posture(scene, pipeline.robot)[1])
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turn_to_path(recorder, scene.probe.radius)
         aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
@@ -279,6 +282,7 @@ class Replay:
         summary = summarise(scene, pipeline, None, recorder, outcome, surface, self.seconds)
         summary.table_found = table
         summary.gear_waves = waves.report() if waves is not None else None
+        summary.give = give.report() if give is not None else None
         summary.side_turn = aside.report() if aside is not None else None
         summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s, summary.wall_time_parts_s = round(self.seconds, 3), {"explore": round(self.seconds, 3)}

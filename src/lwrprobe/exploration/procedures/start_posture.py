@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import InputError
-from lwrprobe.exploration.stages.pipeline import robot_of
 from lwrprobe.exploration.stages.touch_law import tip_mass
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.scene.table import Pose
 
 

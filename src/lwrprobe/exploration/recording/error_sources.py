@@ -12,7 +12,8 @@ from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
-from lwrprobe.exploration.recording.path_normals import PathTurn
+from lwrprobe.exploration.recording.give import Give, softer
+from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.side_turn import SideTurn
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -25,10 +26,6 @@ ALONG, ASIDE = 0.1, 0.08
 there motion and friction show the normal as well. Seen in simulated worlds of the profile `lab`."""
 SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
-NORMAL_AT_HALF_CONFIDENCE = 0.1
-"""rad, error of a normal at which the estimators' confidence is one half (`Settings.trusted_error`)."""
-SOFTEST = 0.5
-"""Largest share of a stiffness that one standard deviation takes away; a wider belief says nothing of a stick."""
 FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
 
@@ -40,16 +37,17 @@ def recorded_budget(
     gears: GearWaves | None = None,
     turned: PathTurn | None = None,
     aside: SideTurn | None = None,
+    give: Give | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears`, `turned` and `aside` are what was taken off the contacts.
+    `gears`, `turned`, `aside` and `give` are what was taken off the contacts.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside, give)
 
 
 def error_budget(
@@ -61,6 +59,7 @@ def error_budget(
     waves: GearWaves | None = None,
     turned: PathTurn | None = None,
     aside: SideTurn | None = None,
+    give: Give | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
     points = np.array([contact.point for contact in contacts])
@@ -72,7 +71,8 @@ def error_budget(
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
     left = friction_turn(scene) if aside is None else aside.error
     normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned)
-    shared = _of_probe(scene, pipeline, normals, forces, rotations)
+    shared = _of_probe(scene, pipeline, normals, rotations)
+    shared |= _of_give(scene, pipeline, normals, forces, rotations, give)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
     shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
@@ -86,33 +86,37 @@ def _misfit(torque: TorqueAgreement | None) -> float:
     return torque.surprise if torque is not None else 1.0
 
 
-def _softer(share: float) -> float:
-    """Share by which something gives way more that is softer by `share`: a fifth less stiff is a quarter more."""
-    share = min(share, SOFTEST)
-    return share / (1.0 - share)
-
-
-def _of_probe(
-    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray
-) -> dict[str, np.ndarray]:
-    """(n, k, 3) m of each cause in the probe and in what gives way."""
-    table, probe = scene.uncertainty, pipeline.probe
-    own = np.einsum("nji,nj->ni", rotations, forces)
-    bend = np.einsum("nij,nj->ni", rotations, probe.compliance * own) if scene.contact.deflection else 0.0 * forces
+def _of_probe(scene: Scene, pipeline: Pipeline, normals: np.ndarray, rotations: np.ndarray) -> dict[str, np.ndarray]:
+    """(n, k, 3) m of each cause in the shape of the probe."""
+    table = scene.uncertainty
     aside = 1e-3 * table.sigma("sphere_off_axis_mm")
-    push = np.einsum("ni,ni->n", normals, forces)
-    slip = forces - push[:, None] * normals
-    stated = 1.0 / scene.contact.stiffness
-    gives = pipeline.force.compliance_sigma(
-        1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
-    )
     return {
         "probe length": 1e-3 * table.sigma("probe_length_mm") * rotations[:, None, :, 2],
         "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
         "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
-        "stick": _softer(0.01 * table.sigma("stick_stiffness_percent")) * bend[:, None],
-        # The arm gives way along the surface as well, which nothing corrects.
-        "arm and object": np.stack([gives * push[:, None] * normals, stated * slip], axis=1),
+    }
+
+
+def _of_give(
+    scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray, give: Give | None
+) -> dict[str, np.ndarray]:
+    """(n, k, 3) m of each cause in what gives way."""
+    if give is not None:
+        shifts = give.shifts(give.errors)
+        return {"stick": shifts[:, :1], "arm and object": shifts[:, 1:]}
+    table = scene.uncertainty
+    own = np.einsum("nji,nj->ni", rotations, forces)
+    stick = pipeline.probe.compliance * float(scene.contact.deflection)
+    bend = np.einsum("nij,nj->ni", rotations, stick * own)
+    push = np.einsum("ni,ni->n", normals, forces)
+    slip = forces - push[:, None] * normals
+    gives = pipeline.force.compliance_sigma(
+        1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
+    )
+    return {
+        "stick": softer(0.01 * table.sigma("stick_stiffness_percent")) * bend[:, None],
+        # The arm gives way along the surface as well, which nothing corrects here.
+        "arm and object": np.stack([gives * push[:, None] * normals, slip / scene.contact.stiffness], axis=1),
     }
 
 
@@ -186,9 +190,10 @@ def _of_normal(
     noise = _misfit(pipeline.torque) * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(0.5 * (1.0 / confidence - 1.0))
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
-    aside, along = np.cross(normals, paths), np.hypot(turning, ALONG * axis)
+    aside, along = np.cross(normals, paths), np.hypot(np.hypot(turning, ALONG * axis), noise)
     along = along if turned is None else turned.left(along)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
-    for sigma, motions in ((along, paths), (np.hypot(plane, ASIDE * axis), aside)):
-        covariance += sigma[:, None, None] ** 2 * motions[:, :, None] * motions[:, None, :]
+    # What the path has corrected along it, it has corrected of the noise as well.
+    for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (plane**2 + (ASIDE * axis) ** 2, aside)):
+        covariance += variance[:, None, None] * motions[:, :, None] * motions[:, None, :]
     return radius**2 * covariance

@@ -11,7 +11,7 @@ those that hardly turned, are left as they are.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import cos, degrees, hypot, radians, sqrt
 
@@ -115,11 +115,7 @@ def take_waves_off(recorder: Recorder, scene: Scene, robot: Robot) -> GearWaves 
     found = learn(Touches(times, centres, recorder.normals(), joints, linear), scene.arm.gear_waves, stated)
     if not (found.sine.any() or found.cosine.any()):
         return None
-    shifts = np.einsum("nij,nj->ni", linear, found.at(joints))
-    recorder.contacts = [
-        replace(contact, point=contact.point + shift, centre=contact.centre + shift)
-        for contact, shift in zip(recorder.contacts, shifts)
-    ]
+    recorder.shift(np.einsum("nij,nj->ni", linear, found.at(joints)))
     return found
 
 

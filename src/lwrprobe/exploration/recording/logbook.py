@@ -27,6 +27,7 @@ from lwrprobe.contracts import (
     Motion,
     Observation,
     Progress,
+    RaisingStrategy,
     SearchingStrategy,
     Strategy,
     Task,
@@ -147,6 +148,11 @@ class Logged:
     def bounds(self) -> Bounds | None:
         """The strategy's own; None for one that does not search."""
         return self.strategy.bounds if isinstance(self.strategy, SearchingStrategy) else None
+
+    @property
+    def raised(self) -> float:
+        """m by which the strategy has raised the area's upper end."""
+        return self.strategy.raised if isinstance(self.strategy, RaisingStrategy) else 0.0
 
     def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
         """The strategy's own; none of one that does not say."""

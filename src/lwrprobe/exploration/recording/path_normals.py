@@ -4,6 +4,10 @@ During the run the direction of travel is that of an instant, which noise and th
 past is known. Afterwards the path lies there on both sides of each contact: the chord from a place before it to one as
 far behind it has the surface's direction, also where the surface bends evenly. A normal is turned until it is
 perpendicular to its chord, by the share that the chord is the more certain.
+
+Where the force swings, or the sphere hardly moves, the estimator cannot tell that it slides. Friction and errors of the
+torque then turn the normal by up to 0.3 rad, while the path is as good as elsewhere. Aside of the path such a normal is
+drawn into the plane of force and path, in which friction lies.
 """
 
 from __future__ import annotations
@@ -15,19 +19,27 @@ import numpy as np
 
 from lwrprobe.exploration.recording.recorder import Recorder
 
-REACH = 5e-4
-"""m of path on each side: a tenth of the sphere's radius. Shorter, the noise of places turns the chord."""
+REACHES = (5e-4, 3e-4)
+"""m of path on each side: a tenth of the sphere's radius. Shorter, the noise of places turns the chord; the second is
+for what lies near the end of a path."""
 GAP = 0.05
-"""s between two contacts, from which on the path between them is not known."""
+"""s between two touches, from which on the path between them is not known unless they lie near each other."""
+HOP, NEAR = 0.25, 1e-3
+"""s and m: a swing that takes the sphere off the surface for less than both does not end the path."""
 SHARE = 0.7
-"""Of the turn to the chord. A chord is off by some 0.006 rad, a normal along its path by 0.01 in the profile `lab`."""
+"""Of the turn to the chord, at least. A chord is off by some 0.006 rad, a normal along its path by 0.01 in the profile
+`lab`."""
 CHORD = 0.006
 """rad, one standard deviation: play and what is left of the waves, over the length of a chord."""
 CORNER = 0.08
 """rad between a normal and what is perpendicular to its chord, from which on the path may have a corner there, or a
-jump, and rad of the path's own bend from which on it has."""
-LARGEST = 0.3
-"""The same angle, from which on normal and path have nothing to do with each other."""
+jump, and rad of the path's own bend from which on it has. The chord beside a corner is off by half of the bend."""
+LARGEST = 0.6
+"""The same angle, from which on normal and path have nothing to do with each other: more than friction turns it."""
+PLANE = 0.025
+"""rad, standard deviation of a normal in the plane of force and path, aside of the path."""
+NORMAL_AT_HALF_CONFIDENCE = 0.1
+"""rad, error of a normal at which the estimators' confidence is one half (`Settings.trusted_error`)."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -36,11 +48,11 @@ class PathTurn:
 
     Attributes
     ----------
-    turned : (n,) bool, normals that were turned
+    share : (n,) of the angle to the chord by which normals were turned
     off : (n,) rad between normals and what is perpendicular to their chords before that, not a number without a chord
     """
 
-    turned: np.ndarray
+    share: np.ndarray
     off: np.ndarray
 
     def left(self, along: np.ndarray) -> np.ndarray:
@@ -52,7 +64,7 @@ class PathTurn:
         known = np.isfinite(seen)
         spread = sqrt(float((seen[known] ** 2).mean())) if known.any() else 0.0
         before = np.maximum(along, np.where(known, seen, spread))
-        return np.where(self.turned, np.hypot((1.0 - SHARE) * before, SHARE * CHORD), before)
+        return np.where(self.share > 0.0, np.hypot((1.0 - self.share) * before, self.share * CHORD), before)
 
 
 def turn_to_path(recorder: Recorder, radius: float) -> PathTurn:
@@ -62,34 +74,80 @@ def turn_to_path(recorder: Recorder, radius: float) -> PathTurn:
     """
     points, normals = recorder.points(), recorder.normals()
     centres = points + radius * normals
-    chords, bends = _chords(np.array([contact.time for contact in recorder.contacts]), centres)
+    chords, bends = _chords_of(recorder, centres)
     off = np.einsum("ni,ni->n", chords, normals)
     led = chords.any(axis=1)
-    # At a corner the chord cuts it off. On a straight piece the normal is wrong, as that of a bad sensor is at times.
-    turned = led & (np.abs(off) < np.where(bends < CORNER, LARGEST, CORNER))
-    normals = normals - np.where(turned, SHARE * off, 0.0)[:, None] * chords
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    for k in np.flatnonzero(turned):
+    share = np.where(led & (np.abs(off) < LARGEST), _shares(np.abs(off), bends), 0.0)
+    normals = _unit(normals - (share * off)[:, None] * chords)
+    normals = _drawn_to_force(recorder, normals, np.where((share > 0.0)[:, None], chords, 0.0))
+    for k in np.flatnonzero(share):
         recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
-    return PathTurn(turned, np.where(led, off, np.nan))
+    return PathTurn(share, np.where(led, off, np.nan))
 
 
-def _chords(times: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _shares(off: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    """(n,) of the angles `off` (n,) rad by which normals are turned, on a path that bends by (n,) rad.
+
+    What an angle has beyond the chord's own error is the normal's. On a straight piece the normal is wrong, as that of
+    a bad sensor is at times; at a corner the chord cuts it off.
+    """
+    least = np.where((bends < CORNER) | (off < CORNER), SHARE, 0.0)
+    chord = np.maximum(CHORD, 0.5 * bends)
+    return np.maximum(least, 1.0 - (chord / np.maximum(off, chord)) ** 2)
+
+
+def _drawn_to_force(recorder: Recorder, normals: np.ndarray, chords: np.ndarray) -> np.ndarray:
+    """(n, 3) normals, the less certain ones in the plane of force and chord; without a chord (n, 3) as they are."""
+    if not len(normals):
+        return normals
+    forces = np.array([contact.force for contact in recorder.contacts])
+    forces = forces - np.einsum("ni,ni->n", forces, chords)[:, None] * chords
+    across = normals - np.einsum("ni,ni->n", normals, chords)[:, None] * chords
+    wanted = _unit(forces) * np.linalg.norm(across, axis=1, keepdims=True) + (normals - across)
+    confidence = np.array([contact.confidence_score for contact in recorder.contacts])
+    variance = NORMAL_AT_HALF_CONFIDENCE**2 * (1.0 / np.clip(confidence, 0.01, 1.0) - 1.0)
+    share = np.where(chords.any(axis=1), variance / (variance + PLANE**2), 0.0)
+    return _unit(normals + share[:, None] * (wanted - normals))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+
+
+def _chords_of(recorder: Recorder, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Chords (n, 3) and bends (n,) rad at the contacts with centres (n, 3) m, on the path of all touches."""
+    times = [contact.time for contact in recorder.contacts] + [time for time, _ in recorder.passed]
+    places = np.concatenate([centres, np.array([place for _, place in recorder.passed]).reshape(-1, 3)])
+    order = np.argsort(times, kind="stable")
+    here = np.empty(len(order), dtype=np.int64)
+    here[order] = np.arange(len(order))
+    path = np.array(times)[order], places[order]
+    chords, bends = _chords(*path, REACHES[0])
+    for reach in REACHES[1:]:
+        short, bent = _chords(*path, reach)
+        missing = ~chords.any(axis=1)
+        chords[missing], bends[missing] = short[missing], bent[missing]
+    return chords[here[: len(centres)]], bends[here[: len(centres)]]
+
+
+def _chords(times: np.ndarray, centres: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) unit directions from a place before each centre to one behind it, zero where there are none; and the angle
-    (n,) rad between the two halves of that way."""
+    (n,) rad between the two halves of that way, which is `reach` m long to each side."""
     chords, bends = np.zeros_like(centres), np.zeros(len(centres))
-    for run in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > GAP) + 1):
+    steps, pauses = np.linalg.norm(np.diff(centres, axis=0), axis=1), np.diff(times)
+    ended = (pauses > GAP) & ((pauses > HOP) | (steps > NEAR))
+    for run in np.split(np.arange(len(times)), np.flatnonzero(ended) + 1):
         if len(run) < 3:
             continue
         places = centres[run]
-        travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-        inside = np.flatnonzero((travel >= REACH) & (travel <= travel[-1] - REACH))
-        ends = (travel[inside] + REACH, travel[inside] - REACH)
+        travel = np.concatenate([[0.0], np.cumsum(steps[run[:-1]])])
+        inside = np.flatnonzero((travel >= reach) & (travel <= travel[-1] - reach))
+        ends = (travel[inside] + reach, travel[inside] - reach)
         behind, before = (np.column_stack([np.interp(end, travel, axis) for axis in places.T]) for end in ends)
         chord = behind - before
         length = np.linalg.norm(chord, axis=1)
         # Where the sphere stands, its noise travels and leads nowhere.
-        led = length > REACH
+        led = length > reach
         chords[run[inside[led]]] = chord[led] / length[led, None]
         first, second = places[inside] - before, behind - places[inside]
         sines = np.linalg.norm(np.cross(first, second), axis=1)

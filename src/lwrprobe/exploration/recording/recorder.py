@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from errno import ENOENT
 from io import FileIO
 from os import strerror
@@ -54,6 +55,8 @@ class Recorder:
         self.sequences: list[int] = []
         self.states: list[tuple[np.ndarray, np.ndarray] | None] = []
         """Joint values (n,) and velocity (3,) m/s of the centre at each contact, None for one of an earlier part."""
+        self.passed: list[tuple[float, np.ndarray]] = []
+        """s and (3,) m, of the centre without a force, at touches that are no contacts: the path between contacts."""
         self.accepted = 0
         """Contacts of this part of the run, those that are withheld or left out afterwards among them."""
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
@@ -73,6 +76,10 @@ class Recorder:
             self._write(self._contact_file, _line(contact))
         if self.bag is not None:
             self.bag.contact(contact)
+
+    def touch(self, contact: Contact, radius: float) -> None:
+        """A touch of the sphere of `radius` m that is not trusted: it shows no normal, but where the sphere went."""
+        self.passed.append((contact.time, contact.point + radius * contact.normal))
 
     def trace_row(
         self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str
@@ -96,6 +103,18 @@ class Recorder:
         """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
         left = sum(contact.time < since for contact in self.contacts)
         del self.contacts[left:], self.sequences[left:], self.states[left:]
+        self.passed = [touch for touch in self.passed if touch[0] < since]
+
+    def shift(self, shifts: np.ndarray) -> None:
+        """Move the contacts that follow the run by (n, 3) m, and the touches between them alike; on disk they stay."""
+        times = [contact.time for contact in self.contacts]
+        self.contacts = [
+            replace(contact, point=contact.point + shift, centre=contact.centre + shift)
+            for contact, shift in zip(self.contacts, shifts)
+        ]
+        self.passed = [
+            (time, centre + [np.interp(time, times, axis) for axis in shifts.T]) for time, centre in self.passed
+        ]
 
     def leave_out(self, which: np.ndarray) -> None:
         """Keep contacts marked in (n,) bool out of what follows the run; on disk they stay."""

@@ -53,6 +53,9 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     if summary.reentries:
         times = "once" if summary.reentries == 1 else f"{summary.reentries} times"
         found.append(f"the arm stopped by itself and was set in motion again {times}; `interruptions` says why")
+    if summary.area_raised_mm:
+        by = summary.area_raised_mm
+        found.append(f"the object reaches higher than the area: the area's upper end was raised by {by:g} mm")
     if summary.unreachable_area:
         found.append(summary.unreachable_area)
     return found

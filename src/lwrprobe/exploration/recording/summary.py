@@ -82,6 +82,7 @@ def summarise(
         voxels=len(pipeline.voxels),
         sim_time_s=round(outcome.time, 4),
         **_search(bounds),
+        area_raised_mm=round(1e3 * pipeline.raised, 2),
         real_time_factor=round(outcome.time / max(explore_seconds, 1e-9), 2),
         path_length_m=round(outcome.path, 4),
         contact_path_length_m=round(outcome.contact_path, 4),
@@ -145,7 +146,7 @@ def _against_truth(
     if truth is None or not scene.objects:
         return found
     points, normals, pitch = recorder.points(), recorder.normals(), pipeline.line_spacing or DEFAULT_SPACING
-    actual, lowest, area = truth.scene, scene.area.lower[2], scene.area.as_area()
+    actual, lowest, area = truth.scene, scene.area.lower[2], scene.area.as_area().raised(pipeline.raised)
     solid: Solid = actual.solid()
     radius = actual.probe.radius
     everywhere = reach(solid, radius, lowest)

@@ -15,6 +15,7 @@ from lwrprobe.contact import (
     LimitCycle,
     PressCompliance,
     TouchIdentification,
+    TouchRises,
     Wrench,
     WrenchConditioner,
 )
@@ -102,6 +103,8 @@ class ForceStage:
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._press = PressCompliance(self._bend, rate)
+        self.rises = TouchRises(scene.contact.threshold)
+        """Of all touches, for what is learnt of the stiffness after the run."""
         self._taken = [0.0]  # s of the run; at rest, before it
         self._zero = math.sqrt(2.0) * zero_errors(scene, probe)[0]  # now, and when the bias was taken
         # Before it is measured, arm and object may be stiffer than stated.
@@ -162,6 +165,11 @@ class ForceStage:
         """m/N of object and arm where it differs from what the scene states; 0 where it does not."""
         return self._compliance
 
+    @property
+    def pressed(self) -> tuple[float, float]:
+        """m/N of object and arm as presses show it, and its standard deviation, infinite where they do not."""
+        return self._press.value, self._press.sigma
+
     def compliance_sigma(self, of_object: float, of_arm: float) -> float:
         """m/N, standard deviation of the compliance that contacts are corrected with.
 
@@ -210,13 +218,14 @@ class ForceStage:
         if contact is not None and self._cycle is not None:
             self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
         elif self._cycle is not None:
-            self._cycle.reset()
+            self._cycle.lose(wrench.time)
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
         if contact is not None:
             self._gives = 1.0 / self._contact.stiffness + self._bend.along(pose[:3, :3], contact.normal)
         if not self.learns:
             return
+        self.rises.update(wrench, pose[:3, 3], wrench.time if time is None else time)
         changed = self._touch.update(wrench, pose, contact)
         if changed and self._touch.agreed >= TOUCHES_AGREED and self._touch.certain:
             found = self._touch.compliance

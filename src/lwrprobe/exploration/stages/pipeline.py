@@ -24,6 +24,7 @@ from lwrprobe.contracts import (
     CarefulStrategy,
     LeftOut,
     Probe,
+    RaisingStrategy,
     Reconstructor,
     SearchingStrategy,
     Strategy,
@@ -37,9 +38,10 @@ from lwrprobe.exploration.stages.clearance import ClearanceStage
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.exploration.stages.object_motion import ObjectMotionMonitor
 from lwrprobe.exploration.stages.sensor_errors import estimator_settings, torque_agreement
-from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot, robot_by_name
+from lwrprobe.kinematics import IKSolver, IKStatus, Preference, Robot
 from lwrprobe.mapping import SweptSphere, VoxelMap
 from lwrprobe.scene import Scene
+from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.trajectory import CartesianLimits, CartesianTrajectory, SpeedGovernor
 
 TURNED = 3.0
@@ -98,7 +100,12 @@ class Pipeline:
     @property
     def explored(self) -> Area:
         """Where the sphere's centre may go while the object is explored: all of the area, or what was bounded in it."""
-        return self.area if self.bounds is None else self.bounds.area
+        return (self.area if self.bounds is None else self.bounds.area).raised(self.raised)
+
+    @property
+    def raised(self) -> float:
+        """m by which the strategy has raised the area's upper end."""
+        return self.strategy.raised if isinstance(self.strategy, RaisingStrategy) else 0.0
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
@@ -239,11 +246,6 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
             if why
         ],
     )
-
-
-def robot_of(scene: Scene) -> Robot:
-    """The scene's robot with its base and tool."""
-    return robot_by_name(scene.arm.robot).with_base(scene.arm.base.matrix()).with_tool(scene.arm.tool.matrix())
 
 
 def _motion(

@@ -1,0 +1,59 @@
+"""Lines beside the object, where those of the grid have not passed: they show where the body behind the stick may go.
+
+A level contour comes around the object to the next line of the grid, and a line that is given up is left: what lies
+between the object and the border then stays unknown, and no side below the grid's height can be touched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Task
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.low_sides import FACING, WORTH, left_below
+from lwrprobe_strategies.planning.paths import lowest_beside
+
+NEAR = 0.0015
+"""m across a line, within which a place is one of it."""
+AT_BORDER = 0.003
+"""m, within which a place is one on the border."""
+
+
+def outer_parts(
+    contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, task: Task, height: float, pitch: float
+) -> list[Line]:
+    """From the border to where the object was touched, at `places` (n,) m, for each side on which no line has passed.
+
+    Only where something is left below, and where an upright body would clear what was touched.
+
+    Parameters
+    ----------
+    task : the area, and the probe's body
+    contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
+    height : m, at which the grid is driven
+    pitch : m, between two lines
+    """
+    lines: list[Line] = []
+    area, points = task.area, contacts[:, 3:6]
+    for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
+        facing = contacts[sign * contacts[:, 7] > FACING]
+        for place in np.sort(places).tolist():
+            side = facing[np.abs(facing[:, X] - place) < pitch + NEAR]
+            if not len(side) or side[:, Z].min() - float(area.lower[Z]) <= 0.5 * pitch:
+                continue
+            low = side[np.argmin(side[:, Z])]
+            away = low[6:9] * (1.0, 1.0, 0.0) / np.hypot(low[6], low[7])
+            whole = Line(Y, place, border, float(low[Y]), float(area.lower[Z]), ceiling=float(low[Z]))
+            whole = replace(whole, height=lowest_beside(whole, points, task))
+            if low[Z] - whole.height <= 0.5 * pitch:
+                continue
+            if left_below(whole, low[3:6], away, 0.0, contacts, pitch) <= WORTH * pitch * pitch:
+                continue
+            own = trail[np.abs(trail[:, X] - place) < NEAR, Y]
+            end = sign * float((sign * side[:, Y]).max())
+            if (sign * own > sign * border - AT_BORDER).any() or sign * (border - end) < AT_BORDER:
+                continue
+            lines.append(Line(Y, place, border, end, height))
+    return lines
