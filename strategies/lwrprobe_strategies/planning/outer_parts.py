@@ -26,7 +26,8 @@ def outer_parts(
 ) -> list[Line]:
     """From the border to where the object was touched, at `places` (n,) m, for each side on which no line has passed.
 
-    Only where something is left below, and where an upright body would clear what was touched.
+    Only where something is left below, there or beside the next line, and where an upright body would clear what was
+    touched: it is wider than a line, and what is unknown beside it holds it up as well.
 
     Parameters
     ----------
@@ -36,24 +37,38 @@ def outer_parts(
     pitch : m, between two lines
     """
     lines: list[Line] = []
-    area, points = task.area, contacts[:, 3:6]
+    area = task.area
     for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
         facing = contacts[sign * contacts[:, 7] > FACING]
+        left = np.array([place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)])
         for place in np.sort(places).tolist():
-            side = facing[np.abs(facing[:, X] - place) < pitch + NEAR]
-            if not len(side) or side[:, Z].min() - float(area.lower[Z]) <= 0.5 * pitch:
-                continue
-            low = side[np.argmin(side[:, Z])]
-            away = low[6:9] * (1.0, 1.0, 0.0) / np.hypot(low[6], low[7])
-            whole = Line(Y, place, border, float(low[Y]), float(area.lower[Z]), ceiling=float(low[Z]))
-            whole = replace(whole, height=lowest_beside(whole, points, task))
-            if low[Z] - whole.height <= 0.5 * pitch:
-                continue
-            if left_below(whole, low[3:6], away, 0.0, contacts, pitch) <= WORTH * pitch * pitch:
+            if not (np.abs(left - place) < pitch + NEAR).any():
                 continue
             own = trail[np.abs(trail[:, X] - place) < NEAR, Y]
-            end = sign * float((sign * side[:, Y]).max())
+            end = sign * _outline(sign, place, facing)
             if (sign * own > sign * border - AT_BORDER).any() or sign * (border - end) < AT_BORDER:
                 continue
             lines.append(Line(Y, place, border, end, height))
     return lines
+
+
+def _left(place: float, border: float, facing: np.ndarray, contacts: np.ndarray, task: Task, pitch: float) -> bool:
+    """Whether something is left below the lowest contact of a side, down to where an upright body may come there."""
+    floor, side = float(task.area.lower[Z]), facing[np.abs(facing[:, X] - place) < pitch + NEAR]
+    if not len(side) or side[:, Z].min() - floor <= 0.5 * pitch:
+        return False
+    low = side[np.argmin(side[:, Z])]
+    away = low[6:9] * (1.0, 1.0, 0.0) / np.hypot(low[6], low[7])
+    whole = Line(Y, place, border, float(low[Y]), floor, ceiling=float(low[Z]))
+    whole = replace(whole, height=lowest_beside(whole, contacts[:, 3:6], task))
+    if low[Z] - whole.height <= 0.5 * pitch:
+        return False
+    return left_below(whole, low[3:6], away, 0.0, contacts, pitch) > WORTH * pitch * pitch
+
+
+def _outline(sign: float, place: float, facing: np.ndarray) -> float:
+    """How far out the side was touched, m towards the border: between the nearest contacts on either hand."""
+    hands = (facing[facing[:, X] <= place], facing[facing[:, X] >= place])
+    nearest = [hand[np.abs(hand[:, X] - place).argmin(), X] for hand in hands if len(hand)]
+    outermost = [(sign * facing[np.abs(facing[:, X] - x) < NEAR, Y]).max() for x in nearest]
+    return float(np.interp(place, nearest, outermost))
