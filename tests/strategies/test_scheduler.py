@@ -158,6 +158,19 @@ def test_where_no_line_has_passed_beside_a_tall_object_one_comes_from_the_border
     assert ends == ([] if low == 0.006 else near + far), "a side that is touched down to its foot needs none"
 
 
+def test_a_body_wider_than_a_line_gets_the_line_beside_as_well_up_to_the_outline_there():
+    memory = ContactMemory()
+    touch_block(memory, [-0.02, -0.01, 0.0], top=0.04, low=0.030)  # a side that is left
+    touch_block(memory, [0.02, 0.03], top=0.09, low=0.030, half=0.045)  # no upright body clears this one
+    pose = np.eye(4)
+    pose[2, 3] = -0.075
+    body = LinkShape("body", "cylinder", (0.01, 0.05), pose)
+    places = np.array([-0.02, -0.01, 0.0, 0.01, 0.02, 0.03])
+    lines = outer_parts(memory.contacts(), memory.trail(), places, task(links=(body,)), 0.03, 0.01)
+    ends = [(line.place, round(line.end, 6)) for line in lines if line.begin > 0.0]
+    assert ends == [(-0.02, 0.035), (-0.01, 0.035), (0.0, 0.035), (0.01, 0.0425)], "and none two lines on"
+
+
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
     down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
