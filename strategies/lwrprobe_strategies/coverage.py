@@ -37,6 +37,7 @@ from lwrprobe_strategies.outcomes import (
     Overload,
     UnknownSpace,
 )
+from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
@@ -44,12 +45,13 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint, clear_of, path_to
+from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.planning.upright_body import clear_of
 from lwrprobe_strategies.skills import (
     Procedure,
     follow_contour,

@@ -9,12 +9,13 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, Motion, Observation
 from lwrprobe_strategies.outcomes import Ended, Outcome
+from lwrprobe_strategies.planning.approaches import HOVER
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import STEEP
 from lwrprobe_strategies.planning.free_space import GAP
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
-from lwrprobe_strategies.planning.paths import HOVER, SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.search_descent import outline_height
 from lwrprobe_strategies.planning.touched_tops import LEVEL, crown, is_outer, lowest_top_since, middle_of

@@ -13,8 +13,9 @@ from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import COLUMN, SIDE, FreeSpace
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Speeds, body
+from lwrprobe_strategies.planning.paths import Speeds
 from lwrprobe_strategies.planning.shaft import UNEXPECTED
+from lwrprobe_strategies.planning.upright_body import body
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1

@@ -9,11 +9,12 @@ import pytest
 
 from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.planning import stroke_scheduler
+from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
-from lwrprobe_strategies.planning.paths import Speeds, path_to
+from lwrprobe_strategies.planning.paths import Speeds
 from lwrprobe_strategies.planning.stroke_scheduler import PATIENCE, SHORTLIST, StrokeScheduler
 from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
 from strategy_task import AREA, DOWN, task

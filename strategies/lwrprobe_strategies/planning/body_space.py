@@ -14,7 +14,7 @@ from lwrprobe.contracts import LinkShape, Task
 from lwrprobe.mapping import BodyOverHeights, PlanView
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.paths import body
+from lwrprobe_strategies.planning.upright_body import body
 
 CELL = 0.001
 """m, edge of the squares in the plan view for which a height is kept."""

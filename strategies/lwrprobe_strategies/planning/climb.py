@@ -16,9 +16,10 @@ import numpy as np
 
 from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
+from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, path_to, seconds
+from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, seconds
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
 DOWN = np.array([0.0, 0.0, -1.0])

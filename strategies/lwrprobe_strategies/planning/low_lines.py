@@ -10,7 +10,7 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
-from lwrprobe_strategies.planning.paths import RISE, body
+from lwrprobe_strategies.planning.upright_body import RISE, body
 
 CELL = 0.002
 """m along a line, for which one height is kept."""

@@ -13,7 +13,7 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import FACING, WORTH, left_below
-from lwrprobe_strategies.planning.paths import lowest_beside
+from lwrprobe_strategies.planning.upright_body import lowest_beside
 
 NEAR = 0.0015
 """m across a line, within which a place is one of it."""

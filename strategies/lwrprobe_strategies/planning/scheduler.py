@@ -19,8 +19,8 @@ from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, Leans, low_sides
 from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
-from lwrprobe_strategies.planning.paths import line_height, lowest_beside
 from lwrprobe_strategies.planning.treads import treads
+from lwrprobe_strategies.planning.upright_body import line_height, lowest_beside
 
 HALF = 0.25
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.planning.paths import RISE, body, line_height
+from lwrprobe_strategies.planning.upright_body import RISE, body, line_height
 
 BESIDE = 0.001
 """m between the body above the stick and what a circle has shown to be free."""

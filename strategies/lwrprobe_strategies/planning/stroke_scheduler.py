@@ -10,10 +10,11 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import Speeds, path_to, seconds
+from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 

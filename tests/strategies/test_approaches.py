@@ -9,24 +9,12 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.planning.approaches import BEFORE, HOVER, SOUGHT, path_to, up_from
 from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import (
-    BEFORE,
-    HOVER,
-    RISE,
-    SOUGHT,
-    THERE,
-    SpeedLimit,
-    Speeds,
-    clear_of,
-    line_height,
-    lowest_beside,
-    path_to,
-    seconds,
-    up_from,
-)
+from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Speeds, seconds
+from lwrprobe_strategies.planning.upright_body import RISE, clear_of, line_height, lowest_beside
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links

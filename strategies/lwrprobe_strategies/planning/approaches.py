@@ -1,0 +1,230 @@
+"""Approaches: paths to where a line begins, through what is known to be free, or over the top of the area."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.free_space import BORDER, GAP, FreeSpace
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.paths import HELD, THERE, SpeedLimit, Speeds, Waypoint, seconds
+from lwrprobe_strategies.planning.upright_body import Clear
+
+OWN_COLUMN = 0.0025
+"""m sideways, within which a place above lies in the probe's own column: half of the sphere's radius."""
+BESIDE = 0.02
+"""m from a place on the return path to the start of a line at the same height, up to which that is a path to it."""
+DEEP = 5.0
+"""Metres sideways that take as long as one down into the unknown."""
+BEFORE = 0.006
+"""m before the end of a level path, up to which it is fast where it ends at a wall."""
+FARTHEST = 0.3
+"""m sideways, as which the rest of a path from a known column may count at most; more is no gain."""
+HOVER = 0.0005
+"""m above a known contact, down to which a descent is fast: the stick has filled the column there."""
+SOUGHT = 0.003
+"""m below a known contact, down to which the surface is sought: it may fall by twice the distance from that contact to
+the line, which is up to 1.5 mm away."""
+
+
+def path_to(
+    line: Line,
+    here: np.ndarray,
+    turn: np.ndarray,
+    area: Area,
+    free: FreeSpace,
+    speeds: Speeds,
+    clear: Clear = lambda begin, end: True,
+    allows: Clear = lambda begin, end: True,
+) -> list[Waypoint]:
+    """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
+
+    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so,
+    which is given places, and everywhere where `allows` says so, which is given poses. Of all such paths it is the
+    quickest.
+    """
+    start, top = line.start, float(area.upper[Z])
+    if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
+        return [Waypoint(start, rotation=turn)]
+    if not line.on_surface and _above(here, start):
+        return [replace(waypoint, rotation=turn) for waypoint in up_from(here, start, free)]
+    to_column = _back_to_column(here, free)
+    up = _to_top(here, turn, top, to_column, free, speeds, allows)
+    above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
+    if line.on_surface:
+        return [*up, above, *_down_on_surface(line, area, free)]
+    straight_down = [*up, above, *_down_at(start, top, free)]
+    columns = _known_columns(free, start, line.axis)
+    paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns] or [straight_down]
+    paths += _as_it_came(start, here, turn, free)
+    paths += _up_to(start, turn, to_column, free)
+    paths += _along_border(line, here, turn, free)
+    for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
+        if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
+            return path
+    return straight_down
+
+
+def _down_on_surface(line: Line, area: Area, free: FreeSpace) -> list[Waypoint]:
+    """Down on a surface that was touched beside where the line begins: it may have fallen until there."""
+    start = line.start
+    known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
+    deep = min(max(start[Z] - SOUGHT, float(area.lower[Z])), start[Z] - HOVER)
+    touch = Waypoint(np.array([start[X], start[Y], deep]), SpeedLimit.GUARDED)
+    return [*_down_to(known, free, SpeedLimit.COLUMN), touch]
+
+
+def _down_at(start: np.ndarray, top: float, free: FreeSpace) -> list[Waypoint]:
+    """Down from the top to a place (3,): as far as the stick has stood there, and guarded from there on."""
+    stood = free.stood_down_to(start)
+    if stood >= top - THERE:
+        return _down_to(start, free, SpeedLimit.GUARDED)
+    known = np.array([*start[:2], max(stood, start[Z])])
+    foot = [Waypoint(start, SpeedLimit.GUARDED)] if stood > start[Z] else []
+    return [*_down_to(known, free, SpeedLimit.COLUMN), *foot]
+
+
+def _beside(column: np.ndarray, start: np.ndarray, turn: np.ndarray, top: float, free: FreeSpace) -> list[Waypoint]:
+    """Down a known column, to its foot (3,), and level from there to above where the line begins."""
+    over = Waypoint(np.array([*column[:2], top]), rotation=turn)
+    level = np.array([*start[:2], column[Z]])
+    foot = [Waypoint(start, SpeedLimit.GUARDED)] if column[Z] - start[Z] > THERE else []
+    return [over, Waypoint(column), *_level(column, level, free), *foot]
+
+
+def _as_it_came(start: np.ndarray, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:
+    """Back on the probe's own path to near where the line begins."""
+    back = free.back_to(start, BESIDE)
+    if back is None or np.abs(back[0][0] - here).max() >= OWN_COLUMN or np.vdot(turn, back[-1][1]) <= HELD:
+        return []
+    return [[*(Waypoint(place, rotation=turn) for place, _ in back), Waypoint(start, SpeedLimit.GUARDED)]]
+
+
+def _up_to(start: np.ndarray, turn: np.ndarray, to_column: list[Waypoint], free: FreeSpace) -> list[list[Waypoint]]:
+    """Straight up from the foot of the probe's own column, where the line begins above it."""
+    if not to_column or not _above(to_column[-1].place, start) or np.vdot(turn, to_column[-1].rotation) <= HELD:
+        return []
+    return [[*to_column, *up_from(to_column[-1].place, start, free)]]
+
+
+def _along_border(line: Line, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:
+    """Level along the border to a line that begins on it, from a place there.
+
+    Nothing should stand on the border; where something does, the area is cut through an object.
+    """
+    if line.axis != Y or abs(here[Y] - line.begin) > BORDER:
+        return []
+    start = line.start
+    level = np.array([start[X], start[Y], here[Z]])
+    along = [Waypoint(here, rotation=turn), Waypoint(level, SpeedLimit.GUARDED)]
+    lower = here[Z] > start[Z] + BORDER
+    return [along + ([Waypoint(start, SpeedLimit.GUARDED)] if lower else up_from(level, start, free))]
+
+
+def _above(low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether a place (3,) lies above another one, in the probe's own column."""
+    return bool(np.abs(high[:2] - low[:2]).max() < OWN_COLUMN and high[Z] > low[Z])
+
+
+def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> bool:
+    """Whether a path from `here` (3,) leads sideways through the unknown only where that is clear."""
+    for waypoint in path:
+        sideways = np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN
+        if waypoint.speed_limit is SpeedLimit.GUARDED and sideways and not clear(here, waypoint.place):
+            return False
+        here = waypoint.place
+    return True
+
+
+def _allowed(path: list[Waypoint], here: np.ndarray, turn: np.ndarray, allows: Clear) -> bool:
+    """Whether a path from `here` (3,), for a tip held by `turn` (3, 3) until a waypoint has another one, is allowed."""
+    begin = np.eye(4)
+    begin[:3, :3], begin[:3, 3] = turn, here
+    for waypoint in path:
+        end = begin.copy()
+        end[:3, 3] = waypoint.place
+        if waypoint.rotation is not None:
+            end[:3, :3] = waypoint.rotation
+        if not allows(begin, end):
+            return False
+        begin = end
+    return True
+
+
+def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """Straight up from a place (3,) of the upright probe to another one: fast from where the sphere fits."""
+    level = free.clear_from(here)
+    if level - here[Z] < GAP or level > there[Z]:
+        return [Waypoint(there, SpeedLimit.FREE if level - here[Z] < GAP else SpeedLimit.COLUMN)]
+    return [Waypoint(np.array([here[X], here[Y], level]), SpeedLimit.COLUMN), Waypoint(there)]
+
+
+def _back_to_column(here: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """From a place (3,) of the upright probe back to where it may go straight up; nothing where no path is known."""
+    back = free.back_to_column()
+    if not back or np.abs(back[0][0] - here).max() > OWN_COLUMN:
+        return []
+    return [Waypoint(place, rotation=rotation) for place, rotation in back]
+
+
+def _to_top(
+    here: np.ndarray,
+    turn: np.ndarray,
+    top: float,
+    to_column: list[Waypoint],
+    free: FreeSpace,
+    speeds: Speeds,
+    allows: Clear,
+) -> list[Waypoint]:
+    """From a place (3,) to the top of the area: straight up, or first along a path to a column where that is quicker.
+
+    Above a place to which the sphere did not come down it might meet something with its flank.
+    """
+    up = up_from(here, np.array([here[X], here[Y], top]), free)
+    if not to_column:
+        return up
+    column = to_column[-1].place
+    path = [*to_column, *up_from(column, np.array([*column[:2], top]), free)]
+    quicker = seconds(path, here, speeds) < seconds(up, here, speeds)
+    return path if quicker and _allowed(path, here, turn, allows) else up
+
+
+def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Waypoint]:
+    """Straight down to a place (3,): fast as far as the sphere fits, at the limit `below` from there on."""
+    level = max(free.clear_down_to(float(there[X]), float(there[Y])), float(there[Z]))
+    fast = Waypoint(np.array([there[X], there[Y], level]))
+    return [fast] if level - there[Z] < THERE else [fast, Waypoint(there, below)]
+
+
+def _known_columns(free: FreeSpace, start: np.ndarray, axis: int) -> list[np.ndarray]:
+    """(3,) m, places beside the start (3,) of a line, from which the sphere fits straight up.
+
+    On each side of it the cheapest of all, and the cheapest of those as high as the stick has stood at the start,
+    counting what is left to be driven slowly from there: there the level path is most likely known. Empty where none
+    is of use.
+    """
+    stood, aside = free.open_places(axis, float(start[axis])), 1 - axis
+    deep = np.maximum(stood[:, Z], start[Z])
+    cost = np.abs(stood[:, aside] - start[aside]) + DEEP * (deep - start[Z])
+    level = free.stood_down_to(start, BORDER)
+    found: list[np.ndarray] = []
+    for side in (stood[:, aside] < start[aside], stood[:, aside] >= start[aside]):
+        for low in (-np.inf, level):
+            left = side & (cost <= FARTHEST) & (deep > low - BORDER)
+            if left.any():
+                best = int(np.argmin(np.where(left, cost, np.inf)))
+                found.append(np.array([*stood[best, :2], deep[best]]))
+    return found
+
+
+def _level(begin: np.ndarray, end: np.ndarray, free: FreeSpace) -> list[Waypoint]:
+    """Level from one place (3,) to another: fast as far as the probe has been there, also where that ends at a wall."""
+    motion = end - begin
+    length = float(np.sqrt(motion @ motion))
+    if free.swept(begin, end):
+        return [Waypoint(end)]
+    if length > 2.0 * BEFORE and free.swept(begin, before := end - BEFORE / length * motion):
+        return [Waypoint(before), Waypoint(end, SpeedLimit.GUARDED)]
+    return [Waypoint(end, SpeedLimit.GUARDED)]
