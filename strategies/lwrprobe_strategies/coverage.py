@@ -108,7 +108,7 @@ class Coverage(SkillStrategy):
         self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
         retraction: list[Waypoint] = []
         while (line := self.lines.next(self.tip.here)) is not None:
-            here, known = self.tip.here, len(self.tip.memory.trail())
+            here, known = self.tip.here, (len(self.tip.memory.trail()), len(self.tip.free))
             yield from self.drive(line, retraction)
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
@@ -211,10 +211,17 @@ class Coverage(SkillStrategy):
         """Whether an outline has come to the end that it seeks."""
         return past_end(self.tip.control, self.frame, self.tip.here, BESIDE * self.options.step)
 
-    def _stayed(self, here: np.ndarray, known: int) -> bool:
-        """Whether the tip has been at a place (3,) alone since `known` rows of its trail."""
-        been = np.vstack([self.tip.here, self.tip.memory.trail()[known:, :3]])
-        return bool(np.abs(been - here).max() < THERE)
+    def _stayed(self, here: np.ndarray, known: tuple[int, int]) -> bool:
+        """Whether the tip is where it was, at `here` (3,) m, and in between came no farther than a way off leads.
+
+        `known` are the rows of its trail and of what it has shown to be free until then. A path that ends at what it
+        began at, because the start of the line lies in the object, is none that does not lead away.
+        """
+        trail, free = known
+        been = np.vstack([self.tip.here, self.tip.memory.trail()[trail:, :3]])
+        return (
+            bool(np.abs(been - here).max() < THERE) and self.tip.free.farthest(here, free) < 1.5 * self.options.retreat
+        )
 
     def raise_area(self, line: Line) -> bool:
         """Raise the area's upper end, and drive the line again; False where there is no headroom or the arm ends."""

@@ -1,5 +1,6 @@
 """Walls that lead down are climbed from the line's other end where that is quicker, and nowhere else."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -427,3 +428,23 @@ def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_th
         strategy.tip.trace.running.clear()
     strategy.detours = MAX_DETOURS
     assert strategy.following(Ended.CONTACT) is None, "not for ever"
+
+
+@pytest.mark.parametrize(("away", "tries"), [(0.003, 4), (0.05, 1)])
+def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_leads_off(away, tries):
+    """Its path ended on the object where it had begun, after 60 mm over the top, and the run had ended for that."""
+    strategy, tried = GridVersion(), []
+    strategy.start(task(approach=0.03))
+    place = [0.0, 0.0, 0.02]
+    strategy.tip.observe(replace(seen(place, 1.0), force=np.array([0.0, -0.8, 0.0])))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
+
+    def drive(line, retraction):
+        tried.append(line)
+        stand(strategy.tip.free, [0.0, 0.0, 0.02 + away], place)
+        return iter(())
+
+    strategy.drive = drive
+    with suppress(StopIteration):
+        next(strategy.program())
+    assert tried.count(tried[0]) == tries

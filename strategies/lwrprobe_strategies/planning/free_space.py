@@ -112,6 +112,13 @@ class FreeSpace:
         self._places.add((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
 
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def farthest(self, place: np.ndarray, known: int) -> float:
+        """m, how far from a place (3,) the probe has been since it had been at `known` places."""
+        return float(np.linalg.norm(self._places.rows()[known:, :3] - place, axis=1).max(initial=0.0))
+
     def clear_down_to(self, x: float, y: float) -> float:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
         rows = self._places.rows()
