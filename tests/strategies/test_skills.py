@@ -8,7 +8,7 @@ from fake_surface import FakeSurface, box, hole, plane, step
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from lwrprobe.contracts import Clearance, Done
+from lwrprobe.contracts import Clearance, Done, Doubt
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, Lost
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
@@ -154,14 +154,15 @@ def test_a_guarded_move_ends_where_the_gears_keep_the_tip_from_its_end():
     assert surface.place[1] == pytest.approx(0.05, abs=1e-5)
 
 
-def doubted(surface, score):
-    """The surface, where a contact of a force [N] has the confidence score that `score` gives."""
+def doubted(surface, score, reason=Doubt.NONE):
+    """The surface, where a contact of a force [N] has the confidence score that `score` gives, for a reason."""
     look = surface.look
 
     def scored():
         seen = look()
         if seen.contact is not None:
             seen.contact.confidence_score = score(float(np.linalg.norm(seen.force)))
+            seen.contact.reason = reason
         return seen
 
     surface.look = scored
@@ -180,6 +181,13 @@ def test_one_sample_that_nothing_explains_may_be_a_spike():
     surface = doubted(over(plane(), [0.0, 0.0, 0.05]), lambda force: next(scores, 0.9))
     strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
     assert strategy.end is Ended.CONTACT
+
+
+def test_a_normal_that_no_press_makes_more_precise_is_one_of_the_sphere():
+    surface = doubted(over(plane(), [0.0, 0.0, 0.05]), lambda force: 0.05, Doubt.IMPRECISE)
+    strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.0, 0.0])), surface)
+    assert strategy.end is Ended.CONTACT
+    assert surface.peak < 1.5 * TASK.force_target
 
 
 @pytest.mark.parametrize("score", [lambda force: 0.0, lambda force: 0.05], ids=["unexplained", "never certain"])

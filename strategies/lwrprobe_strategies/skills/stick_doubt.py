@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence
+from lwrprobe.contracts import Confidence, Contact, Doubt
 from lwrprobe.control import normal_velocity
 from lwrprobe_strategies.tip import Tip
 
@@ -33,7 +33,7 @@ class StickDoubt:
     def doubtful(self, tip: Tip) -> bool:
         """Whether the latest contact may be one of the stick."""
         contact = tip.seen.contact
-        if contact is None or tip.leaving or contact.confidence > Confidence.DOUBTFUL:
+        if contact is None or tip.leaving or contact.confidence > Confidence.DOUBTFUL or self._explained(tip, contact):
             self.found, self._count, self._unexplained, self._since = False, 0, 0, np.inf
             return False
         self.found, self._count = True, self._count + 1
@@ -43,8 +43,7 @@ class StickDoubt:
 
     def decided(self, tip: Tip) -> bool:
         """The stick touches."""
-        clear = _force(tip) > CLEAR * tip.task.force_target or tip.seen.time - self._since > PATIENCE
-        return self._unexplained >= DECIDED or (self._count >= DECIDED and clear)
+        return self._unexplained >= DECIDED or (self._count >= DECIDED and self._clear(tip))
 
     def velocity(self, tip: Tip, ahead: np.ndarray) -> np.ndarray:
         """(3,) m/s, in the direction `ahead` (3,) unit, until it is decided."""
@@ -55,6 +54,17 @@ class StickDoubt:
         rotation = tip.seen.pose[:3, :3]
         damping, inward = tip.control.damping(ahead, rotation), tip.control.approach_speed(ahead, rotation)
         return -normal_velocity(_force(tip) - tip.task.force_target, damping, 0.0, inward, 0.0) * ahead
+
+    def _explained(self, tip: Tip, contact: Contact) -> bool:
+        """Whether a touch of the sphere explains the force, and no harder press would show the normal better.
+
+        That is so where gain and lever of the sensor are uncertain: their error grows with the force.
+        """
+        return contact.reason is Doubt.IMPRECISE and self._count + 1 >= DECIDED and self._clear(tip)
+
+    def _clear(self, tip: Tip) -> bool:
+        """Whether the force is as clear as it gets."""
+        return _force(tip) > CLEAR * tip.task.force_target or tip.seen.time - self._since > PATIENCE
 
 
 def _force(tip: Tip) -> float:
