@@ -28,6 +28,8 @@ from lwrprobe.evaluation import (
     upright,
 )
 from lwrprobe.scene import load_scene
+from lwrprobe.scene.shape import Box
+from lwrprobe.scene.solid import Solid
 
 RADIUS, LOWEST, PITCH = 0.005, 0.006, 0.010
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -343,6 +345,22 @@ def test_metrics_repeat_bit_for_bit(block, found):
     assert coverage(points, normals, found, PITCH) == coverage(points, normals, found, PITCH)
 
 
+def test_an_upright_stick_shadows_what_lies_under_an_overhang():
+    """A plate of 60 mm on a post of 20 mm: the sphere fits beside the post, and the stick would stand in the plate."""
+    post = Box(shape="box", size=[0.02, 0.02, 0.04], at={"xyz": [0.0, 0.0, 0.02]})
+    plate = Box(shape="box", size=[0.06, 0.06, 0.01], at={"xyz": [0.0, 0.0, 0.045]})
+    table = Solid.from_shapes([post, plate])
+    area = Area(np.array([-0.1, -0.1, LOWEST]), np.array([0.1, 0.1, 0.1]))
+    within = reach(table, RADIUS, LOWEST, area, 4000)
+    behind = np.eye(4)
+    behind[2, 3] = -0.0275
+    stick = LinkShape("stick", "cylinder", (0.002, 0.045), behind)
+    reached = upright(within, table, [stick], np.diag([1.0, -1.0, -1.0]), [1e-4])
+    assert (within.points[:, 2] < 0.038).any()
+    assert reached.points[:, 2].min() > 0.038
+    assert len(reached.points) == np.count_nonzero(within.points[:, 2] > 0.04 + 1e-9)
+
+
 def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     """A body as wide as a fist, 30 mm above the sphere's centre: 20 mm of the block's 50 stay out of its reach."""
     behind = np.eye(4)
@@ -351,7 +369,7 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     down = np.diag([1.0, -1.0, -1.0])
     area = Area(np.array([-0.2, -0.2, LOWEST]), np.array([0.2, 0.2, 0.2]))
     within = reach(block, RADIUS, LOWEST, area, 4000)
-    beside = upright(within, block, [body], down, 0.0)
+    beside = upright(within, block, [body], down, [0.0])
     points, normals = block.sample_surface(8000, seed=2)
     lowest = (points[:, 2] < 0.01) & (points[:, 2] > LOWEST)
     high = points[:, 2] > 0.0185
@@ -362,7 +380,7 @@ def test_an_upright_probe_does_not_get_down_beside_a_tall_object(block):
     assert share(high) == 1.0
     assert coverage(points[high], normals[high], within, PITCH).share < 1.0
     assert share(lowest) < 0.2
-    assert coverage(points[high], normals[high], upright(within, block, [], down, 0.0), PITCH).share < 1.0
+    assert coverage(points[high], normals[high], upright(within, block, [], down, []), PITCH).share < 1.0
     lower, upper = block.bounds()
     right = cuboid(lower, upper)
     bulge = cuboid(lower - [0.02, 0.02, 0.0], [upper[0] + 0.02, upper[1] + 0.02, 0.01])

@@ -53,30 +53,35 @@ class Reach:
         return replace(self, points=self.points[inside], normals=self.normals[inside])
 
 
-def upright(found: Reach, solid: Solid, links: Sequence[LinkShape], rotation: np.ndarray, keep: float) -> Reach:
-    """What of it is reached without turning the tip: the links keep `keep` m from the object while the sphere touches.
+def upright(
+    found: Reach, solid: Solid, links: Sequence[LinkShape], rotation: np.ndarray, keep: Sequence[float]
+) -> Reach:
+    """What of it is reached without turning the tip: each link keeps `keep` m from the object while the sphere touches.
 
-    `links` [tip frame], `rotation` (3, 3) of the tip. The links are looked at in some points of their surface: the
-    answer is for judging a strategy, not for avoiding a collision.
+    `links` [tip frame], with one distance each, `rotation` (3, 3) of the tip. The links are looked at in some points of
+    their surface: the answer is for judging a strategy, not for avoiding a collision.
     """
     centres = found.centres
     free = np.ones(len(centres), dtype=bool)
-    for offset in np.concatenate([_surface(link) for link in links] or [np.empty((0, 3))]) @ rotation.T:
-        left = np.flatnonzero(free)
-        free[left] = solid.signed_distance(centres[left] + offset) >= keep
+    for link, distance in zip(links, keep, strict=True):
+        for offset in _surface(link) @ rotation.T:
+            left = np.flatnonzero(free)
+            free[left] = solid.signed_distance(centres[left] + offset) >= distance
     return replace(found, points=found.points[free], normals=found.normals[free])
 
 
 def _surface(link: LinkShape) -> np.ndarray:
-    """(k, 3) points on a link's surface, tip frame."""
+    """(k, 3) points on a link's surface, tip frame; rings of a cylinder are no farther apart than it is wide."""
     if link.kind == "box":
         steps = [np.linspace(-0.5, 0.5, 3) * edge for edge in link.size]
         grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         points = grid[(np.abs(grid) >= 0.5 * np.array(link.size) - 1e-12).any(axis=1)]
     else:
+        radius, length = link.size
         angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-        ring = link.size[0] * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(12)])
-        points = np.concatenate([ring + np.array([0.0, 0.0, z]) for z in np.linspace(-0.5, 0.5, 3) * link.size[1]])
+        ring = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(12)])
+        heights = np.linspace(-0.5, 0.5, max(int(np.ceil(0.5 * length / radius)), 2) + 1) * length
+        points = np.concatenate([ring + np.array([0.0, 0.0, z]) for z in heights])
     return points @ link.pose[:3, :3].T + link.pose[:3, 3]
 
 

@@ -159,14 +159,11 @@ def _against_truth(
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
-    body = [link for link in pipeline.probe.links if link.name != STICK]
-    if solid.bounds()[1][2] > lowest - scene.probe.radius + scene.probe.stick_length:
-        rotation = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3]
-        few = reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES)
-        within_upright = upright(few, solid, body, rotation, scene.clearance.threshold)
-        found["coverage_upright"] = round(coverage(points, normals, within_upright, pitch).share, 4)
-    else:
-        within_upright, found["coverage_upright"] = within, found["coverage"]
+    few = reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES)
+    within_upright = _upright(scene, pipeline, few, solid)
+    if len(within_upright.points) == len(few.points):
+        within_upright = within
+    found["coverage_upright"] = round(coverage(points, normals, within_upright, pitch).share, 4)
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
     shares = coverage_over_time(points, normals, times, at, within, pitch)
@@ -203,6 +200,13 @@ def _against_truth(
         except InputError as error:  # a scrap of a mesh, too low or too small to be compared
             pipeline.left_out.append(LeftOut(stage="mesh error", why=str(error)))
     return found
+
+
+def _upright(scene: Scene, pipeline: Pipeline, found: Reach, solid: Solid) -> Reach:
+    """What of it the probe reaches as it is held at first: its stick shadows what lies under an overhang."""
+    rotation, links = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3], pipeline.probe.links
+    stick, other = scene.clearance.stick_threshold, scene.clearance.threshold
+    return upright(found, solid, links, rotation, [stick if link.name == STICK else other for link in links])
 
 
 def _certified(
