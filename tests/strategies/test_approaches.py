@@ -34,11 +34,11 @@ def nowhere():
     return FreeSpace(AREA)
 
 
-def stand(free, *places, rotation=DOWN):
+def stand(free, *places, rotation=DOWN, normal=None):
     for place in places:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, place
-        free.note(pose, None)
+        free.note(pose, None if normal is None else np.array(normal))
     return free
 
 
@@ -61,6 +61,45 @@ def test_the_way_back_does_not_touch_again_what_was_touched_where_it_turned():
     back = np.array([place for place, _ in free.return_path(0.05)])
     assert len(back)
     assert back[:, 1].max() <= -0.9 * LIFT
+
+
+@pytest.mark.parametrize("opening", [60.0, 90.0, 130.0])
+def test_the_way_back_to_the_column_cuts_an_inner_edge(opening):
+    """Along a floor and up a wall: off the wall, the sphere would still touch the floor in the edge between them."""
+    steps, angle = np.arange(0.0, 0.0201, 0.0005), np.radians(opening)
+    up, out = np.array([-np.cos(angle), 0.0, np.sin(angle)]), np.array([-np.sin(angle), 0.0, -np.cos(angle)])
+    edge = np.array([0.0, 0.0, 0.02])
+    free = stand(column(-0.021, 0.0, 0.02 + 1e-4))
+    stand(free, *(edge - [s, 0.0, 0.0] for s in steps[::-1]), normal=UP)
+    stand(free, *(edge + s * up for s in steps[1:]), normal=out)
+    back = np.array([place for place, _ in free.back_to_column()])
+    between = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(back)])
+    off_floor, off_wall = between[:, 2] - edge[2], (between - edge) @ out
+    assert np.minimum(off_floor, off_wall)[:-50].min() > 0.6 * LIFT, "all but the foot of the column"
+    assert back[0] == pytest.approx(edge + 0.02 * up + LIFT * out, abs=1e-3)
+    assert back[-1][:2] == pytest.approx([-0.021, 0.0], abs=SIDE)
+
+
+def test_the_way_back_around_an_outer_edge_keeps_to_it():
+    """What lies behind a face there is free: nothing of the path is left out."""
+    steps = np.arange(0.0, 0.0201, 0.0005)
+    free = stand(column(-0.02, 0.0, 0.02))
+    stand(free, *([-s, 0.0, 0.02] for s in steps[::-1]), normal=UP)
+    stand(free, *([0.0, 0.0, 0.02 - s] for s in steps[1:]), normal=[1.0, 0.0, 0.0])
+    back = np.array([place for place, _ in free.back_to_column()])
+    between = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(back)])
+    assert np.maximum(between[:, 0], between[:, 2] - 0.02).min() > 0.3 * LIFT
+
+
+def test_a_surface_that_was_touched_is_come_to_beside_it_where_the_stick_has_been():
+    """From the foot of a known column and level is quicker than down what only the stick has filled."""
+    free = stand(column(0.02, 0.03, 0.02), *([x, 0.03, 0.02] for x in np.arange(0.02, -0.0099, -0.0011)))
+    line = Line(1, 0.0, 0.03, 0.05, 0.012, True, 0.02)
+    *path, touch = way(line, [0.0, -0.05, TOP], free)
+    assert {piece.speed_limit for piece in path} == {SpeedLimit.FREE}
+    assert path[-2].place == pytest.approx([0.02, 0.03, 0.02], abs=SIDE)
+    assert path[-1].place == pytest.approx([0.0, 0.03, 0.02 + HOVER], abs=1e-3)
+    assert (touch.speed_limit, touch.place[2]) == (SpeedLimit.GUARDED, pytest.approx(line.height - SOUGHT))
 
 
 def test_an_unknown_column_is_come_down_slowly_below_what_may_be_there():

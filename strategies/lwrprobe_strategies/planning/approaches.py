@@ -45,35 +45,38 @@ def path_to(
     which is given places, and everywhere where `allows` says so, which is given poses. Of all such paths it is the
     quickest.
     """
-    start, top = line.start, float(area.upper[Z])
-    if not line.on_surface and abs(start[Z] - here[Z]) < BORDER and free.swept(here, start):
-        return [Waypoint(start, rotation=turn)]
-    if not line.on_surface and _above(here, start):
-        return [replace(waypoint, rotation=turn) for waypoint in up_from(here, start, free)]
+    top = float(area.upper[Z])
+    if not line.on_surface and abs(line.start[Z] - here[Z]) < BORDER and free.swept(here, line.start):
+        return [Waypoint(line.start, rotation=turn)]
+    if not line.on_surface and _above(here, line.start):
+        return [replace(waypoint, rotation=turn) for waypoint in up_from(here, line.start, free)]
+    start, touch = _touched_at(line, area) if line.on_surface else (line.start, [])
     to_column = _back_to_column(here, free)
     up = _to_top(here, turn, top, to_column, free, speeds, allows)
     above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
-    if line.on_surface:
-        return [*up, above, *_down_on_surface(line, area, free)]
-    straight_down = [*up, above, *_down_at(start, top, free)]
+    down = _down_to(start, free, SpeedLimit.COLUMN) if line.on_surface else _down_at(start, top, free)
+    straight_down = [*up, above, *down]
     columns = _known_columns(free, start, line.axis)
-    paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns] or [straight_down]
+    paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
+    if line.on_surface or not columns:
+        paths.append(straight_down)
     paths += _as_it_came(start, here, turn, free)
     paths += _up_to(start, turn, to_column, free)
     paths += _along_border(line, here, turn, free)
-    for path in sorted(paths, key=lambda path: seconds(path, here, speeds)):
+    for path in sorted([[*path, *touch] for path in paths], key=lambda path: seconds(path, here, speeds)):
         if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
             return path
-    return straight_down
+    return [*straight_down, *touch]
 
 
-def _down_on_surface(line: Line, area: Area, free: FreeSpace) -> list[Waypoint]:
-    """Down on a surface that was touched beside where the line begins: it may have fallen until there."""
+def _touched_at(line: Line, area: Area) -> tuple[np.ndarray, list[Waypoint]]:
+    """(3,) m, right above where a line begins on a surface that was touched beside it, and down to that: it may have
+    fallen until there.
+    """
     start = line.start
-    known = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
+    above = np.array([start[X], start[Y], max(line.free_to, start[Z]) + HOVER])
     deep = min(max(start[Z] - SOUGHT, float(area.lower[Z])), start[Z] - HOVER)
-    touch = Waypoint(np.array([start[X], start[Y], deep]), SpeedLimit.GUARDED)
-    return [*_down_to(known, free, SpeedLimit.COLUMN), touch]
+    return above, [Waypoint(np.array([start[X], start[Y], deep]), SpeedLimit.GUARDED)]
 
 
 def _down_at(start: np.ndarray, top: float, free: FreeSpace) -> list[Waypoint]:

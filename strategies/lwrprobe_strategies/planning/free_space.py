@@ -6,6 +6,8 @@ may begin above it. A place is open for the sphere where the sphere itself came 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from lwrprobe.contracts import Area
@@ -36,8 +38,10 @@ SHORT = 0.15
 """m along the axes, as far as the return path may be the quicker one."""
 FAR_COLUMN = 0.4
 """The same where it saves a slow way up."""
-HOLLOW = 0.3 * LIFT * SPACING
-"""m^2, change of the place off the surface against the path: there the surface is hollow."""
+AROUND = 5.0 * LIFT
+"""m along an axis, within which faces of one inner edge lie."""
+IN_FRONT, OFF = -0.1 * LIFT, 0.7 * LIFT
+"""m in front of a face: from where on another place is on its free side, and how far off it a path leads there."""
 FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
 BORDER = 0.001
@@ -213,8 +217,8 @@ class FreeSpace:
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
         """Back on the upright probe's path, to the latest place as high as `place` (3,) within `reach` m of it.
 
-        None where the probe leans or has leaned, where that is too far back, where a piece of the path is not known,
-        and where it leads through an inner edge: off one of its faces the sphere still touches the other.
+        None where the probe leans or has leaned, where that is too far back, and where a piece of the path is unknown.
+        Inner edges are cut: off one of its faces the sphere would still touch the other.
         """
         rows = self._places.rows()[-FARTHEST_BACK:]
         near = np.abs(rows[:, 2] - place[2]) < BORDER
@@ -238,13 +242,11 @@ class FreeSpace:
         steps = np.diff(path[:, :3], axis=0)
         if not path[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > farthest:
             return None
-        off = path[:, 3:6] - path[:, :3]
-        touching = off.any(axis=1)  # a contact may be lost for a moment just at the edge
-        bends = (np.diff(off[touching], axis=0) * np.diff(path[touching, :3], axis=0)).sum(axis=1)
-        if len(bends) and bends.min() < -HOLLOW:
+        kept = _around_inner_edges(path)
+        if kept is None:
             return None
-        first = len(self._places) - len(rows)
-        return self._along(list(range(len(self._places) - 1, first + int(found[-1]) - 1, -1)))
+        first = len(self._places) - len(rows) + int(found[-1])
+        return self._along((first + kept[::-1]).tolist())
 
     @staticmethod
     def _open(rows: np.ndarray, wanted: np.ndarray, came_down: int) -> np.ndarray:
@@ -273,6 +275,33 @@ class FreeSpace:
     def _on_border(self, x: float, y: float) -> bool:
         low, high = self._area.lower, self._area.upper
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
+
+
+def _around_inner_edges(rows: np.ndarray) -> np.ndarray | None:
+    """(k,) indices of the rows (n, 13) of a path whose places off the surface are off all faces touched near them.
+
+    In an inner edge each of two faces lies in front of the other one, and off one of them the sphere still touches the
+    other; around an outer edge they lie behind. The edge is cut between a place on each side that is off all of what
+    was touched in between; None where there is none.
+    """
+    at, off = rows[:, :3], rows[:, 3:6]
+    touching = np.flatnonzero((off != at).any(axis=1))
+    faces, normals = at[touching], (off[touching] - at[touching]) / LIFT
+    clear = np.ones(len(rows), dtype=bool)
+    for k in touching[touching < len(rows) - 1].tolist():  # at the last one is the tip
+        near = np.abs(faces - at[k]).max(axis=1) < AROUND
+        apart, normal = at[k] - faces[near], (off[k] - at[k]) / LIFT
+        ahead = np.einsum("ij,ij->i", apart, normals[near])
+        hollow = (ahead > IN_FRONT) & (-(apart @ normal) > IN_FRONT)
+        height = ahead + normals[near] @ (off[k] - at[k])
+        clear[k] = not (hollow & (height < OFF)).any()
+    kept = np.flatnonzero(clear)
+    for before, after in pairwise(kept.tolist()):
+        cut = (touching > before) & (touching < after)
+        for end in off[[before, after]] if cut.any() else ():
+            if np.einsum("ij,ij->i", end - faces[cut], normals[cut]).min() < 0.5 * OFF:
+                return None
+    return kept
 
 
 def _in_the_way(rows: np.ndarray, x: float, y: float) -> np.ndarray:
