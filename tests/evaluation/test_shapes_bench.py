@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lwrprobe.bench.shapes import CRITERIA, _jobs, _report
+from lwrprobe.bench.shapes import CRITERIA, _jobs, _judged, _report
 from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, link_points, mesh_errors
 from lwrprobe.contracts import InputError, TriangleMesh, UnknownNameError
 from lwrprobe.scene.scene import ProbeTable
@@ -114,7 +114,29 @@ def test_wrong_options_are_refused(options, error, said):
 def test_kinds_take_turns_and_seeds_go_up():
     asked = {"count": "4", "kinds": "hull,thin", "strategies": "grid_version", "base_seed": "11", "profiles": "lab"}
     jobs, _, _ = _jobs(False, asked)
-    assert [(job.kind, job.seed) for job in jobs] == [("hull", 11), ("thin", 12), ("hull", 13), ("thin", 14)]
+    assert [job.name for job in jobs] == [f"random:{name}" for name in ("hull:11", "thin:12", "hull:13", "thin:14")]
+    assert [job.seed for job in jobs] == [11, 12, 13, 14]
+
+
+def test_given_objects_are_felt_with_several_seeds_and_a_multiple_of_the_noise():
+    asked = {"objects": "block,random:hull:5", "seeds": "2", "strategies": "grid_version", "profiles": "ideal"}
+    jobs, _, _ = _jobs(False, asked | {"noise": "3"})
+    assert [(job.name, job.seed) for job in jobs] == [(o, s) for o in ("block", "random:hull:5") for s in (1, 2)]
+    assert {job.noise for job in jobs} == {3.0}
+    quiet, _, _ = _jobs(False, asked)
+    assert len({job.key for job in [*jobs, *quiet]}) == 8, "a journal tells them apart"
+
+
+def test_the_noise_of_the_simulated_sensor_is_multiplied(monkeypatch, tmp_path):
+    explored = []
+    monkeypatch.setattr("lwrprobe.exploration.procedures.explore.explore", lambda scene, folder: explored.append(scene))
+    monkeypatch.setattr("lwrprobe.bench.shapes.judge", lambda *given: {})
+    for noise in ("1", "3"):
+        (job,), _, _ = _jobs(True, {"objects": "block", "noise": noise})
+        _judged(job)
+    (usual, loud) = (scene.drivers.get("sim", {}) for scene in explored)
+    assert "noise_force" not in usual
+    assert (loud["noise_force"], loud["noise_torque"]) == (pytest.approx(0.009), pytest.approx(6e-5))
 
 
 def test_each_object_is_felt_in_the_world_that_the_scene_knows_and_in_the_default_one():

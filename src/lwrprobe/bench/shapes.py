@@ -2,7 +2,8 @@
 
 Options (`--set`): `count`, random objects, whose kinds take turns; `base_seed`, seed of the first, which the others
 follow; `kinds`, `strategies` and `profiles` of the table `[truth]` as comma-separated lists; `step`, m between two
-lines; `jobs` side by side;
+lines; `objects`, scenes in place of random objects, and `seeds`, runs of each; `noise`, times the sensor's; `jobs` side
+by side;
 `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that are
 missing; `keep`, a folder in which the run folders stay.
 """
@@ -27,6 +28,7 @@ from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport
 from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
+from lwrprobe.contracts.plugins import load
 from lwrprobe.sweeps.execute import run_kept
 
 if TYPE_CHECKING:
@@ -41,6 +43,9 @@ UPRIGHT = ("grid_version", "surface_contour")
 
 IDEAL = "ideal"
 """Profile in which the scene knows the world; in the others errors are judged after alignment."""
+
+SIM = "sim"
+"""The driver whose noise is multiplied."""
 
 WORST = 20
 """Runs that the page shows."""
@@ -61,22 +66,19 @@ _LIMIT = 0.002  # m of deviation at which a picture's colours saturate
 class Job:
     """One run."""
 
-    kind: str
+    name: str
     seed: int
     strategy: str
     profile: str
     step: float
+    noise: float
     keep: str
-
-    @property
-    def name(self) -> str:
-        """Of the object."""
-        return f"random:{self.kind}:{self.seed}"
 
     @property
     def key(self) -> str:
         """Of its record."""
-        return f"{self.kind}_{self.seed}.{self.strategy}.{self.profile}"
+        name = self.name.removeprefix("random:").removesuffix(f":{self.seed}").replace(":", "-")
+        return f"{name}_{self.seed}.{self.strategy}.{self.profile}" + (f".{self.noise:g}" if self.noise != 1.0 else "")
 
 
 CRITERIA = (
@@ -135,8 +137,9 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
     from lwrprobe.scene.shape import KINDS
 
     asked = Options(
-        "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "step", "jobs", "journal", "keep"
-    )
+        "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "step", "objects", "seeds", "noise",
+        "jobs", "journal", "keep",
+    )  # fmt: skip
     kinds = asked.words("kinds", KINDS)
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES[:3])
     profiles = asked.words("profiles", (IDEAL,) if quick else (IDEAL, "lab"))
@@ -149,11 +152,14 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
             if name not in known:
                 raise UnknownNameError(what, name, known)
     first = asked.count("base_seed", 1)
-    objects = [(kinds[n % len(kinds)], first + n) for n in range(asked.count("count", 2 if quick else 18))]
-    keep, step = asked.text("keep", ""), asked.numbers("step", (0.01,))[0]
+    count, seeds = asked.count("count", 2 if quick else 18), range(first, first + asked.count("seeds", 1))
+    objects = [(f"random:{kinds[n % len(kinds)]}:{first + n}", first + n) for n in range(count)]
+    if "objects" in asked:
+        objects = list(product(asked.words("objects", ()), seeds))
+    step, noise, keep = asked.numbers("step", (0.01,))[0], asked.numbers("noise", (1.0,))[0], asked.text("keep", "")
     jobs = [
-        Job(kind, seed, strategy, profile, step, keep)
-        for profile, (kind, seed), strategy in product(profiles, objects, strategies)
+        Job(name, seed, strategy, profile, step, noise, keep)
+        for profile, (name, seed), strategy in product(profiles, objects, strategies)
     ]
     journal = Path(options["journal"]) if "journal" in asked else None
     return jobs, min(asked.count("jobs", cpu_count() or 1), len(jobs)), journal
@@ -195,6 +201,11 @@ def _explored(job: Job, folder: Path) -> dict[str, Any]:
     from lwrprobe.scene import load_scene
 
     settings = [f'strategy.name="{job.strategy}"', f"run.seed={job.seed}", f'truth.profile="{job.profile}"']
+    if job.noise != 1.0:
+        usual = load("driver", SIM).Config()
+        settings += [
+            f"drivers.sim.{name}={job.noise * getattr(usual, name)}" for name in ("noise_force", "noise_torque")
+        ]
     if job.strategy in STRATEGIES[:3]:  # those that drive lines
         settings.append(f"strategy.step={job.step}")
     scene = load_scene(job.name, settings)
