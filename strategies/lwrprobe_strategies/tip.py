@@ -156,9 +156,10 @@ class Tip:
         limit = inf
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
-            limit = self.control.stick_speed(self.overhangs.reach(here, along)) / (side if along[2] <= 0.0 else 1.0)
+            share = side if along[2] <= 0.0 else 1.0
+            limit = self.control.stick_speed(self.overhangs.reach(here, along), along) / share
         elif not self.touches and self.overhangs.possible(here, along):
-            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along)) / side
+            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
         if near is not None and self._stick_is_near:
             back = -self.seen.pose[:3, 2]
             there = near.on_map - here
@@ -166,7 +167,7 @@ class Tip:
             there = there - reach * back
             closing = float(there @ along) / max(hypot(*there.tolist()), 1e-9)
             if reach > self.task.probe.radius and closing > TOWARDS * side:
-                limit = min(limit, self.control.stick_speed(reach) / closing)
+                limit = min(limit, self.control.stick_speed(reach, there) / closing)
         return limit
 
     def level_limit(self, along: np.ndarray) -> float:
@@ -174,7 +175,7 @@ class Tip:
         nothing may be.
         """
         reach = self.overhangs.beneath(self.here, along)
-        return self.control.stick_speed(reach) if reach > 0.0 else inf
+        return self.control.stick_speed(reach, along) if reach > 0.0 else inf
 
     @property
     def stick_touches(self) -> bool:

@@ -7,7 +7,7 @@ from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
 from lwrprobe.contracts import Contact, Goal, SafetyStop, VelocityCommand, WrenchSample
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
-from lwrprobe.exploration.stages.touch_law import stiffness_slope
+from lwrprobe.exploration.stages.touch_law import arm_stiffness, softer_than_along, stiffness_slope
 from lwrprobe.kinematics import follow
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.scene_robot import robot_of
@@ -258,3 +258,24 @@ def test_the_slope_of_the_stiffness_is_that_between_neighbouring_places():
 
     assert slope[0] == pytest.approx(np.log(compliance(-shift) / compliance(shift)) / (2.0 * shift), rel=0.03)
     assert slope[0] < -3.0  # a third over 0.1 m
+
+
+def test_the_arm_gives_way_more_sideways_than_along_the_stick_as_its_joints_turn():
+    """A naive twin: each joint turns by its torque, and the tip moves by what all of them move it."""
+    scene = load_scene("block", ["uncertainty.profile=ideal"])
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+
+    def moved(force):
+        torques = [
+            1e6 * float(force @ (robot.fk(q + turn).t - robot.fk(q - turn).t)) / 2.0 for turn in 1e-6 * np.eye(robot.n)
+        ]
+        return robot.fk(q + 1e-6 * np.array(torques)).t - robot.fk(q).t
+
+    along = pose[:3, 2]
+    joint = 1.0 / arm_stiffness(scene) / float(along @ moved(along))
+    for axis in np.eye(3):
+        expected = joint * float(axis @ moved(axis)) - 1.0 / arm_stiffness(scene)
+        assert axis @ softer_than_along(scene, robot, q) @ axis == pytest.approx(expected, abs=1e-8)
+    unsure = softer_than_along(load_scene("block", ["uncertainty.profile=datasheet"]), robot, q)
+    assert unsure[1, 1] < 0.5 * softer_than_along(scene, robot, q)[1, 1], "an arm that is hardly known may be stiffer"

@@ -110,6 +110,16 @@ def test_the_higher_the_stick_is_met_the_stiffer_it_is():
     assert control.stick_speed(0.05) == control.stick_speed(0.06), "no more than clamped"
 
 
+def test_the_stick_may_be_met_faster_where_the_arm_gives_way():
+    control = ContourControl(replace(task(), softer=np.diag([-2e-5, 5e-5, 0.0])))
+    x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    usual = control.stick_speed(0.05)
+    assert control.stick_speed(0.05, x) == usual, "stiffer is what the reserve is for"
+    assert control.stick_speed(0.05, y) == pytest.approx(ContourControl(task(stiffness=1e4)).stick_speed(0.05))
+    assert control.stick_speed(0.05, 0.6 * y + [0.0, 0.0, 0.8]) == control.stick_speed(0.05, y), "sideways counts"
+    assert usual < control.stick_speed(0.05, (x + 2.0 * y) / np.sqrt(5.0)) < control.stick_speed(0.05, y)
+
+
 def test_towards_what_is_known_beside_the_stick_it_goes_slowly():
     tip = Tip(task())
     here = np.array([0.0, 0.0, LOW])

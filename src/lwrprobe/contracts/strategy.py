@@ -7,7 +7,7 @@ run can be replayed through it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -68,6 +68,8 @@ class Task:
     clearance_threshold : m, distance of a link to what was touched, below which a collision threatens
     stiffness : N/m, of object and arm in series as far as known, else an upper bound; the probe's comes on top
     delay : s, from a force at the sphere to the arm's reaction
+    softer : (3, 3) m/N, by which object and arm together give way more than 1 / `stiffness` for a force along a unit
+        vector n, as n softer n, where that is positive; world frame
     arm_mass : kg, of the arm as its tip shows it to what it strikes; 0 = an arm without mass
     arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
     search_for : m, diameter of the smallest object that is to be found; where it is in the area is not known. None =
@@ -94,6 +96,7 @@ class Task:
     clearance_threshold: float
     stiffness: float
     delay: float
+    softer: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     arm_mass: float = 0.0
     arm_stiffness: float = np.inf
     search_for: float | None = None

@@ -101,6 +101,8 @@ class ContourControl:
         slow = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]
         slow = np.minimum(slow, BOUNCE * task.force_target / np.maximum(struck, 1e-9))
         self._return = np.minimum(np.minimum.accumulate(slow), self._safe)
+        (xx, xy, _), (_, yy, _), _ = task.softer.tolist()
+        self._softer = xx, xy, yy  # m/N, in the plan view
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
@@ -162,15 +164,21 @@ class ContourControl:
         """
         return self._by_direction(self._safe, float(rotation[:, 2] @ direction))
 
-    def stick_speed(self, reach: float, share: float = STICK_SHARE) -> float:
+    def stick_speed(self, reach: float, along: np.ndarray | None = None, share: float = STICK_SHARE) -> float:
         """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
 
         The stick is a beam that is clamped at the sensor: its compliance falls with the third power of the distance
         from there (Euler and Bernoulli). The task's approach speed is never exceeded.
-        `share` is that of the safe speed which is used.
+        `along` is the motion's unit vector (3,), of which what leads sideways counts: the arm may give way more there.
+        None = any. `share` is that of the safe speed which is used.
         """
         probe, (series, lateral) = self.task.probe, self._law[[kernels.SERIES, kernels.LATERAL]].tolist()
         left = min(max(1.0 - reach / probe.sensor_distance, 0.0), 1.0)
+        if along is not None:
+            x, y, _ = along.tolist()
+            sideways = x * x + y * y
+            softer = x * (x * self._softer[0] + 2.0 * y * self._softer[1]) + y * y * self._softer[2]
+            series += max(softer / sideways, 0.0) if sideways > 1e-12 else 0.0
         stiffness = 1.0 / (series + lateral * left**3)
         delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
         safe = approach_speed(self._reserve, stiffness, delay, self.task.acceleration)

@@ -87,7 +87,7 @@ def guarded_move(
 
 def _expected(tip: Tip, ahead: np.ndarray, times: float) -> float:
     """m/s along a unit vector (3,), so many times as fast as the stick may be met."""
-    return times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead)) if times < inf else inf
+    return times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead), ahead) if times < inf else inf
 
 
 def slowed(goal: Goal, speed: float) -> Goal:

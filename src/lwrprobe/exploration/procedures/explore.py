@@ -49,7 +49,7 @@ from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose
-from lwrprobe.exploration.stages.touch_law import stiffness_slope
+from lwrprobe.exploration.stages.touch_law import softer_than_along, stiffness_slope
 from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
 from lwrprobe.scene.calibrated_scene import calibrated
@@ -153,7 +153,7 @@ class Exploration:
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
-        self.pipeline.force.expect(pose[:3, 3], stiffness_slope(robot, q))
+        self.pipeline.force.expect(pose[:3, 3], stiffness_slope(robot, q), softer_than_along(scene, robot, q))
         warm_up(scene, choices, arm.cycle, sensor.rate, pose, q)
         if record is None:
             record = out is not None and self._devices.ground_truth is None and self._can_record()

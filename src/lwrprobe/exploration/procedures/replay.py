@@ -53,6 +53,7 @@ from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.reaction import ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
 from lwrprobe.exploration.stages.pipeline import Pipeline, choose, compose, reaction_delay
+from lwrprobe.exploration.stages.touch_law import softer_than_along, stiffness_slope
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene, load_scene, write_scene
 
@@ -311,6 +312,9 @@ class Replay:
             tip.pose = recording.start.copy()
         pipeline.trajectory = cast(Any, tip)
         self._take_bias(tip.pose[:3, :3].copy())
+        pose, q = start_posture(scene, pipeline.robot)
+        slope, softer = stiffness_slope(pipeline.robot, q), softer_than_along(scene, pipeline.robot, q)
+        pipeline.force.expect(pose[:3, 3], slope, softer)
         task = self._task(tip)
         pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         try:

@@ -82,6 +82,8 @@ class ForceStage:
         """Whether touches and presses show the stiffness. With a probe that is not calibrated they do not: across the
         stick, a fifth of its compliance is more than all of the arm's."""
         self._origin, self._slope = np.zeros(3), np.zeros(3)
+        self.softer = np.zeros((3, 3))
+        """m/N, by which the arm gives way more than along the stick, see `Task.softer`."""
         self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
@@ -119,9 +121,14 @@ class ForceStage:
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
 
-    def expect(self, place: np.ndarray, slope: np.ndarray) -> None:
-        """The stiffness is that stated at a place (3,) m, and its logarithm rises by `slope` (3,) 1/m from there on."""
+    def expect(self, place: np.ndarray, slope: np.ndarray, softer: np.ndarray | None = None) -> None:
+        """The stiffness is that stated at a place (3,) m, and its logarithm rises by `slope` (3,) 1/m from there on.
+
+        `softer` (3, 3) m/N is by how much the arm gives way more in other directions than along the stick.
+        """
         self._origin, self._slope = place.copy(), slope.copy()
+        if softer is not None:
+            self.softer = softer.copy()
 
     def begin(self, delay: float, stated: float | None = None, tip_mass: float = 0.0) -> None:
         """Choose speeds and damping for what the scene says of the surface; raises TouchRefused where none is safe.
