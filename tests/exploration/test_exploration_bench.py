@@ -164,6 +164,37 @@ def test_all_curves_are_drawn(report):
     assert labels == [*exploration.STRATEGIES, *exploration.POKES]
 
 
+def test_a_bench_that_was_cut_off_goes_on_with_the_runs_that_are_missing(monkeypatch, tmp_path):
+    made = []
+
+    def cut(job):
+        if job[0] == "bridge" and len(made) == 1:
+            raise KeyboardInterrupt
+        made.append(job[0])
+        return made_up(job)
+
+    monkeypatch.setattr(exploration, "_explored", cut)
+    options = {"scenes": "block,bridge", "strategies": "active", "profiles": "default", "seeds": "1"}
+    options |= {"journal": str(tmp_path / "j.jsonl")}
+    with pytest.raises(KeyboardInterrupt):
+        exploration.run(False, options)
+    made.append("again")
+    report = exploration.run(False, options)
+    assert made == ["block", "again", "bridge"]
+    assert [row[0] for row in report.tables[0].rows] == ["block", "bridge"]
+
+
+def test_a_run_that_failed_has_its_row_and_is_no_stroke_picture(monkeypatch):
+    failed = {"status": "failed", "reason": "ArithmeticError", "seconds": 1.0, "host": ""}
+    monkeypatch.setattr(exploration, "_explored", lambda job: dict(failed) if job[0] == "bridge" else made_up(job))
+    options = {"scenes": "block,bridge", "strategies": "active", "profiles": "blind,given", "seeds": "1"}
+    report = exploration.run(False, options)
+    assert [row[:5] for row in report.tables[0].rows][-1] == ["bridge", "active", "given", 1, "failed"]
+    counted = [record | {"strokes": 12} for record in report.data["runs"]]
+    monkeypatch.setattr(exploration, "_explored", lambda job: counted[0])
+    assert "strokes" not in exploration.run(False, options).figures
+
+
 @pytest.mark.parametrize("text", ["0", "-1", "1,2", "many"])
 def test_what_is_no_number_of_seeds_is_refused(text):
     with pytest.raises(InputError, match="seeds"):

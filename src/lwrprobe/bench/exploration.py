@@ -3,9 +3,10 @@
 Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. The error over time is
 that of the mesh as if the run had ended at each of some instants. Options (`--set`): `scenes`, `strategies` (those of
 plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
-side. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where it lies,
-with an area around it. `--set scenes=large` explores four objects 200 to 400 mm long and says how wrong the mesh is
-after eight strokes.
+side, `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that
+are missing. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where
+it lies, with an area around it. `--set scenes=large` explores four objects 200 to 400 mm long and says how wrong the
+mesh is after eight strokes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,10 @@ from lwrprobe.contracts import LwrprobeError
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.truth import with_given_area
 from lwrprobe.scene import Scene
-from lwrprobe.sweeps.execute import run_in_order
+from lwrprobe.sweeps.execute import run_kept
+
+Job = tuple[str, str, str, int]
+"""Scene, strategy, profile and seed."""
 
 SOURCE_SCENES = (
     "block", "cylinder_vertical", "cylinder_horizontal", "bridge", "combination", "polystyrene_1", "polystyrene_2",
@@ -106,8 +110,9 @@ COLUMNS = {
 
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench exploration`."""
-    jobs, processes = _jobs(quick, options)
-    found = run_in_order(jobs, _explored, processes)
+    jobs, processes, journal = _jobs(quick, options)
+    made = run_kept({".".join(map(str, job)): job for job in jobs}, _explored, processes, journal)
+    found = [_named(job) | made[".".join(map(str, job))] for job in jobs]
     report = BenchReport("exploration", "Exploring: errors, coverage and time")
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     report.records("Every run", COLUMNS, found)
@@ -130,28 +135,37 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
         report.figures["error"] = partial(draw_curves, found=found)
     if any(item.get("touches") for item in found):
         report.figures["touches"] = partial(draw_touches, found=found)
-    if any(item.get("strokes") for item in found):
+    if any(item.get("stroke_touches") for item in found):
         report.figures["strokes"] = partial(draw_strokes, found=found)
     report.data["runs"] = found
     return report
 
 
-def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[tuple[str, str, str, int]], int]:
-    asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs")
+def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | None]:
+    asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs", "journal")
     scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
     scenes = list(LARGE_SCENES) if scenes == [LARGE] else scenes
     strategies = asked.words("strategies", STRATEGIES[:1] if quick else (*STRATEGIES, *POKES))
     profiles = asked.words("profiles", (DEFAULT,) if quick else (DEFAULT, THESIS))
     seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
-    return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1)
+    journal = Path(options["journal"]) if "journal" in asked else None
+    return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1), journal
 
 
-def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
+def _named(job: Job) -> dict[str, Any]:
+    """What a record has although its run has failed."""
+    name, strategy, profile, seed = job
+    return {
+        "scene": name, "strategy": strategy, "profile": profile, "seed": seed, "collisions": None, "growth": [],
+    }  # fmt: skip
+
+
+def _explored(job: Job) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
     from lwrprobe.scene import load_scene
 
     name, strategy, profile, seed = job
-    record: dict[str, Any] = {"scene": name, "strategy": strategy, "profile": profile, "seed": seed}
+    record = _named(job)
     try:
         settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", 'truth.profile="ideal"']
         scene = load_scene(name, settings, {DEFAULT: None, GIVEN: BLIND}.get(profile, profile))
@@ -161,11 +175,14 @@ def _explored(job: tuple[str, str, str, int]) -> dict[str, Any]:
         if touched or (name, strategy, profile, seed) == (STROKED, STROKES, DEFAULT, 1):
             with TemporaryDirectory() as folder:
                 summary, over_time = _run(scene, Path(folder))
-                record |= {"touches": touches_of(Path(folder))} if touched else {"strokes": strokes_of(Path(folder))}
+                if touched:
+                    record["touches"] = touches_of(Path(folder))
+                else:
+                    record["stroke_touches"] = strokes_of(Path(folder))
         else:
             summary, over_time = _run(scene, None)
     except LwrprobeError as error:
-        return record | {"status": f"refused: {error}", "collisions": None, "growth": []}
+        return record | {"status": f"refused: {error}"}
     contact, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
     planning: dict[str, Any] = next((stage for stage in summary["stages"] if stage["name"] == "strategy"), {})
     bound, descending = summary["lower_bound_time_s"], summary["lower_bound_descending_s"]

@@ -38,14 +38,14 @@ def strokes_of(folder: Path) -> dict[str, Any]:
 
 
 def draw_strokes(figure: Any, found: list[dict[str, Any]]) -> None:
-    """A view after each stroke of the first run that has `strokes`, the new one in another colour."""
+    """A view after each stroke of the first run that has `stroke_touches`, the new one in another colour."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     from lwrprobe.scene import load_scene
 
-    item = next(item for item in found if item.get("strokes"))
-    points, times = 1e3 * np.array(item["strokes"]["points"]), np.array(item["strokes"]["times"])
-    ends = item["strokes"]["ends"][:MAX_PANELS]
+    item = next(item for item in found if item.get("stroke_touches"))
+    points, times = 1e3 * np.array(item["stroke_touches"]["points"]), np.array(item["stroke_touches"]["times"])
+    ends = item["stroke_touches"]["ends"][:MAX_PANELS]
     mesh = load_scene(item["scene"]).solid().mesh()
     low, high = 1e3 * mesh.vertices.min(axis=0), 1e3 * mesh.vertices.max(axis=0)
     wide = min(4, len(ends))
