@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, InputError, Motion, Observation, Progress
+from lwrprobe.contracts import Confidence, Contact, InputError, Motion, Observation, Progress, Task
 from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
@@ -50,13 +50,21 @@ class Active(GridVersion):
     Attributes
     ----------
     estimate : of the surface and its error
+    found : reliable contacts of the search for the object, where there was one
     """
 
     Config: ClassVar[type] = ActiveConfig
 
+    def start(self, task: Task) -> None:
+        """Take over: the tip rests in free space."""
+        self.found: list[Contact] = []
+        super().start(task)
+
     def program(self) -> Program:
-        """Stroke after stroke, until the expected error is small."""
+        """Stroke after stroke, until the expected error is small; what bounded the object is known from the start."""
         self.estimate = SurfaceEstimate(self.task.area, (self.task.options or self.Config()).step)
+        for contact in self.found:
+            self.estimate.touch(contact.centre, contact.normal)
         self.outline = OutlineWatch()
         done = yield from super().program()
         yield from transit(self.tip, super().retraction(), self.begun)
@@ -74,12 +82,14 @@ class Active(GridVersion):
     def step(self, observation: Observation) -> Motion:
         """Answer one observation, after noting it in the estimate."""
         contact = observation.contact
-        if self.searching:
-            return super().step(observation)
         if contact is None:
-            self.estimate.passed(observation.pose[:3, 3])
+            if not self.searching:
+                self.estimate.passed(observation.pose[:3, 3])
         elif contact.confidence is Confidence.RELIABLE:
-            self.estimate.touch(contact.centre, contact.normal)
+            if self.searching:
+                self.found.append(contact)
+            else:
+                self.estimate.touch(contact.centre, contact.normal)
         return super().step(observation)
 
     def retraction(self) -> list[Waypoint]:

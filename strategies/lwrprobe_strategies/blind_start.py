@@ -14,7 +14,7 @@ import numpy as np
 from lwrprobe.contracts import Area, Motion, Observation, Task
 from lwrprobe_strategies.object_bounds import LIFT, ObjectBounds
 from lwrprobe_strategies.object_search import ObjectSearch
-from lwrprobe_strategies.outcomes import Outcome
+from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
@@ -87,7 +87,7 @@ class BlindStart:
         return Found(found_at, Area(lower, upper), float(points[:, Z].max()))
 
     def _leave(self, area: Area) -> Step:
-        """Off what is touched: aside, to the border of the area, from a wall, and else up."""
+        """Off what is touched: from a wall aside, and along the border to the side where lines begin; else up."""
         tip = self._tip
         normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
         if normal[Z] > LEVEL or not tip.touches:
@@ -97,7 +97,9 @@ class BlindStart:
         tip.leave()
         border = tip.here.copy()
         border[axis] = (area.upper if normal[axis] > 0.0 else area.lower)[axis]
-        return (yield from tried(transit(tip, [*away, Waypoint(border, SpeedLimit.GUARDED)])))
+        along = [Waypoint(place, SpeedLimit.GUARDED) for place in (border, *to_front(border, area))]
+        end = yield from tried(transit(tip, [*away, *along]))
+        return end if end is Ended.ARRIVED else (yield from self._lift())
 
     def _lift(self) -> Step:
         """Off what is touched, and up to the top of the area."""
@@ -107,6 +109,16 @@ class BlindStart:
         here = away[-1].place if away else tip.here
         up = Waypoint(np.array([*here[:2], float(self._area.upper[Z])]), SpeedLimit.COLUMN)
         return (yield from tried(transit(tip, [*away, up])))
+
+
+def to_front(place: np.ndarray, area: Area) -> list[np.ndarray]:
+    """Places (3,), level along the border of the area from one on it to the side where y is smallest."""
+    front = float(area.lower[Y])
+    if place[Y] == front:
+        return []
+    nearer = area.lower if place[X] - area.lower[X] < area.upper[X] - place[X] else area.upper
+    corner = np.array([nearer[X], place[Y], place[Z]])
+    return [corner, np.array([nearer[X], front, place[Z]])]
 
 
 def bounded(task: Task, found: Found) -> Task:

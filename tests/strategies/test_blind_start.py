@@ -8,6 +8,8 @@ from fake_surface import FakeSurface, box
 
 from lwrprobe.contracts import Area, Done
 from lwrprobe.scene.scene import ProbeTable
+from lwrprobe_strategies.active import Active
+from lwrprobe_strategies.blind_start import to_front
 from lwrprobe_strategies.planning.search_places import SearchPlaces
 from lwrprobe_strategies.supervisor import SkillStrategy
 from strategy_task import task
@@ -35,13 +37,22 @@ def at(distance, x, y, angle=0.0):
     return lambda p: distance(turn @ (p - [x, y, 0.0]))
 
 
-def explore(distance, area=AREA, samples=100_000, score=lambda seen: None):
+class Told(Active):
+    """Ends before its first stroke."""
+
+    def scheduler(self):
+        lines = super().scheduler()
+        lines.next, self.begun = lambda here: None, self.upright
+        return lines
+
+
+def explore(distance, area=AREA, samples=100_000, score=lambda seen: None, strategy=None):
     """The strategy after its end, how it ended, the surface, and where the tip was.
 
     `score` gives the confidence score of a contact, None for the surface's own.
     """
     given = replace(TASK, area=area, start=np.array([0.0, area.lower[1], area.upper[2]]))
-    strategy, surface, places = Nothing(), FakeSurface(distance, given, given.start, stiffness=2000.0), []
+    strategy, surface, places = strategy or Nothing(), FakeSurface(distance, given, given.start, stiffness=2000.0), []
     strategy.start(given)
     seen = surface.look()
     for _ in range(samples):
@@ -91,6 +102,16 @@ def test_what_is_in_the_middle_is_found_at_the_first_place(height, seconds):
     strategy, _, surface, _ = explore(at(box((0.02, 0.02), height), 0.0, 0.0, 0.3), SMALL)
     assert strategy.bounds.found_at < seconds
     assert surface.peak <= TASK.force_limit
+
+
+def test_strokes_begin_with_what_bounded_the_object():
+    """The outline as low as the body may go, and the crossings of the top, are not driven again."""
+    strategy, _, _, _ = explore(at(box((0.02, 0.02), 0.05), 0.0, 0.0, 0.3), SMALL, strategy=Told())
+    strategy.estimate.update()
+    faces = strategy.estimate.faces()
+    walls = faces.axes != 2
+    assert faces.areas[walls].sum() > 0.8 * 4.0 * 0.05 * 0.05
+    assert np.average(faces.distances, weights=faces.areas) < Active.Config().step
 
 
 def test_a_touch_from_above_is_one_of_the_sphere_whatever_its_torque_says():
@@ -158,7 +179,33 @@ def test_what_is_said_to_be_missed_bounds_what_a_search_misses(smallest):
     assert apart.max() <= reach + 0.5 * smallest + 0.002  # half of the diagonal of a cell beside
 
 
+def test_the_first_places_meet_most_objects_wherever_they_are():
+    """Of objects 60 to 80 mm wide the first six places meet 86 %; one size after the other it was 73 %."""
+    wide = Area(np.array([-0.12, -0.1, 0.006]), np.array([0.12, 0.1, 0.13]))
+    places = np.array(SearchPlaces(wide, 0.005, 0.04, 0.0205).places()[:6])
+    random = np.random.default_rng(2)
+    half = random.uniform(0.03, 0.04, 5000)
+    centres = random.uniform(-1.0, 1.0, (5000, 2)) * (wide.upper[:2] - half[:, None])
+    apart = np.hypot(*(centres[:, None] - places[None]).transpose(2, 0, 1)).min(axis=1)
+    assert (apart <= half + 0.005).mean() > 0.84
+
+
 def test_places_lead_from_coarse_to_fine_and_begin_in_the_middle():
     fine, coarse = (SearchPlaces(AREA, 0.01, size, 0.012).places() for size in (0.03, 0.06))
     assert np.allclose(fine[0], 0.0, atol=1e-9)
     assert len(coarse) < len(fine)
+
+
+@pytest.mark.parametrize(
+    ("place", "way"),
+    [
+        ((0.01, -0.065), []),
+        ((0.075, 0.02), [(0.075, 0.02), (0.075, -0.065)]),
+        ((-0.03, 0.065), [(-0.075, 0.065), (-0.075, -0.065)]),
+    ],
+)
+def test_the_side_where_lines_begin_is_reached_along_the_border(place, way):
+    here = np.array([*place, 0.01])
+    assert np.allclose(
+        np.array(to_front(here, AREA)).reshape(-1, 3), [(*there, 0.01) for there in way] or np.empty((0, 3))
+    )

@@ -1,4 +1,4 @@
-"""Where to search for an object of which nothing is known: places in the plan view, from coarse to fine."""
+"""Where to search for an object of which nothing is known: places in the plan view, the likeliest first."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from lwrprobe_strategies.planning.lines import X, Y
 CELL = 0.004
 """m, between the places that are considered."""
 FINER = 0.7
-"""Ratio of one size that is searched for to the last."""
+"""Ratio of one size that is searched for to the last: all of them are alike likely, wherever in the area they fit."""
+
+ALIKE = 0.02
+"""Share of what the best place meets, within which others meet as much: cells count no finer. That nearest to the
+middle is taken."""
 
 
 class SearchPlaces:
-    """Places such that objects of one size after the other, down to the smallest, are met wherever they are.
+    """Places such that objects down to the smallest are met wherever they are, and most of them early.
 
     An object counts by the largest level circle that fits over it, which lies in the area.
 
@@ -29,31 +33,41 @@ class SearchPlaces:
     def __init__(self, area: Area, reach: float, smallest: float, keep: float) -> None:
         low, high = area.lower[:2], area.upper[:2]
         self._reach, self._smallest = reach, smallest
+        self._low, self._high = low, high
         self._candidates = _grid(low + keep, high - keep)
         self._centres = _grid(low + 0.5 * smallest, high - 0.5 * smallest)
-        self._middle = 0.5 * (low + high)
         self._nearest = np.full(len(self._centres), np.inf)
 
     def places(self) -> list[tuple[float, float]]:
-        """x and y of each, m, in the order in which they are to be visited."""
-        found: list[tuple[float, float]] = []
-        nearest = np.full(len(self._centres), np.inf)
+        """x and y of each, m, in the order in which they are to be visited.
+
+        Each of them meets the largest share of what those before it have not met.
+        """
         apart = np.hypot(*(self._candidates[:, None, :] - self._centres[None]).transpose(2, 0, 1))
-        off = np.hypot(*(self._candidates - self._middle).T)
-        size = float(min(np.ptp(self._centres, axis=0))) + self._smallest
-        while True:
-            within = self._reach + 0.5 * size
-            while (open_ := nearest > within).any():
-                # The one that leaves least; of equal ones that nearest to the middle, where most objects reach.
-                new = (apart[:, open_] <= within).sum(axis=1)
-                best = int(np.lexsort((off, -new))[0])
-                if not new[best]:
-                    break
-                found.append((float(self._candidates[best, X]), float(self._candidates[best, Y])))
-                nearest = np.minimum(nearest, apart[best])
-            if size <= self._smallest:
-                return found
-            size = max(FINER * size, self._smallest)
+        off = np.hypot(*(self._candidates - 0.5 * (self._low + self._high)).T)
+        room = np.minimum(self._centres - self._low, self._high - self._centres).min(axis=1) + 1e-9
+        sizes = [self._smallest]
+        while sizes[-1] < FINER * float((self._high - self._low).min()):
+            sizes.append(sizes[-1] / FINER)
+        within = [self._reach + 0.5 * size for size in sizes]
+        left = [room >= 0.5 * size for size in sizes]
+        shares = [1.0 / max(int(open_.sum()), 1) for open_ in left]
+        meets = np.zeros(len(self._candidates))
+        for far, share, open_ in zip(within, shares, left):
+            meets += share * (apart[:, open_] <= far).sum(axis=1)
+        found: list[tuple[float, float]] = []
+        while left[0].any():
+            most = float(meets.max())
+            if most < 1e-9:
+                break
+            alike = np.flatnonzero(meets >= (1.0 - ALIKE) * most)
+            best = int(alike[np.argmin(off[alike])])
+            found.append((float(self._candidates[best, X]), float(self._candidates[best, Y])))
+            for far, share, open_ in zip(within, shares, left):
+                met = open_ & (apart[best] <= far)
+                meets -= share * (apart[:, met] <= far).sum(axis=1)
+                open_ &= ~met
+        return found
 
     def searched(self, place: tuple[float, float]) -> None:
         """Nothing was met at a place."""
