@@ -75,6 +75,17 @@ def test_never_worse_than_the_hull_on_a_convex_object(scenes, name):
     assert error(surface(record).mesh, solid).mean < error(convex_hull(record.points), solid).mean
 
 
+@pytest.mark.parametrize("name", ["bridge", "jaw_chuck"])
+def test_lines_that_are_closer_than_stated_count_as_what_they_are(scenes, name):
+    """Strokes cross and come closer with time. A field that is as wide as the stated distance cuts the edges."""
+    solid, record = scenes(name)
+    wide = replace(record, pitch=0.025)
+    found = surface(wide)
+    assert found.report["pitch"] == pytest.approx(0.01, rel=0.15)
+    assert error(found.mesh, solid).mean < 1.2 * error(surface(record).mesh, solid).mean
+    assert error(found.mesh, solid).mean < 0.8 * error(surface(wide, pitch=0.025).mesh, solid).mean
+
+
 def test_fifteen_millimetre_lines_and_voxels(scenes):
     solid, record = scenes("cylinder_vertical", 0.015)
     assert error(surface(record).mesh, solid).mean < 9e-4

@@ -90,6 +90,20 @@ def offsets(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
     return np.where(apart < 3.0 * spacing, above, np.copysign(apart, above))
 
 
+def lines_apart(mesh: TriangleMesh, points: np.ndarray) -> float:
+    """m between lines through contacts (n, 3), as their mesh has them, from the lowest contact on.
+
+    Between lines a distance p apart places are evenly up to p / 2 away from the next one. Lines that cross leave less.
+    """
+    from scipy.spatial import cKDTree
+
+    places = _samples(mesh)[0]
+    places = _some(places[places[:, 2] >= points[:, 2].min()])
+    if not len(places):
+        return np.inf
+    return float(np.percentile(cKDTree(points).query(places)[0], 95.0)) / 0.475
+
+
 def _samples(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray, float]:
     """Points all over a mesh and its normals there (n, 3), and how far they are apart [m]."""
     corners = mesh.vertices[mesh.faces]

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
-from lwrprobe.reconstruction.choice import better_method
+from lwrprobe.reconstruction.choice import better_method, lines_apart
 from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.convex_hull import ConvexHull
@@ -47,6 +47,7 @@ _NEAR = 0.9  # of the pitch: how far from data the field is taken
 _NEAR_OVERHANG = 2.5  # the same under data that lean down and beside lower walls, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
+_CLOSER = 0.8  # of the stated pitch: lines that are closer together than that count as what they are
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
@@ -71,7 +72,8 @@ class ContactSurface:
 
         Attributes
         ----------
-        pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
+        pitch : m, distance between the scan's lines; None takes the record's, or less where the contacts lie closer, or
+            estimates it from the contacts
         step : m, edge of the grid's cells; None takes 0.4 radii. Less where a wall is thinner, more where the object is
             so large that the grid would have more than 3 000 000 nodes
         compare : take another method's mesh where contacts lie off this one's and it predicts held-out contacts better
@@ -97,6 +99,11 @@ class ContactSurface:
         """Raises InputError for contacts that span no solid or have no normals."""
         begin = time.perf_counter()
         found = self._own(record)
+        if self.config.pitch is None and record.pitch is not None:
+            apart = lines_apart(found.mesh, record.points)
+            if apart < _CLOSER * found.report["pitch"]:
+                record = replace(record, pitch=apart)
+                found = self._own(record)
         if not self.config.compare:
             return found
         pitch = found.report["pitch"]
