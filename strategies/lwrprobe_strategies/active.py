@@ -12,7 +12,7 @@ from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
-from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -23,6 +23,10 @@ from lwrprobe_strategies.supervisor import Program
 
 SPACING = 5.0 / 3.0
 """Line spacing that the strokes are worth, in reaches of a contact; they are between one and two reaches apart."""
+
+HIGHER = 0.006
+"""m above the sphere on the highest place that a search has touched, where nothing is expected: two cells of the
+estimate."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -65,10 +69,21 @@ class Active(GridVersion):
         self.estimate = SurfaceEstimate(self.task.area, (self.task.options or self.Config()).step)
         for contact in self.found:
             self.estimate.touch(contact.centre, contact.normal)
+        for place in self.untouched_heights():
+            self.estimate.passed(place)
         self.outline = OutlineWatch()
         done = yield from super().program()
         yield from transit(self.tip, super().retraction(), self.begun)
         return done
+
+    def untouched_heights(self) -> np.ndarray:
+        """(n, 3) m, above all that a search has touched: what is taller is believed once it is touched."""
+        low, high = self.task.area.lower, self.task.area.upper
+        height = self.task.tallest + self.task.probe.radius + HIGHER
+        if not (self.found and height < high[Z]):
+            return np.empty((0, 3))
+        x, y = (np.arange(low[axis], high[axis], HIGHER) for axis in (X, Y))
+        return np.stack(np.meshgrid(x, y, [height], indexing="ij"), axis=-1).reshape(-1, 3)
 
     def scheduler(self) -> LineScheduler:
         """Strokes by their worth."""

@@ -112,6 +112,7 @@ def test_strokes_begin_with_what_bounded_the_object():
     walls = faces.axes != 2
     assert faces.areas[walls].sum() > 0.8 * 4.0 * 0.05 * 0.05
     assert np.average(faces.distances, weights=faces.areas) < Active.Config().step
+    assert faces.centres[:, 2].max() < 0.05 + TASK.probe.radius + 0.006  # walls go no higher than what was touched
 
 
 def test_a_touch_from_above_is_one_of_the_sphere_whatever_its_torque_says():
