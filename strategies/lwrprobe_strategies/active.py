@@ -12,7 +12,7 @@ from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -27,6 +27,9 @@ SPACING = 5.0 / 3.0
 HIGHER = 0.006
 """m above the sphere on the highest place that a search has touched, where nothing is expected: two cells of the
 estimate."""
+
+FREE_APART = 0.012
+"""m between the places where nothing is expected: nearer to each of those in between than a wall far below counts."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -79,11 +82,11 @@ class Active(GridVersion):
     def untouched_heights(self) -> np.ndarray:
         """(n, 3) m, above all that a search has touched: what is taller is believed once it is touched."""
         low, high = self.task.area.lower, self.task.area.upper
-        height = self.task.tallest + self.task.probe.radius + HIGHER
-        if not (self.found and height < high[Z]):
+        lowest = self.task.tallest + self.task.probe.radius + HIGHER
+        if not (self.found and lowest < high[Z]):
             return np.empty((0, 3))
-        x, y = (np.arange(low[axis], high[axis], HIGHER) for axis in (X, Y))
-        return np.stack(np.meshgrid(x, y, [height], indexing="ij"), axis=-1).reshape(-1, 3)
+        axes = (np.arange(begin, end + FREE_APART, FREE_APART) for begin, end in zip((*low[:2], lowest), high))
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
     def scheduler(self) -> LineScheduler:
         """Strokes by their worth."""
