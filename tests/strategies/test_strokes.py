@@ -154,8 +154,8 @@ def test_a_surface_that_is_found_anew_is_no_reason_to_end():
     known = outlined()
     lines, here = scheduler(known, aim=1e-6), np.array([0.0, -0.1, TOP])
     mean = known.faces().error()[0]
-    lines._means, lines._spent = [(0.0, 0.5 * mean), (100.0, 1.3 * mean)], 1.5 * PATIENCE
-    assert lines.next(here) is not None  # less than at 100 s, and more than at the beginning
+    lines._means, lines._spent = [(0.0, 0.5 * mean), (0.7 * PATIENCE, 1.3 * mean)], 1.5 * PATIENCE
+    assert lines.next(here) is not None  # less than in between, and more than at the beginning
     lines._means, lines._spent = [(0.0, 1.3 * mean), (1.0, mean)], 1.5 * PATIENCE
     assert lines.next(here) is None
 
