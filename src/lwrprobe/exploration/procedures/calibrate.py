@@ -19,7 +19,7 @@ from lwrprobe.calibration import (
     Touches,
     solve,
 )
-from lwrprobe.calibration.quantities import quantities
+from lwrprobe.calibration.quantities import arm_errors, quantities
 from lwrprobe.calibration.touches import Target
 from lwrprobe.contact import identify_payload
 from lwrprobe.contracts import InputError, SafetyStop, WrenchSample
@@ -410,5 +410,6 @@ def calibrate(
         residual=solution.residual,
         time=found.outcome.time,
         quantities=quantities(solution, found.touches, load, robot, probe, priors, q, _postures_around(scene, robot)),
+        arm_errors=arm_errors(solution),
     )
     return calibration, found
