@@ -122,6 +122,7 @@ def with_reference_sphere(scene: Scene, diameter: float, poses: Sequence[tuple[f
         "radius": radius,
         "places": [[float(x), float(y), z] for x, y in places],
         "table": scene.table.height if scene.table.present else float("nan"),
+        "torque": scene.safety.torque_share * min(scene.probe.torque_range),
     }
     material: dict[str, Any] = (
         {"friction": scene.objects[0].friction, "stiffness": scene.objects[0].stiffness} if scene.objects else {}
