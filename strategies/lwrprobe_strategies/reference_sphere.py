@@ -63,6 +63,8 @@ UP = np.array([0.0, 0.0, 1.0])
 READABLE = 0.9
 """Share of the torque at which the run's guard lets go, up to which a press leads: a data sheet's gain and crosstalk
 make a reading wrong by 3 %."""
+PRESSING = 100.0
+"""s for the presses, however long a sphere was sought."""
 PRIOR = 0.02
 """m, by which the sphere may stand elsewhere than the first touch says: only steadies the fit."""
 
@@ -82,7 +84,7 @@ class _Options:
     touches : presses in each orientation
     table : m, height of the table as far as known; nan = there is none
     torque : N m about each axis of the sensor at which the run's guard lets go
-    time : s for the presses at one place of the sphere; a slow loop keeps to them with fewer presses
+    time : s at one place of the sphere, which a slow loop keeps to with fewer presses
     """
 
     radius: float = 0.015
@@ -93,7 +95,7 @@ class _Options:
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
-    time: float = 180.0
+    time: float = 285.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):
@@ -130,6 +132,7 @@ class ReferenceSphere(SkillStrategy):
         self._planned = len(plan) * len(options.places)
         for index, stated in enumerate(options.places):
             self._met: list[np.ndarray] = []
+            self._begun = self.tip.seen.time
             found = yield from self._find(np.asarray(stated, dtype=float), options)
             if found is not Ended.CONTACT:
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
@@ -148,13 +151,14 @@ class ReferenceSphere(SkillStrategy):
     def _press_all(self, plan: list[SphereTouch]) -> Procedure:
         """One touch after another; while the time does not suffice one in each orientation is left out, in turn.
 
-        Two are, once they are late by more than an orientation takes. In turn, so that all directions against the stick
-        keep some.
+        Two are, once they are late by more than an orientation takes, and so on. In turn, so that all directions
+        against the stick keep some. The table takes about as long as the search has, at the same speed.
         """
         options, begin = self.task.options, self.tip.seen.time
+        left = max(options.time - 2.0 * (begin - self._begun), PRESSING)
         for k, touch in enumerate(plan):
-            late = (self.tip.seen.time - begin) / options.time - k / len(plan)
-            spared = 0 if late <= 0.0 else 1 if late < options.touches / len(plan) else 2
+            late = (self.tip.seen.time - begin) / left - k / len(plan)
+            spared = np.clip(np.ceil(late * len(plan) / options.touches), 0, options.touches - 1)
             if (k - k // options.touches) % options.touches >= spared:
                 yield from self._press(touch)
             self._count += 1

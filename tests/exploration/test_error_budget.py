@@ -59,8 +59,8 @@ def test_what_a_calibration_leaves_of_arm_and_tool_counts_together():
     sigma = np.concatenate([np.zeros(14), np.full(7, 3e-4), np.full(7, np.radians(0.05)), [2e-4, 2e-4, 3e-4]])
 
     def left(rows):
-        table = scene.uncertainty.model_copy(update={"arm_errors": tuple(map(tuple, rows.tolist()))})
-        known = scene.model_copy(update={"uncertainty": table})
+        correction = scene.arm.correction.model_copy(update={"errors": tuple(map(tuple, rows.tolist()))})
+        known = scene.model_copy(update={"arm": scene.arm.model_copy(update={"correction": correction})})
         probe = _of_probe(known, None, still, rotations)
         assert list(probe) == ["sphere radius"], "where the sphere's centre is, is contained"
         return covariance(_of_arm(known, robot, Q, still)["kinematics"])

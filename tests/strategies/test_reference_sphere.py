@@ -18,7 +18,7 @@ def pressed(seconds, **given):
     plan, made = sphere_touches(DOWN, options.leans, options.touches), []
     strategy = ReferenceSphere.__new__(ReferenceSphere)
     strategy.tip, strategy.task = SimpleNamespace(seen=SimpleNamespace(time=40.0)), SimpleNamespace(options=options)
-    strategy._count = 0
+    strategy._count, strategy._begun = 0, 0.0
 
     def press(touch):
         made.append(next(k for k, one in enumerate(plan) if one is touch))
@@ -36,14 +36,14 @@ def test_a_quick_loop_makes_all_presses():
     assert made == list(range(planned))
 
 
-@pytest.mark.parametrize("seconds", [3.5, 5.0])
+@pytest.mark.parametrize("seconds", [3.8, 6.0])
 def test_a_slow_loop_makes_fewer_of_each_kind_and_keeps_to_the_time(seconds):
     made, planned = pressed(seconds)
-    assert len(made) * seconds < 180.0 + 4.0 * seconds
+    assert len(made) * seconds < 285.0 - 2.0 * 40.0 + 4.0 * seconds
     kinds = np.bincount([k % 4 for k in made], minlength=4)
     assert kinds.min() > 0.6 * kinds.max(), "across the stick, along it, and between"
     orientations = np.bincount([k // 4 for k in made], minlength=planned // 4)
-    assert orientations.min() >= 2
+    assert orientations.min() >= 1
 
 
 def test_a_press_across_the_stick_stays_below_the_torque_at_which_the_guard_lets_go():

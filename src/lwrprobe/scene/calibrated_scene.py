@@ -86,6 +86,7 @@ def calibrated(scene: Scene) -> Scene:
                         found.values("kinematic_table"),
                         found.values("gear_waves"),
                         float(found.values("joint_hysteresis")[0]),
+                        found.arm_errors,
                     ),
                 }
             ),
@@ -130,4 +131,4 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
         "table_tilt_deg": float(np.degrees(max(found.sigma("table")[1:]))),
     }
     kept = {name: min(float(value), stated.sigma(name) or np.inf) for name, value in measured.items()}
-    return stated.model_copy(update={**kept, "arm_errors": found.arm_errors})
+    return stated.model_copy(update=kept)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field
-
 from lwrprobe.scene.table import NonNegative, Table
 
 _BOTH: dict[str, float] = {
@@ -78,10 +76,6 @@ class UncertaintyTable(Table):
     """Denavit-Hartenberg theta of each joint: its zero."""
     dh_a_mm: NonNegative | None = None
     dh_d_mm: NonNegative | None = None
-    arm_errors: tuple[tuple[float, ...], ...] = Field(default=(), strict=False)
-    """What a calibration leaves of the kinematic table and of the sphere's centre together: independent errors of one
-    standard deviation each, m and rad, of a, alpha, d and theta of all joints and of the centre in the tip frame. In
-    the error budget they take the place of the single numbers."""
     base_shift_mm: NonNegative | None = None
     """Of the robot's base along each axis."""
     base_turn_deg: NonNegative | None = None
