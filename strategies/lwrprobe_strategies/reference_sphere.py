@@ -95,7 +95,7 @@ class _Options:
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
-    time: float = 285.0
+    time: float = 275.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):
@@ -151,14 +151,14 @@ class ReferenceSphere(SkillStrategy):
     def _press_all(self, plan: list[SphereTouch]) -> Procedure:
         """One touch after another; while the time does not suffice one in each orientation is left out, in turn.
 
-        Two are, once they are late by more than an orientation takes, and so on. In turn, so that all directions
+        Two are, once they are late by more than half an orientation takes, and so on. In turn, so that all directions
         against the stick keep some. The table takes about as long as the search has, at the same speed.
         """
         options, begin = self.task.options, self.tip.seen.time
         left = max(options.time - 2.0 * (begin - self._begun), PRESSING)
         for k, touch in enumerate(plan):
             late = (self.tip.seen.time - begin) / left - k / len(plan)
-            spared = np.clip(np.ceil(late * len(plan) / options.touches), 0, options.touches - 1)
+            spared = np.clip(np.ceil(2.0 * late * len(plan) / options.touches), 0, options.touches - 1)
             if (k - k // options.touches) % options.touches >= spared:
                 yield from self._press(touch)
             self._count += 1
@@ -344,12 +344,12 @@ class ReferenceSphere(SkillStrategy):
         return Ended.NO_CONTACT
 
     def _press_table(self) -> Procedure:
-        """Press on the table at four places around the sphere."""
+        """Press on the table at four places around the sphere, which stands on it."""
         tip, centre = self.tip, self._sphere
         options: _Options = self.task.options
         yield from self._leave_upwards()
         high = float(tip.here[2])
-        low = options.table + self.task.probe.radius
+        low = float(centre[2]) - options.radius + self.task.probe.radius
         radius, gap = self._reach + BESIDE, FAR
         for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
             above = np.array([centre[0] + radius * x, centre[1] + radius * y, high])
