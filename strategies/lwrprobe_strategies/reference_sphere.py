@@ -60,6 +60,11 @@ SLOPE = 0.02
 LET_GO = 0.001
 """m, by which a touch is left."""
 UP = np.array([0.0, 0.0, 1.0])
+READABLE = 0.9
+"""Share of the torque at which the run's guard lets go, up to which a press leads: a data sheet's gain and crosstalk
+make a reading wrong by 3 %."""
+PRESSING = 100.0
+"""s for the presses, however long a sphere was sought."""
 PRIOR = 0.02
 """m, by which the sphere may stand elsewhere than the first touch says: only steadies the fit."""
 
@@ -78,6 +83,8 @@ class _Options:
         in rad, one after another
     touches : presses in each orientation
     table : m, height of the table as far as known; nan = there is none
+    torque : N m about each axis of the sensor at which the run's guard lets go
+    time : s at one place of the sphere, which a slow loop keeps to with fewer presses
     """
 
     radius: float = 0.015
@@ -87,9 +94,11 @@ class _Options:
     leans: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 1.6, 0.0))
     touches: int = 4
     table: float = 0.0
+    torque: float = float("inf")
+    time: float = 275.0
 
     def __post_init__(self) -> None:
-        for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7)):
+        for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):
             value = getattr(self, name)
             if not (np.isfinite(value) and low <= value <= high):
                 raise InputError(name, value, f"{low:g} to {high:g}")
@@ -123,13 +132,12 @@ class ReferenceSphere(SkillStrategy):
         self._planned = len(plan) * len(options.places)
         for index, stated in enumerate(options.places):
             self._met: list[np.ndarray] = []
+            self._begun = self.tip.seen.time
             found = yield from self._find(np.asarray(stated, dtype=float), options)
             if found is not Ended.CONTACT:
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
             self._seen_in = self._upright
-            for touch in plan[index:] + plan[:index]:
-                yield from self._press(touch)
-                self._count += 1
+            yield from self._press_all(plan[index:] + plan[:index])
             self.centres.append(self._sphere)
             if np.isfinite(options.table):
                 yield from self._press_table()
@@ -139,6 +147,22 @@ class ReferenceSphere(SkillStrategy):
     def progress(self) -> Progress:
         """Share of the planned touches."""
         return Progress("calibrating", min(self._count / self._planned, 1.0), self.tip.trace.state)
+
+    def _press_all(self, plan: list[SphereTouch]) -> Procedure:
+        """One touch after another; while the time does not suffice one in each orientation is left out, in turn.
+
+        Two are, once they are late by more than half an orientation takes, and so on. In turn, so that all directions
+        against the stick keep some. The table takes about as long as the search has, at the same speed.
+        """
+        options, begin = self.task.options, self.tip.seen.time
+        left = max(options.time - 2.0 * (begin - self._begun), PRESSING)
+        for k, touch in enumerate(plan):
+            late = (self.tip.seen.time - begin) / left - k / len(plan)
+            spared = np.clip(np.ceil(2.0 * late * len(plan) / options.touches), 0, options.touches - 1)
+            if (k - k // options.touches) % options.touches >= spared:
+                yield from self._press(touch)
+            self._count += 1
+        return Ended.RELEASED
 
     def _find(self, stated: np.ndarray, options: _Options) -> Procedure:
         """Go down at places around the stated one until the tip meets something above the table, then beside it.
@@ -288,10 +312,16 @@ class ReferenceSphere(SkillStrategy):
         """Press along a normal and let go, in one of the two times."""
         tip = self.tip
         self._contact = tip.here.copy()
-        outcome = yield from load(tip, normal, self._force, LOAD_TIME)
+        outcome = yield from load(tip, normal, min(self._force, self._readable(normal)), LOAD_TIME)
         pressed_in = float((self._contact - tip.here) @ normal)
         yield from unload(tip, normal, pressed_in, UNLOAD_TIMES[self._count // 2 % 2])
         return outcome
+
+    def _readable(self, normal: np.ndarray) -> float:
+        """N along a normal (3,), up to which the guard of the sensor's torque does not let go."""
+        across = self.tip.rotation[:, :2].T @ normal
+        lever = self.task.probe.sensor_distance * float(np.abs(across).max())
+        return READABLE * self.task.options.torque / max(lever, 1e-9)
 
     def _let_go(self, normal: np.ndarray) -> Procedure:
         """Move out along a normal until nothing is touched."""
@@ -314,12 +344,12 @@ class ReferenceSphere(SkillStrategy):
         return Ended.NO_CONTACT
 
     def _press_table(self) -> Procedure:
-        """Press on the table at four places around the sphere."""
+        """Press on the table at four places around the sphere, which stands on it."""
         tip, centre = self.tip, self._sphere
         options: _Options = self.task.options
         yield from self._leave_upwards()
         high = float(tip.here[2])
-        low = options.table + self.task.probe.radius
+        low = float(centre[2]) - options.radius + self.task.probe.radius
         radius, gap = self._reach + BESIDE, FAR
         for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
             above = np.array([centre[0] + radius * x, centre[1] + radius * y, high])

@@ -36,6 +36,8 @@ VALUES = {
     "kinematic_table": [1e-4] * 7 + [2e-4] * 7 + [3e-4] * 7 + [4e-4] * 7, "gear_waves": [5e-5] * 7 + [-6e-5] * 7,
 }  # fmt: skip
 
+ARM_ERRORS = tuple(tuple(row) for row in (np.eye(2, 31) * 7e-4).tolist())
+
 
 @pytest.fixture
 def calibration():
@@ -52,7 +54,7 @@ def calibration():
             visible[1] = False
         quantities[name] = Quantity("SI", tuple(values), tuple([1e-5] * len(values)), tuple(visible))
     date = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
-    return Calibration(date, "block", stated_hash(scene), "lwr4", 0.03, 75, 3e-6, 240.0, quantities)
+    return Calibration(date, "block", stated_hash(scene), "lwr4", 0.03, 75, 3e-6, 240.0, quantities, ARM_ERRORS)
 
 
 def test_file_holds_all(calibration, tmp_path):
@@ -143,12 +145,14 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format = 1", "format = 9", "format"),
+        ("format = 2", "format = 9", "format"),
         ("touches = 75", 'touches = "many"', "touches"),
         ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
         ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
         ("0.00501,", "nan,", "sphere_radius"),
         ("-6e-05,\n", "", "gear_waves"),
+        ("0.0007,\n", "", "arm_errors"),
+        ("0.0007,\n", "nan,\n", "arm_errors"),
     ],
 )
 def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):

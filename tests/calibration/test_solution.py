@@ -7,8 +7,8 @@ import pytest
 
 from calibration.synthetic_touches import CENTRE, PROBE, REFERENCE, draw, orientations, robot, touches
 from lwrprobe.calibration import CalibrationRefused, Parameters, Priors, force_to_torque, solve, tool_shift_rows
-from lwrprobe.calibration.model import Model
-from lwrprobe.calibration.quantities import table_share, waves_share
+from lwrprobe.calibration.model import Model, derivatives_by_table
+from lwrprobe.calibration.quantities import arm_errors, table_share, waves_share
 from lwrprobe.calibration.solution import refuse_moved
 from lwrprobe.contracts import InputError
 from lwrprobe.evaluation import aligned_points
@@ -67,6 +67,22 @@ def test_the_table_that_was_found_leaves_little_of_the_tips_error(drawn):
         )
         assert after < 0.5 * before
         assert after / before < 3.0 * table_share(solution, stated, around)
+
+
+@pytest.mark.slow
+def test_a_sphere_at_one_place_does_not_show_where_the_base_has_it(drawn):
+    arm = robot()
+    around = Q + np.random.default_rng(5).uniform(-0.15, 0.15, (40, 7))
+    poses = arm.fk_batch(around)
+    by_both = np.concatenate([derivatives_by_table(arm, around, poses), poses[:, :3, :3]], axis=2)
+    for _, _, solution in drawn:
+        rows, at = np.array(arm_errors(solution)), solution.parameters.slices
+        both = np.r_[at["dh"], at["tool"]]
+        assert rows.T @ rows == pytest.approx(solution.covariance[np.ix_(both, both)], rel=1e-6, abs=1e-12)
+        left = by_both @ rows.T
+        before = by_both * solution.parameters.sigma[both]
+        share = np.sqrt((left**2).sum() / (before**2).sum())
+        assert share > 1.2 * table_share(solution, arm, around), "what is left of the shape promises too much"
 
 
 @pytest.mark.slow

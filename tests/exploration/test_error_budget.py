@@ -10,7 +10,7 @@ from lwrprobe.contact import Settings
 from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rigid_motion
-from lwrprobe.exploration.recording.error_sources import _of_arm, error_budget
+from lwrprobe.exploration.recording.error_sources import _of_arm, _of_probe, error_budget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.recording.path_normals import CHORD, PathTurn
@@ -50,6 +50,28 @@ def test_a_cause_of_the_arm_is_the_shift_of_the_tip_by_its_parameters(key, sigma
         shift = (replace(robot, **{field: value}).fk_batch(Q) - robot.fk_batch(Q))[:, :3, 3] / 1e-6 * sigma * unit
         expected += np.einsum("ni,nj->nij", shift, shift)
     assert found == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
+
+
+def test_what_a_calibration_leaves_of_arm_and_tool_counts_together():
+    scene = alone("dh_offset_deg=0.05", "dh_d_mm=0.3", "probe_length_mm=0.3", "sphere_off_axis_mm=0.2")
+    robot, still = robot_of(scene), np.zeros((2, 3))
+    rotations = robot.fk_batch(Q)[:, :3, :3]
+    sigma = np.concatenate([np.zeros(14), np.full(7, 3e-4), np.full(7, np.radians(0.05)), [2e-4, 2e-4, 3e-4]])
+
+    def left(rows):
+        correction = scene.arm.correction.model_copy(update={"errors": tuple(map(tuple, rows.tolist()))})
+        known = scene.model_copy(update={"arm": scene.arm.model_copy(update={"correction": correction})})
+        probe = _of_probe(known, None, still, rotations)
+        assert list(probe) == ["sphere radius"], "where the sphere's centre is, is contained"
+        return covariance(_of_arm(known, robot, Q, still)["kinematics"])
+
+    single = _of_probe(scene, None, still, rotations)
+    expected = covariance(_of_arm(scene, robot, Q, still)["kinematics"])
+    expected += covariance(single["probe length"]) + covariance(single["sphere off axis"])
+    assert left(np.diag(sigma)) == pytest.approx(expected), "independent errors are the single numbers"
+    longer = np.zeros((1, 31))
+    longer[0, 20], longer[0, 30] = 3e-4, -3e-4
+    assert left(longer) == pytest.approx(0.0, abs=1e-12), "a longer last link and a shorter probe are one and the same"
 
 
 def test_a_base_that_is_turned_moves_what_is_far_from_it():

@@ -38,6 +38,11 @@ def test_gears_are_those_that_are_stated():
     assert gears_of(stated, 7).links(motors) - motors == pytest.approx(np.radians([ROW]))
 
 
+def test_rows_of_errors_have_a_number_for_all_of_table_and_tool():
+    with pytest.raises(SceneError, match=r"arm.correction.errors.*31 numbers"):
+        robot_of(load_scene("block", ["arm.correction.errors=[[1.0, 2.0]]"]))
+
+
 @pytest.mark.parametrize("key", ["dh_twist_deg", "gear_cosine_deg"])
 def test_another_number_of_joints_is_refused(key):
     scene = load_scene("block", [f"arm.correction.{key}=[1.0, 2.0]"])

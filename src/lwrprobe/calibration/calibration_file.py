@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import FormatError
 
-FORMAT = 1
+FORMAT = 2
 LENGTHS: dict[str, int | None] = {
     "tool_shift": 3, "sphere_radius": 1, "stick_stiffness": 2, "joint_stiffness": None, "arm_stiffness": 3,
     "sensor_matrix": 36, "force_to_torque": 9, "clock_offset": 1, "arm_delay": 1, "sensor_latency": 1, "table": 3,
@@ -78,6 +78,8 @@ class Calibration:
         joint_hysteresis rad, width of the joints' play;
         joint_offset (n) rad;
         surface_compliance m/N, of the reference sphere at the contact
+    arm_errors : (k, 4 n + 3) m and rad, what is left of kinematic_table and tool together: independent errors of one
+        standard deviation each, a row each
     """
 
     date: datetime
@@ -89,6 +91,7 @@ class Calibration:
     residual: float
     time: float
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
+    arm_errors: tuple[tuple[float, ...], ...] = ()
 
     def values(self, name: str) -> np.ndarray:
         """(k,) of a quantity."""
@@ -130,6 +133,7 @@ def write_calibration(calibration: Calibration, path: str | Path) -> None:
             }
             for name, quantity in calibration.quantities.items()
         },
+        "arm_errors": [list(row) for row in calibration.arm_errors],
     }
     path.write_bytes(tomli_w.dumps(content).encode())
 
@@ -156,6 +160,7 @@ def read_calibration(path: str | Path) -> Calibration:
             residual=float(_of(content, "residual_m", float)),
             time=float(_of(content, "time_s", float)),
             quantities={name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()},
+            arm_errors=_arm_errors(_of(content, "arm_errors", list)),
         )
     except ValueError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -167,6 +172,9 @@ def read_calibration(path: str | Path) -> Calibration:
         found = len(calibration.quantities[name].values)
         if found != each * joints:
             raise FormatError(f"{path}: quantity.{name} has {found} numbers, not {each * joints} for {joints} joints")
+    lengths = {len(row) for row in calibration.arm_errors}
+    if not lengths <= {4 * joints + 3}:
+        raise FormatError(f"{path}: arm_errors has rows of {lengths} numbers, not {4 * joints + 3} for {joints} joints")
     return calibration
 
 
@@ -175,6 +183,13 @@ def _of(content: Mapping[str, Any], key: str, kind: type) -> Any:
     if not isinstance(value, kind):
         raise ValueError(f"{key} is {value!r}, not a {kind.__name__}")
     return value
+
+
+def _arm_errors(rows: list[Any]) -> tuple[tuple[float, ...], ...]:
+    for row in rows:
+        if not isinstance(row, list) or not all(isinstance(v, int | float) and np.isfinite(v) for v in row):
+            raise ValueError(f"arm_errors has {row!r}, not a list of finite numbers")
+    return tuple(tuple(float(v) for v in row) for row in rows)
 
 
 def _quantity(name: str, table: Any) -> Quantity:

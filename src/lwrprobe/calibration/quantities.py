@@ -89,6 +89,20 @@ def quantities(
     }  # fmt: skip
 
 
+def arm_errors(solution: Solution) -> tuple[tuple[float, ...], ...]:
+    """(k, 4 n + 3) m and rad: independent errors of kinematic table and tool, one standard deviation each.
+
+    They are the covariance of both. What a sphere at one place does not show, as where all of the arm's errors together
+    put the sphere in the base frame, is as large in them as before; ratios and differences that it shows are small.
+    """
+    at, sigma = solution.parameters.slices, solution.parameters.sigma
+    both = np.r_[at["dh"], at["tool"]]
+    # In the prior's standard deviations lengths and angles are of one size.
+    size, axes = np.linalg.eigh(solution.covariance[np.ix_(both, both)] / np.outer(sigma[both], sigma[both]))
+    rows = (axes * np.sqrt(np.maximum(size, 0.0))).T * sigma[both]
+    return tuple(tuple(float(v) for v in row) for row in rows)
+
+
 def tool_shift(solution: Solution, robot: Robot, q: Vector) -> tuple[Vector, Vector]:
     """(3,) m and standard deviations: the sphere's centre against where the scene has it, tip frame axes."""
     rows = tool_shift_rows(solution.parameters, robot, q)

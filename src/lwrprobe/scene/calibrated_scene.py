@@ -86,6 +86,7 @@ def calibrated(scene: Scene) -> Scene:
                         found.values("kinematic_table"),
                         found.values("gear_waves"),
                         float(found.values("joint_hysteresis")[0]),
+                        found.arm_errors,
                     ),
                 }
             ),

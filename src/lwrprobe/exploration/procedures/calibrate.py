@@ -19,7 +19,7 @@ from lwrprobe.calibration import (
     Touches,
     solve,
 )
-from lwrprobe.calibration.quantities import quantities
+from lwrprobe.calibration.quantities import arm_errors, quantities
 from lwrprobe.calibration.touches import Target
 from lwrprobe.contact import identify_payload
 from lwrprobe.contracts import InputError, SafetyStop, WrenchSample
@@ -122,6 +122,7 @@ def with_reference_sphere(scene: Scene, diameter: float, poses: Sequence[tuple[f
         "radius": radius,
         "places": [[float(x), float(y), z] for x, y in places],
         "table": scene.table.height if scene.table.present else float("nan"),
+        "torque": scene.safety.torque_share * min(scene.probe.torque_range),
     }
     material: dict[str, Any] = (
         {"friction": scene.objects[0].friction, "stiffness": scene.objects[0].stiffness} if scene.objects else {}
@@ -410,5 +411,6 @@ def calibrate(
         residual=solution.residual,
         time=found.outcome.time,
         quantities=quantities(solution, found.touches, load, robot, probe, priors, q, _postures_around(scene, robot)),
+        arm_errors=arm_errors(solution),
     )
     return calibration, found

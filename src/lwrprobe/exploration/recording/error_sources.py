@@ -90,10 +90,12 @@ def _of_probe(scene: Scene, pipeline: Pipeline, normals: np.ndarray, rotations: 
     """(n, k, 3) m of each cause in the shape of the probe."""
     table = scene.uncertainty
     aside = 1e-3 * table.sigma("sphere_off_axis_mm")
-    return {
+    radius = {"sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None]}
+    if scene.arm.correction.errors:  # they contain where the sphere's centre is
+        return radius
+    return radius | {
         "probe length": 1e-3 * table.sigma("probe_length_mm") * rotations[:, None, :, 2],
         "sphere off axis": aside * np.stack([rotations[:, :, 0], rotations[:, :, 1]], axis=1),
-        "sphere radius": 1e-3 * table.sigma("sphere_radius_mm") * normals[:, None],
     }
 
 
@@ -144,11 +146,15 @@ def _of_arm(scene: Scene, robot: Robot, joints: np.ndarray, velocities: np.ndarr
     a, d = (1e-3 * table.sigma(name) for name in lengths)
     alpha, theta = (radians(table.sigma(name)) for name in angles)
     by_table = derivatives_by_table(robot, joints, poses).transpose(0, 2, 1)
+    single = np.repeat([a, alpha, d, theta], robot.n)[:, None] * by_table
+    left = scene.arm.correction.error_rows(robot.n)
+    # The rows of the tool are the tip's axes in the world.
+    together = np.concatenate([by_table, poses[:, :3, :3].transpose(0, 2, 1)], axis=1)
     axes = robot.base[:3, :3].T
     turned = radians(table.sigma("base_turn_deg")) * np.cross(axes, (poses[:, :3, 3] - robot.base[:3, 3])[:, None])
     shifted = np.broadcast_to(1e-3 * table.sigma("base_shift_mm") * np.eye(3), turned.shape)
     return {
-        "kinematics": np.repeat([a, alpha, d, theta], robot.n)[:, None] * by_table,
+        "kinematics": left @ together if len(left) else single,
         "base": np.concatenate([shifted, turned], axis=1),
         "clock": 1e-3 * table.sigma("clock_skew_ms") * velocities[:, None],
     }
