@@ -111,9 +111,20 @@ LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
 def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
     assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, 1.0)]
     passed = ContactMemory()
-    passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
+    for y in np.arange(-BORDER, BORDER, 0.01):
+        passed.passed(np.array([0.01, y, 0.006]), 0.01)
     assert pieces(LINE, passed) == [(-BORDER, BORDER, np.inf)], "the line beside met nothing"
     assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2] == 1.0, "too far beside"
+
+
+def test_a_line_is_driven_with_care_where_the_one_beside_it_has_not_come_to():
+    """It came from the other end, as far as its stick met something; this one was driven fast into the other side."""
+    passed = ContactMemory()
+    for y in np.arange(BORDER, 0.04, -0.001):
+        passed.passed(np.array([0.01, y, 0.006]), 0.01)
+    (begin, end, times), rest = pieces(LINE, passed)
+    assert (begin, end, times) == (-BORDER, pytest.approx(0.04, abs=0.001), 1.0)
+    assert rest[2] == np.inf
 
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():

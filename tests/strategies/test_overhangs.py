@@ -10,6 +10,7 @@ from lwrprobe.control import ContourControl
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
@@ -70,6 +71,8 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     assert overhangs.possible(np.array([-0.01, 0.0, LOW]), np.array([1.0, 0.0, 0.0]))
     touch(overhangs, [0.02, 0.0, LOW], [1.0, 0.0, 0.0])
     assert overhangs.possible(here, ALONG), "that surface faces another way"
+    touch(overhangs, [0.01, -0.03, LOW], [0.0, -1.0, 0.0])
+    assert overhangs.possible(here, ALONG), "that surface lies behind"
     touch(overhangs, [0.01, -0.01, LOW], [0.0, -1.0, 0.0])
     assert not overhangs.possible(here, ALONG)
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
@@ -151,6 +154,35 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
+
+
+def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
+    """What stands out there by a millimetre stands out further here: it was met from below at sliding speed."""
+    tip = Tip(task(approach=0.03))
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    up, wall = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+    tip.control.begin(wall)
+    for z in np.arange(0.02, 0.07, 0.001):
+        touch(tip.overhangs, [0.01, 0.0 if z < 0.04 else -0.001, z], wall)
+    tip.here = np.array([0.0, 0.0, 0.03])
+    assert tip.climb_limit(up) == np.inf, "the same wall goes on"
+    tip.here = np.array([0.0, 0.0, 0.0385])
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed)
+    tip.here = np.array([0.0, -0.001, 0.0385])
+    assert tip.climb_limit(up) == np.inf, "on a wall as far out"
+
+
+def test_over_a_floor_below_what_is_taller_it_goes_as_slowly_as_where_nothing_is_touched():
+    """The stick was met at sliding speed by what overhangs a floor that the sphere followed."""
+    tip, _ = level_contour([0.0, -0.02, LOW], [0.0, 0.0, 1.0])
+    frame, up = TrackingFrame(Line(1, 0.0, -0.1, 0.1, LOW), AREA), np.array([0.0, 0.0, 1.0])
+    fast = float(np.linalg.norm(slide(tip, frame, up, "").velocity))
+    touch(tip.overhangs, [0.0, -0.01, HIGH], [0.0, -0.6, 0.8])
+    slow = min(UNEXPECTED * tip.control.stick_speed(tip.overhangs.reach(tip.here, ALONG)), 0.7 * fast)
+    assert np.linalg.norm(slide(tip, frame, up, "").velocity) <= 1.01 * slow
+    for y in np.linspace(-0.02, 0.0, 21):
+        tip.overhangs.note(pose_at([0.0, y, LOW]), None)
+    assert np.linalg.norm(slide(tip, frame, up, "").velocity) == pytest.approx(fast, rel=0.1), "the stick stood there"
 
 
 def test_a_line_that_was_raised_goes_higher_when_it_leads_in_under_the_same_again():
