@@ -83,9 +83,7 @@ def _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n):
     length, radius = s[STICK_LENGTH], s[STICK_RADIUS]
     middle = 0.5 * (s[RADIUS] + length)
     point = s[POINT : POINT + 3]
-    low, low_distance, low_free = _nearest_on_stick(
-        s, v, counts, numbers, indices, tip, centre, s[RADIUS], middle
-    )
+    low, low_distance, low_free = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, s[RADIUS], middle)
     high, high_distance, high_free = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, middle, length)
     one = high - low <= _ONE_PLACE
     for half in range(2):

@@ -10,8 +10,8 @@ from lwrprobe.control import ContourControl
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
-from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
 from lwrprobe_strategies.skills.follow_contour import slide
@@ -170,6 +170,19 @@ def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed)
     tip.here = np.array([0.0, -0.001, 0.0385])
     assert tip.climb_limit(up) == np.inf, "on a wall as far out"
+
+
+def test_up_a_round_wall_it_goes_as_fast_as_up_a_plane_one():
+    """Beside a cylinder the sphere was outside its tangent, in a hollow one further out: neither overhangs."""
+    for outwards in (1.0, -1.0):
+        tip = Tip(task(approach=0.03))
+        tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+        beside, here = (outwards * np.array([np.sin(angle), -np.cos(angle), 0.0]) for angle in (0.3, 0.0))
+        for z in np.arange(0.02, 0.07, 0.001):
+            touch(tip.overhangs, outwards * 0.04 * beside + [0.0, 0.0, z], beside)
+        tip.control.begin(here)
+        tip.here = outwards * 0.04 * here + [0.0, 0.0, 0.03]
+        assert tip.climb_limit(np.array([0.0, 0.0, 1.0])) == np.inf
 
 
 def test_over_a_floor_below_what_is_taller_it_goes_as_slowly_as_where_nothing_is_touched():

@@ -29,7 +29,8 @@ TWICE = 2
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
-"""Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
+"""Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does; and
+along another normal, from which on both surfaces face alike."""
 HIGHER = 0.002
 """m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
 FURTHER_OUT = 0.0005
@@ -59,7 +60,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
-        self._centres = GrowingTable(3)  # m, of the sphere where it touched
+        self._centres = GrowingTable(5)  # m, of the sphere where it touched, and x and y of the normal there
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
@@ -90,7 +91,7 @@ class Overhangs:
         if contact.confidence is Confidence.RELIABLE:
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
-            self._centre(*pose[:3, 3].tolist())
+            self._centre(*pose[:3, 3].tolist(), *contact.normal[:2].tolist())
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
             if up < LEANS:
@@ -110,11 +111,11 @@ class Overhangs:
         else:
             self._above = 0
 
-    def _centre(self, x: float, y: float, z: float) -> None:
-        """The sphere touches a surface at a place."""
+    def _centre(self, x: float, y: float, z: float, nx: float, ny: float) -> None:
+        """The sphere touches a surface at a place, with a normal."""
         last = self._centres.last
         if last is None or max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) >= CELL:
-            self._centres.add((x, y, z))
+            self._centres.add((x, y, z, nx, ny))
 
     def stick_met(self, place: np.ndarray) -> None:
         """Something touches the stick, at a height that is not known, while the sphere is at a place (3,)."""
@@ -189,7 +190,8 @@ class Overhangs:
         """Whether the sphere may meet one on the way up a surface with a normal (3,), from a place (3,).
 
         It may where something overhangs near, higher up; where the sphere has touched nothing near from as high, since
-        nobody knows then what is above; and where it was further out there than this surface is.
+        nobody knows then what is above; and where on a surface that faces alike it was further out there than this one
+        is, by no more than the sphere's radius: the stick shows that nothing above stands out further here.
         """
         x, y, z = place.tolist()
         if self.found and self._overhang.tallest(_window(*self._cell(x, y), self._cells)) > z:
@@ -199,9 +201,15 @@ class Overhangs:
         higher = centres[(aside <= self._cells * CELL) & (centres[:, 2] > z + HIGHER)]
         if not len(higher):
             return True
-        lowest = higher[higher[:, 2] < higher[:, 2].min() + HIGHER, :2] - place[:2]
-        nearest = lowest[np.argmin((lowest * lowest).sum(axis=1))]
-        return float(nearest @ normal[:2]) > FURTHER_OUT
+        alike = higher[higher[:, 3:] @ normal[:2] > FACING]
+        if not len(alike):
+            return False
+        lowest = alike[alike[:, 2] < alike[:, 2].min() + HIGHER]
+        apart = lowest[:, :2] - place[:2]
+        nearest = int(np.argmin((apart * apart).sum(axis=1)))
+        # A chord of a round surface is perpendicular to the mean of the normals at its ends.
+        outward = 0.5 * (lowest[nearest, 3:] + normal[:2])
+        return FURTHER_OUT < float(apart[nearest] @ outward) < self._probe.radius
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
