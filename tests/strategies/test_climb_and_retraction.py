@@ -323,6 +323,24 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     assert path[-1].place[1] < -0.01
 
 
+@pytest.mark.parametrize("reach", [0.1, 0.02])
+def test_the_path_to_a_line_leads_where_the_arm_can_reach(reach):
+    """Near a stretched elbow joint 4 was to accelerate beyond its limit, and the run ended."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03, reachable=lambda poses: all(pose[1, 3] < reach for pose in poses)))
+    for y in (0.03, -0.06):
+        stand(strategy.tip.free, *([-0.05, y, z] for z in np.linspace(AREA.upper[2], 0.006, 60)))
+    strategy.tip.observe(seen([0.05, 0.0, AREA.upper[2]]))
+    approach = strategy.approach(Line(0, 0.0, -0.05, -0.04, 0.006), [])
+    goal, highest = next(approach), -np.inf
+    with suppress(StopIteration):
+        while True:
+            highest = max(highest, goal.pose[1, 3])
+            strategy.tip.observe(replace(seen(goal.pose[:3, 3]), goal_reached=True))
+            goal = approach.send(strategy.tip.seen)
+    assert highest == pytest.approx(0.03 if reach > 0.03 else 0.0, abs=0.001)
+
+
 @pytest.mark.parametrize(("mass", "fits"), [(0.0, True), (16.0, False)])
 def test_an_arm_with_a_mass_goes_down_fast_only_where_the_sphere_came_down_itself(mass, fits):
     """Beside its own column, at 200 mm/s, its flank had struck a cylinder's end with 3.7 N."""
