@@ -14,6 +14,7 @@ MARGIN = 1e-4
 """m beyond the motion of a step within which a surface becomes a contact row."""
 _STRIDE = 1e-3  # m, smallest step of the search along the stick
 _REFINED = 1e-4  # m, accuracy of the place along the stick
+_ONE_PLACE = 1e-3  # m along the stick, up to which the nearest places of both halves are one
 _MAX_AXIAL = 0.3  # largest cosine between the stick and the normal of a contact on its side
 
 RADIUS, STICK_RADIUS, STICK_LENGTH = range(3)
@@ -76,25 +77,24 @@ def _around(s, v, counts, numbers, indices, centre, radius, reach, lever, rows, 
 def _along_stick(s, v, counts, numbers, indices, tip, centre, reach, rows, n):
     """Append at most one row for each half of the stick, at its nearest place.
 
-    Two rows, since a stick that lies against a wall is supported at both ends of the touching part.
+    Two rows, since a stick that lies against a wall is supported at both ends of the touching part. Where both places
+    are one, at the middle, it is the nearer one that presses.
     """
     length, radius = s[STICK_LENGTH], s[STICK_RADIUS]
     middle = 0.5 * (s[RADIUS] + length)
     point = s[POINT : POINT + 3]
-    free = scenery.NOTHING
-    last = -1.0
+    low, low_distance, low_free = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, s[RADIUS], middle)
+    high, high_distance, high_free = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, middle, length)
+    one = high - low <= _ONE_PLACE
     for half in range(2):
-        low = s[RADIUS] if half == 0 else middle
-        high = middle if half == 0 else length
-        at, nearest, clear = _nearest_on_stick(s, v, counts, numbers, indices, tip, centre, low, high)
-        free = min(free, clear)
-        if nearest < radius + reach and at - last > 1e-3:
+        at, distance = (low, low_distance) if half == 0 else (high, high_distance)
+        farther = distance > high_distance if half == 0 else distance >= low_distance
+        if distance < radius + reach and not (one and farther):
             point[0], point[1], point[2] = stick_point(tip, centre, length, at)
             first = n
             n, _ = _around(s, v, counts, numbers, indices, point, radius, reach, 1.0 - at / length, rows, n)
             n = _keep_deepest_across(rows, first, n, tip)
-        last = at
-    s[FREE_STICK] = free - reach
+    s[FREE_STICK] = min(low_free, high_free) - reach
     return n
 
 

@@ -258,9 +258,13 @@ class Coverage(SkillStrategy):
         self.frame = TrackingFrame(line, self.task.area)
 
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
-        allows = tip.body.allows if tip.body is not None else (lambda begin, end: True)
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, allows)
+        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
         return transit(tip, retraction + path, before)
+
+    def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether a path may lead from one pose (4, 4) to another: the arm can, and the body may."""
+        body = self.tip.body
+        return self.task.reachable([begin, end]) and (body is None or body.allows(begin, end))
 
     def approach_again(self) -> Procedure | None:
         """Back from what the path met to the beginning of the line, and there by what is known now."""

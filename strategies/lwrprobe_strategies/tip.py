@@ -134,7 +134,7 @@ class Tip:
     @property
     def stick_may_meet(self) -> bool:
         """The stick may meet something before the sphere does, in some direction; `stick_limit` says in which."""
-        if self.seen.contact is None or self.leaving or self.overhangs.found:
+        if self.seen.contact is None or self.leaving or self.overhangs.beside(self.here):
             return True
         return self._stick_is_near
 
@@ -158,8 +158,11 @@ class Tip:
             # What overhangs slopes: going up meets it as well as going sideways.
             share = side if along[2] <= 0.0 else 1.0
             limit = self.control.stick_speed(self.overhangs.reach(here, along), along) / share
-        elif not self.touches and self.overhangs.possible(here, along):
-            limit = UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
+        elif self.overhangs.possible(here, along):
+            reach = self.overhangs.reach(here, along)
+            # What the sphere presses with adds to what the stick meets.
+            safe = self.control.stick_speed(reach, along, share=1.0)
+            limit = (safe if self.touches else UNEXPECTED * self.control.stick_speed(reach, along)) / side
         if near is not None and self._stick_is_near:
             back = -self.seen.pose[:3, 2]
             there = near.on_map - here
@@ -190,7 +193,7 @@ class Tip:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """
-        if along[2] < UPWARDS or not self.overhangs.above(self.here):
+        if along[2] < UPWARDS or not self.overhangs.above(self.here, self.control.normal):
             return inf
         return self.control.column_speed / float(along[2])
 

@@ -198,6 +198,22 @@ def test_the_stick_is_felt_and_its_torque_gives_it_away():
     assert rig.world.state[kernels.RECORD_NEW + 12] == 0.0
 
 
+def test_an_edge_presses_alike_on_both_halves_of_the_stick():
+    """Just above the middle the edge had not been found, and then pressed at once with two newtons more."""
+    low, high, side = 0.0145, 0.0215, -0.0318  # the edge is 31 to 24 mm above the sphere
+    plate = ["object.0.at={ xyz = [0.0, 0.0, 0.015] }", "object.0.children.1.size=[0.08, 0.06, 0.001]"]
+    plate += ["object.0.children.1.at={ xyz = [0.0, 0.0, 0.0305] }"]
+    rig = Rig((0.0, -0.05, low), [*STICK, *plate, "object.0.stiffness=1e6"], scene="overhang")
+    rig.line((0.0, -0.05, low), (0.0, side, low), 0.3)
+    heights = np.arange(low, high, 2e-4)
+    forces = []
+    for z in heights:
+        rig.go(*[(0.0, side, z)] * 5)
+        forces.append(-rig.force[1])
+    assert min(forces) > 0.5
+    assert np.abs(np.diff(forces)).max() < 0.03 * max(forces)
+
+
 def test_substeps_converge_to_one_answer_at_first_order():
     """A swinging tip strikes the block: the error of the force against a far finer step falls with the step."""
 

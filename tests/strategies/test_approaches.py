@@ -157,6 +157,15 @@ def test_a_level_line_is_free_where_the_upright_probe_has_been_all_along_it():
     assert not broken.swept(begin, end)
 
 
+def test_a_level_line_is_not_free_where_the_sphere_has_been_no_lower_than_above_it():
+    """It passed just above a surface; half a millimetre lower the probe had flown into that with 5 N."""
+    free = stand(nowhere(), *([0.0, y, 0.0206] for y in np.arange(0.0, 0.0401, 0.002)))
+    begin, end = np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.04, 0.02])
+    assert not free.swept(begin, end)
+    lag = np.array([0.0, 0.0, 0.00055])
+    assert free.swept(begin + lag, end + lag)
+
+
 def test_a_level_line_up_to_a_surface_that_was_touched_is_not_free():
     """Its end may lie in the surface: the probe had flown into it, and braked only in contact."""
     free = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(0.0, 0.0381, 0.002)))

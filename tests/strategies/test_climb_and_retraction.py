@@ -111,9 +111,20 @@ LINE = Line(1, 0.0, -BORDER, BORDER, 0.006)
 def test_a_line_is_driven_with_care_where_nothing_is_known_beside_it():
     assert pieces(LINE, ContactMemory()) == [(-BORDER, BORDER, 1.0)]
     passed = ContactMemory()
-    passed.passed(np.array([0.01, 0.0, 0.006]), 0.01)
+    for y in np.arange(-BORDER, BORDER, 0.01):
+        passed.passed(np.array([0.01, y, 0.006]), 0.01)
     assert pieces(LINE, passed) == [(-BORDER, BORDER, np.inf)], "the line beside met nothing"
     assert pieces(Line(1, 0.03, -BORDER, BORDER, 0.006), passed)[0][2] == 1.0, "too far beside"
+
+
+def test_a_line_is_driven_with_care_where_the_one_beside_it_has_not_come_to():
+    """It came from the other end, as far as its stick met something; this one was driven fast into the other side."""
+    passed = ContactMemory()
+    for y in np.arange(BORDER, 0.04, -0.001):
+        passed.passed(np.array([0.01, y, 0.006]), 0.01)
+    (begin, end, times), rest = pieces(LINE, passed)
+    assert (begin, end, times) == (-BORDER, pytest.approx(0.04, abs=0.001), 1.0)
+    assert rest[2] == np.inf
 
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
@@ -310,6 +321,24 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     assert (path[0].place[2] < 0.02) == bool(blocked)
     assert bool(asked) == bool(blocked)
     assert path[-1].place[1] < -0.01
+
+
+@pytest.mark.parametrize("reach", [0.1, 0.02])
+def test_the_path_to_a_line_leads_where_the_arm_can_reach(reach):
+    """Near a stretched elbow joint 4 was to accelerate beyond its limit, and the run ended."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03, reachable=lambda poses: all(pose[1, 3] < reach for pose in poses)))
+    for y in (0.03, -0.06):
+        stand(strategy.tip.free, *([-0.05, y, z] for z in np.linspace(AREA.upper[2], 0.006, 60)))
+    strategy.tip.observe(seen([0.05, 0.0, AREA.upper[2]]))
+    approach = strategy.approach(Line(0, 0.0, -0.05, -0.04, 0.006), [])
+    goal, highest = next(approach), -np.inf
+    with suppress(StopIteration):
+        while True:
+            highest = max(highest, goal.pose[1, 3])
+            strategy.tip.observe(replace(seen(goal.pose[:3, 3]), goal_reached=True))
+            goal = approach.send(strategy.tip.seen)
+    assert highest == pytest.approx(0.03 if reach > 0.03 else 0.0, abs=0.001)
 
 
 @pytest.mark.parametrize(("mass", "fits"), [(0.0, True), (16.0, False)])

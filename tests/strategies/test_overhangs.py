@@ -70,6 +70,8 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     assert overhangs.possible(np.array([-0.01, 0.0, LOW]), np.array([1.0, 0.0, 0.0]))
     touch(overhangs, [0.02, 0.0, LOW], [1.0, 0.0, 0.0])
     assert overhangs.possible(here, ALONG), "that surface faces another way"
+    touch(overhangs, [0.01, -0.03, LOW], [0.0, -1.0, 0.0])
+    assert overhangs.possible(here, ALONG), "that surface lies behind"
     touch(overhangs, [0.01, -0.01, LOW], [0.0, -1.0, 0.0])
     assert not overhangs.possible(here, ALONG)
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
@@ -151,6 +153,49 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
+
+
+def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
+    """What stands out there by a millimetre stands out further here: it was met from below at sliding speed."""
+    tip = Tip(task(approach=0.03))
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    up, wall = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+    tip.control.begin(wall)
+    for z in np.arange(0.02, 0.07, 0.001):
+        touch(tip.overhangs, [0.01, 0.0 if z < 0.04 else -0.001, z], wall)
+    tip.here = np.array([0.0, 0.0, 0.03])
+    assert tip.climb_limit(up) == np.inf, "the same wall goes on"
+    tip.here = np.array([0.0, 0.0, 0.0385])
+    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed)
+    tip.here = np.array([0.0, -0.001, 0.0385])
+    assert tip.climb_limit(up) == np.inf, "on a wall as far out"
+
+
+def test_up_a_round_wall_it_goes_as_fast_as_up_a_plane_one():
+    """Beside a cylinder the sphere was outside its tangent, in a hollow one further out: neither overhangs."""
+    for outwards in (1.0, -1.0):
+        tip = Tip(task(approach=0.03))
+        tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+        beside, here = (outwards * np.array([np.sin(angle), -np.cos(angle), 0.0]) for angle in (0.3, 0.0))
+        for z in np.arange(0.02, 0.07, 0.001):
+            touch(tip.overhangs, outwards * 0.04 * beside + [0.0, 0.0, z], beside)
+        tip.control.begin(here)
+        tip.here = outwards * 0.04 * here + [0.0, 0.0, 0.03]
+        assert tip.climb_limit(np.array([0.0, 0.0, 1.0])) == np.inf
+
+
+def test_over_a_floor_below_what_is_taller_it_goes_as_slowly_as_the_stick_may_be_met():
+    """The stick was met at sliding speed by what overhangs a floor that the sphere followed."""
+    tip, _ = level_contour([0.0, -0.02, LOW], [0.0, 0.0, 1.0])
+    frame, up = TrackingFrame(Line(1, 0.0, -0.1, 0.1, LOW), AREA), np.array([0.0, 0.0, 1.0])
+    fast = float(np.linalg.norm(slide(tip, frame, up, "").velocity))
+    touch(tip.overhangs, [0.0, -0.01, HIGH], [0.0, -0.6, 0.8])
+    slow = tip.control.stick_speed(tip.overhangs.reach(tip.here, ALONG), ALONG, share=1.0)
+    assert slow < 0.7 * fast
+    assert np.linalg.norm(slide(tip, frame, up, "").velocity) == pytest.approx(slow, rel=0.1)
+    for y in np.linspace(-0.02, 0.0, 21):
+        tip.overhangs.note(pose_at([0.0, y, LOW]), None)
+    assert np.linalg.norm(slide(tip, frame, up, "").velocity) == pytest.approx(fast, rel=0.1), "the stick stood there"
 
 
 def test_a_line_that_was_raised_goes_higher_when_it_leads_in_under_the_same_again():

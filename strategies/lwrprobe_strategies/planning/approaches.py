@@ -218,7 +218,7 @@ def _known_columns(free: FreeSpace, start: np.ndarray, axis: int) -> list[np.nda
             left = side & (cost <= FARTHEST) & (deep > low - BORDER)
             if left.any():
                 best = int(np.argmin(np.where(left, cost, np.inf)))
-                found.append(np.array([*stood[best, :2], deep[best]]))
+                found.append(np.array([*stood[best, :2], max(deep[best], low)]))
     return found
 
 

@@ -26,6 +26,9 @@ left is met by the sphere's flank, across the stick, where the probe gives way. 
 COLUMN = 0.0005
 """m sideways from where the sphere came down, within which it goes up again and meets nothing with its flank either: as
 far as a return path leads that ends in going up as fast as the probe can."""
+LOWER = 1e-4
+"""m by which a path may lead lower than where the sphere has been: a surface below presses along the stick, where the
+probe is stiff, and 0.1 mm makes 2 N. Sideways it gives way."""
 GAP = 0.004
 """m in height between two places of the sphere, up to which nothing fits in between (the waist of two spheres)."""
 LIFT = 0.001
@@ -161,7 +164,8 @@ class FreeSpace:
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
 
-        A surface that was touched from where the line ends, or on it, stands in the way.
+        It has been as low: who goes lower may go into what it passed above. A surface that was touched from where the
+        line ends, or on it, stands in the way.
         """
         motion = end - begin
         length = float(np.sqrt(motion @ motion))
@@ -178,7 +182,7 @@ class FreeSpace:
         near = (np.abs(beside).max(axis=1) < SPACING) & (along > -GAP) & (along < length + GAP)
         if (near & touching & (along > SPACING)).any():
             return False
-        places = np.sort(along[near])
+        places = np.sort(along[near & (beside[:, 2] < LOWER)])
         steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
         return bool(len(places) and steps.max() <= GAP)
 

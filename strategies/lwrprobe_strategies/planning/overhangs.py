@@ -2,8 +2,8 @@
 
 That takes an overhang: something that reaches further out above the sphere than beside it. It may be anywhere near
 what was touched above the sphere's height, as soon as a touch has shown that the object overhangs up there; and near
-what was touched up there for a motion through free space, as long as no touch at the sphere's height has shown a
-surface that faces the motion. It is not where the upright stick itself has stood.
+what was touched up there, as long as no touch ahead at the sphere's height has shown a surface that faces the motion.
+It is not where the upright stick itself has stood.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from lwrprobe.contracts import Area, Confidence, Contact, Doubt, Probe
 from lwrprobe.mapping import PlanView
 from lwrprobe.mapping.plan_view import Window
 from lwrprobe_strategies.planning.free_space import UPRIGHT
+from lwrprobe_strategies.planning.growing_table import GrowingTable
 
 CELL = 0.001
 """m, edge of the squares in the plan view for which heights are kept."""
@@ -28,9 +29,12 @@ TWICE = 2
 AHEAD = 0.003
 """m by which a place ahead is checked: the stick's radius, and the way of braking."""
 FACING = 0.5
-"""Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does."""
+"""Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does; and
+along another normal, from which on both surfaces face alike."""
 HIGHER = 0.002
 """m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
+FURTHER_OUT = 0.0005
+"""m off the surface that is climbed, beyond which the sphere was further out up there: something stands out there."""
 FAR = 2.0
 """Times the distance within which an unknown part of the object may be met: how far overhangs are evidence for it."""
 
@@ -56,7 +60,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
-        self._reached = PlanView(shape, -np.inf)
+        self._centres = GrowingTable(5)  # m, of the sphere where it touched, and x and y of the normal there
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force
         self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
@@ -87,8 +91,7 @@ class Overhangs:
         if contact.confidence is Confidence.RELIABLE:
             k, m = self._cell(px, py)
             up = contact.normal.item(2)
-            reached = self._reached.heights
-            reached[k, m] = max(reached.item(k, m), pose.item(2, 3))
+            self._centre(*pose[:3, 3].tolist(), *contact.normal[:2].tolist())
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
             if up < LEANS:
@@ -107,6 +110,12 @@ class Overhangs:
                 self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), pz)
         else:
             self._above = 0
+
+    def _centre(self, x: float, y: float, z: float, nx: float, ny: float) -> None:
+        """The sphere touches a surface at a place, with a normal."""
+        last = self._centres.last
+        if last is None or max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) >= CELL:
+            self._centres.add((x, y, z, nx, ny))
 
     def stick_met(self, place: np.ndarray) -> None:
         """Something touches the stick, at a height that is not known, while the sphere is at a place (3,)."""
@@ -135,6 +144,11 @@ class Overhangs:
             tallest = min(tallest, self._stood.heights.item(self._ahead(place, along)))
         return min(max(tallest - place.item(2), 0.0), self._probe.sensor_distance)
 
+    def beside(self, place: np.ndarray) -> bool:
+        """Whether one may be somewhere near a place (3,): something taller was touched there, or one was found."""
+        x, y, z = place.tolist()
+        return self.found or self._tallest_beside(*self._cell(x, y)) > z + self._probe.radius
+
     def ahead(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether the upright stick may meet one, for a sphere that goes from a place (3,) along a unit vector (3,)."""
         if not self.found:
@@ -145,16 +159,16 @@ class Overhangs:
         return not self._free(z, i, j) and self._tallest_beside(i, j) > z + self._probe.radius
 
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
-        """Whether one may be ahead of a motion through free space although no touch has shown any.
+        """Whether one may be ahead of a motion although no touch has shown any.
 
-        Something taller is near, ahead or abreast, and no surface that faces the motion was touched at the sphere's
-        height.
+        Something taller is near, ahead or abreast, and ahead no surface that faces the motion was touched at the
+        sphere's height.
         """
         z, radius = place.item(2), self._probe.radius
         if self._highest <= z + radius:
             return False
         (x, y, _), (i, j) = along.tolist(), self._ahead(place, along)
-        if self._free(z, i, j):
+        if self._free(z, i, j) or self._tallest_beside(i, j) <= z + radius:
             return False
         known = self._ahead_of.get((i, j, x, y))
         tallest, facing = self._near(i, j, x, y) if known is None else known
@@ -172,18 +186,30 @@ class Overhangs:
             return 0.0
         return min(tallest - z, self.reach(place, along))
 
-    def above(self, place: np.ndarray) -> bool:
-        """Whether the sphere may meet one on the way up a surface, from a place (3,).
+    def above(self, place: np.ndarray, normal: np.ndarray) -> bool:
+        """Whether the sphere may meet one on the way up a surface with a normal (3,), from a place (3,).
 
-        It may where something overhangs near, higher up, and where the sphere has touched nothing near from as high:
-        nobody knows then what is above.
+        It may where something overhangs near, higher up; where the sphere has touched nothing near from as high, since
+        nobody knows then what is above; and where on a surface that faces alike it was further out there than this one
+        is, by no more than the sphere's radius: the stick shows that nothing above stands out further here.
         """
         x, y, z = place.tolist()
-        i, j = self._cell(x, y)
-        near = _window(i, j, self._cells)
-        if self.found and self._overhang.tallest(near) > z:
+        if self.found and self._overhang.tallest(_window(*self._cell(x, y), self._cells)) > z:
             return True
-        return self._reached.tallest(near) <= z + HIGHER
+        centres = self._centres.rows()
+        aside = np.abs(centres[:, :2] - place[:2]).max(axis=1, initial=0.0)
+        higher = centres[(aside <= self._cells * CELL) & (centres[:, 2] > z + HIGHER)]
+        if not len(higher):
+            return True
+        alike = higher[higher[:, 3:] @ normal[:2] > FACING]
+        if not len(alike):
+            return False
+        lowest = alike[alike[:, 2] < alike[:, 2].min() + HIGHER]
+        apart = lowest[:, :2] - place[:2]
+        nearest = int(np.argmin((apart * apart).sum(axis=1)))
+        # A chord of a round surface is perpendicular to the mean of the normals at its ends.
+        outward = 0.5 * (lowest[nearest, 3:] + normal[:2])
+        return FURTHER_OUT < float(apart[nearest] @ outward) < self._probe.radius
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
@@ -200,11 +226,12 @@ class Overhangs:
 
     def _near(self, i: int, j: int, x: float, y: float) -> tuple[float, float]:
         """m, the tallest that was touched near a square, ahead of a motion or abreast, and the lowest touch of a
-        surface near it that faces the motion.
+        surface ahead that faces the motion.
         """
         side = max(hypot(x, y), 1e-9)
-        tallest = self._touched.tallest((*_span(i, x / side, self._cells), *_span(j, y / side, self._cells)))
-        facing = self._lowest.lowest_facing(self._normal, _window(i, j, self._far), (x, y), FACING)
+        near, far = ((*_span(i, x / side, n), *_span(j, y / side, n)) for n in (self._cells, self._far))
+        tallest = self._touched.tallest(near)
+        facing = self._lowest.lowest_facing(self._normal, far, (x, y), FACING)
         self._ahead_of[i, j, x, y] = tallest, facing
         return tallest, facing
 

@@ -30,8 +30,8 @@ def stretch(
     """m on the line's axis up to which it may be driven in one piece from a place (3,), and how fast at most.
 
     That is in times the speed at which the stick may be met: 1 where it may well be, `UNEXPECTED` where the line beside
-    went over something, and from `before` m in front of the wall that it met; inf where it met nothing. `beside` m is
-    the distance across the line, within which what was driven and touched matters.
+    went over something, and from `before` m in front of the wall that it met; inf where it passed and met nothing.
+    `beside` m is the distance across the line, within which what was driven and touched matters.
     """
     reached = line.sign * float(here[line.axis])
     begin, end, far = _careful(line, memory, beside)
@@ -44,16 +44,29 @@ def stretch(
 
 def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float, float]:
     """The stretch of the line, by the way along it, that is driven with care, and where that ends beyond which the line
-    beside was above this one; from -inf to inf where nothing is known.
+    beside was above this one.
     """
-    touched, trail = memory.contacts(), memory.trail()
+    touched = memory.contacts()
     near = np.abs(touched[:, line.aside] - line.place) < beside
-    if not near.any() and not (np.abs(trail[:, line.aside] - line.place) < beside).any():
-        return -np.inf, np.inf, np.inf
     along = line.sign * touched[near, line.axis]
     facing = line.sign * touched[near, 6 + line.axis] < 0.0
     if not facing.any():
-        return np.inf, -np.inf, -np.inf
+        return *_not_passed(line, memory.trail(), beside), -np.inf
     wall = float(along[facing].min()) + BEHIND
     far = float(along[touched[near, Z] > line.height + ABOVE].max(initial=-np.inf))
     return wall, wall + PASSED, far
+
+
+def _not_passed(line: Line, trail: np.ndarray, beside: float) -> tuple[float, float]:
+    """The stretch of the line, by the way along it, beside which the probe has not been; from inf to -inf without one.
+
+    A line beside it may have come from the other end, and no farther than to what it met there.
+    """
+    passed = line.sign * trail[np.abs(trail[:, line.aside] - line.place) < beside, line.axis]
+    begin, end = line.sign * line.begin, line.sign * line.end
+    passed = np.sort(passed[(passed > begin) & (passed < end)])
+    if not len(passed):
+        return -np.inf, np.inf
+    places = np.concatenate([[begin], passed, [end]])
+    gaps = np.flatnonzero(np.diff(places) > 2.0 * beside)
+    return (float(places[gaps[0]]), float(places[gaps[-1] + 1])) if len(gaps) else (np.inf, -np.inf)
