@@ -278,4 +278,4 @@ def test_the_arm_gives_way_more_sideways_than_along_the_stick_as_its_joints_turn
         expected = joint * float(axis @ moved(axis)) - 1.0 / arm_stiffness(scene)
         assert axis @ softer_than_along(scene, robot, q) @ axis == pytest.approx(expected, abs=1e-8)
     unsure = softer_than_along(load_scene("block", ["uncertainty.profile=datasheet"]), robot, q)
-    assert unsure[1, 1] < 0.5 * softer_than_along(scene, robot, q)[1, 1], "an arm that is hardly known may be stiffer"
+    assert unsure == pytest.approx(0.6 * softer_than_along(scene, robot, q)), "known to 40 %"

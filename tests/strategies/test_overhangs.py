@@ -112,11 +112,13 @@ def test_the_higher_the_stick_is_met_the_stiffer_it_is():
     assert control.stick_speed(0.05) == control.stick_speed(0.06), "no more than clamped"
 
 
-def test_the_stick_may_be_met_faster_where_the_arm_gives_way():
+def test_the_stick_may_be_met_faster_where_the_arm_gives_way_and_slower_where_it_does_not():
     control = ContourControl(replace(task(), softer=np.diag([-2e-5, 5e-5, 0.0])))
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     usual = control.stick_speed(0.05)
-    assert control.stick_speed(0.05, x) == usual, "stiffer is what the reserve is for"
+    stiffer = ContourControl(task(stiffness=1.0 / 3e-5)).stick_speed(0.05)
+    assert control.stick_speed(0.05, x) == pytest.approx(stiffer)
+    assert stiffer < usual
     assert control.stick_speed(0.05, y) == pytest.approx(ContourControl(task(stiffness=1e4)).stick_speed(0.05))
     assert control.stick_speed(0.05, 0.6 * y + [0.0, 0.0, 0.8]) == control.stick_speed(0.05, y), "sideways counts"
     assert usual < control.stick_speed(0.05, (x + 2.0 * y) / np.sqrt(5.0)) < control.stick_speed(0.05, y)

@@ -69,7 +69,7 @@ class Task:
     stiffness : N/m, of object and arm in series as far as known, else an upper bound; the probe's comes on top
     delay : s, from a force at the sphere to the arm's reaction
     softer : (3, 3) m/N, by which object and arm together give way more than 1 / `stiffness` for a force along a unit
-        vector n, as n softer n, where that is positive; world frame
+        vector n, as n softer n; world frame
     arm_mass : kg, of the arm as its tip shows it to what it strikes; 0 = an arm without mass
     arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
     search_for : m, diameter of the smallest object that is to be found; where it is in the area is not known. None =

@@ -36,8 +36,10 @@ BOUNCE = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
 STICK_SHARE = 0.6
-"""Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, which is stiffer in some
-directions than in others."""
+"""Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, whose stiffness varies
+over the area and from joint to joint."""
+LEAST_GIVE = 0.5
+"""Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
 FRICTION = 0.3
 """Of a wall under the sphere, whose share of the wanted force adds to what a foot presses with."""
 
@@ -178,7 +180,7 @@ class ContourControl:
             x, y, _ = along.tolist()
             sideways = x * x + y * y
             softer = x * (x * self._softer[0] + 2.0 * y * self._softer[1]) + y * y * self._softer[2]
-            series += max(softer / sideways, 0.0) if sideways > 1e-12 else 0.0
+            series = max(series + softer / sideways, LEAST_GIVE * series) if sideways > 1e-12 else series
         stiffness = 1.0 / (series + lateral * left**3)
         delay = self.task.delay + run_on(self.task.arm_mass, stiffness, self.task.arm_stiffness)
         safe = approach_speed(self._reserve, stiffness, delay, self.task.acceleration)

@@ -52,13 +52,12 @@ def arm_stiffness(scene: Scene, compliance: float | None = None) -> float:
 def softer_than_along(scene: Scene, robot: Robot, q: np.ndarray) -> np.ndarray:
     """(3, 3) m/N, by which the arm gives way more than along the stick for a force along a unit vector n: n softer n.
 
-    At joint values q (n,), of joints that are equally stiff. What the arm's stiffness may be off by is taken from what
-    it gives way in each direction: a stiff one is met harder.
+    At joint values q (n,), of joints that are equally stiff. The less the arm's stiffness is known, the less of it counts.
     """
     jacobian, axis = robot.jacobian(q)[:3], robot.fk_batch(q[None])[0, :3, 2]
     gives = jacobian @ jacobian.T
     sure = max(1.0 - 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"), 0.0)
-    return (sure * gives / float(axis @ gives @ axis) - np.eye(3)) / arm_stiffness(scene)
+    return sure * (gives / float(axis @ gives @ axis) - np.eye(3)) / arm_stiffness(scene)
 
 
 def tip_mass(robot: Robot, arm_mass: float, q: np.ndarray) -> float:
