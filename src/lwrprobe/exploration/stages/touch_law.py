@@ -52,7 +52,7 @@ def arm_stiffness(scene: Scene, compliance: float | None = None) -> float:
 def softer_than_along(scene: Scene, robot: Robot, q: np.ndarray) -> np.ndarray:
     """(3, 3) m/N, by which the arm gives way more than along the stick for a force along a unit vector n: n softer n.
 
-    At joint values q (n,), of joints that are equally stiff. The less the arm's stiffness is known, the less of it counts.
+    At joint values q (n,), of joints that are equally stiff. The less the arm is known, the less of it counts.
     """
     jacobian, axis = robot.jacobian(q)[:3], robot.fk_batch(q[None])[0, :3, 2]
     gives = jacobian @ jacobian.T
