@@ -20,7 +20,7 @@ from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
 
 SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
-PATIENCE, ROUNDS, PROGRESS = 300.0, 2.0, 0.9
+PATIENCE, ROUNDS, PROGRESS = 200.0, 2.0, 0.9
 """s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
 expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach. A
 surface that is found anew makes it larger, and is no reason to end."""
