@@ -89,6 +89,29 @@ def test_blind_starts_stand_beside_runs_with_a_given_area(monkeypatch):
     }
 
 
+def test_active_is_held_against_the_quickest_raster_and_the_quickest_pokes(monkeypatch):
+    """Seed 2 never gets there with `active`, and no pokes ever do in `lab`."""
+    goals = {"grid_version": 100.0, "surface_contour": 80.0, "random_pokes": 400.0, "variance_pokes": 200.0}
+
+    def made(job):
+        _, strategy, profile, seed = job
+        goal = (40.0 if seed == 1 else None) if strategy == "active" else goals[strategy]
+        return made_up(job) | {"seconds_goal": None if profile == "lab" and "pokes" in strategy else goal}
+
+    monkeypatch.setattr(exploration, "_explored", made)
+    asked = {"scenes": "block", "strategies": ",".join([*goals, "active"]), "profiles": "default,lab", "seeds": "2"}
+    report = exploration.run(False, asked)
+    table = next(table for table in report.tables if table.title == "active beside the others")
+    cells = [dict(zip(table.columns, row)) for row in table.rows]
+    assert [(row["profile"], row["factor"]) for row in cells] == [
+        ("default", 0.5), ("default", np.inf), ("lab", 0.5), ("lab", np.inf),
+    ]  # fmt: skip
+    assert [row["pokes over active"] for row in cells] == [5.0, 0.0, np.inf, np.inf]
+    held = {verdict.requirement: verdict for verdict in report.verdicts}
+    assert held["default: active to mean 0.3 and p95 1 mm, never above 1.1 x that"].measured == "inf"
+    assert not held["lab: active to mean 0.3 and p95 1 mm, median <= 0.6 x the best raster"].held
+
+
 def test_large_objects_are_judged_by_the_error_after_few_strokes_alone(monkeypatch):
     few = dict(zip(exploration.LARGE_SCENES, (1.0, 2.4, 2.6, None)))
     monkeypatch.setattr(exploration, "_explored", lambda job: made_up(job) | {"coverage": 0.1, "mesh_few": few[job[0]]})

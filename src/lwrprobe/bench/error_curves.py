@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord
+from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord, TriangleMesh
 from lwrprobe.evaluation import mesh_error
+from lwrprobe.evaluation.align import align
+from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.exploration.recording.certification import Certification
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -21,6 +23,10 @@ HALVINGS = 3
 """Of the time between two of them, in which the wanted errors are reached first."""
 SAMPLES = 5000
 """Of mesh and surface each."""
+ALIGNED = 1500
+"""Of the mesh, by which it is aligned."""
+IDEAL = "ideal"
+"""Profile of a world that is as its scene says."""
 MEANS = (1.0, 0.3, 0.1)
 """mm, of the mesh's mean error, to which the seconds are given."""
 GOAL = 0.3, 1.0
@@ -53,7 +59,10 @@ def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: i
 
 
 def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterable[float]) -> list[Row]:
-    """The rows of `error_curve` at some instants, s."""
+    """The rows of `error_curve` at some instants, s.
+
+    In a world that differs from its scene the errors are those that remain after rigid alignment.
+    """
     pipeline, trace = exploration.pipeline, exploration.recorder.trace()
     rows: list[Row] = []
     for time in times:
@@ -144,9 +153,13 @@ def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene]) -
     if not len(record.points):
         return None
     actual = truth.scene
+    solid, lowest = actual.solid(), float(pipeline.area.lower[2])
     try:
         mesh = pipeline.reconstructor.reconstruct(record).mesh
-        error = mesh_error(mesh, actual.solid(), float(pipeline.area.lower[2]), samples=SAMPLES)
+        if actual.truth.profile != IDEAL:
+            moved = align(sample_mesh(mesh, lowest, ALIGNED)[0], solid).points(mesh.vertices)
+            mesh = TriangleMesh(moved, mesh.faces)
+        error = mesh_error(mesh, solid, lowest, samples=SAMPLES)
     except LwrprobeError:  # too few contacts, or none above the lowest height
         return None
     return round(1e3 * error.mean, 4), round(1e3 * error.p95, 4)

@@ -4,7 +4,8 @@ Every run is a full one: simulator, sensor noise, contact estimation, map, clear
 that of the mesh as if the run had ended at each of some instants. Options (`--set`): `scenes`, `strategies` (those of
 plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
 side, `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that
-are missing. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where
+are missing. `--set profiles=default,lab` does the same in the world `lab` beside the ideal one, with errors after
+alignment. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where
 it lies, with an area around it. `--set scenes=large` explores four objects 200 to 400 mm long and says how wrong the
 mesh is after eight strokes.
 """
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bench.criterion import Criterion
-from lwrprobe.bench.error_curves import AFTER, certified, columns, draw_curves, error_curve, errors_at, lifts
+from lwrprobe.bench.error_curves import AFTER, IDEAL, certified, columns, draw_curves, error_curve, errors_at, lifts
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.stroke_pictures import SCENE as STROKED
@@ -48,7 +49,11 @@ BOUND = "lower bound"
 """Of the time, as a row beside the strategies."""
 QUICK_SCENES = ("block", "stacked_blocks")
 DEFAULT, THESIS = "default", "thesis"
+LAB = "lab"
+"""As `default`, in a world that differs from its scene as in a laboratory that measures with care."""
 BLIND, GIVEN = "blind", "given"
+RASTER_SHARE, RASTER_WORST = 0.6, 1.1
+"""Times the best raster's seconds to the wanted errors, that `active` should take in the median and at most."""
 LARGE = "large"
 LARGE_SCENES = ("random:extrusion:1:300", "random:hull:2:250", "random:bumps:4:200", "random:organic:3:400")
 FEW, FEW_ERROR = 8, 2.5
@@ -117,11 +122,15 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     report.machine = machine() | versions("numpy", "numba", "ruckig")
     report.records("Every run", COLUMNS, found)
     _summarise(report, found)
+    beside = _beside_rasters(found)
+    if beside:
+        report.table("active beside the others", list(BESIDE_RASTERS), [list(row.values()) for row in beside])
     _beside_thesis(report, found)
     usual = [item for item in found if item["profile"] == DEFAULT and item["scene"] not in LARGE_SCENES]
     judged = [item for item in usual if item["strategy"] not in POKES]
     name = "{scene}/{strategy}".format_map
     report.verdicts = [criterion.verdict(judged, name) for criterion in CRITERIA if judged]
+    report.verdicts += _raster_verdicts(beside)
     blind = _beside_given(found)
     if blind:
         report.table("Blind starts beside given areas", list(BESIDE_GIVEN), [list(row.values()) for row in blind])
@@ -167,8 +176,9 @@ def _explored(job: Job) -> dict[str, Any]:
     name, strategy, profile, seed = job
     record = _named(job)
     try:
-        settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", 'truth.profile="ideal"']
-        scene = load_scene(name, settings, {DEFAULT: None, GIVEN: BLIND}.get(profile, profile))
+        world = LAB if profile == LAB else IDEAL
+        settings = [f'strategy.name="{strategy}"', f"run.seed={seed}", f'truth.profile="{world}"']
+        scene = load_scene(name, settings, {DEFAULT: None, LAB: None, GIVEN: BLIND}.get(profile, profile))
         if profile == GIVEN:
             scene = with_given_area(scene, load_scene(name, settings))
         touched = (name, profile, seed) == (STACKED, DEFAULT, 1)
@@ -183,7 +193,8 @@ def _explored(job: Job) -> dict[str, Any]:
             summary, over_time = _run(scene, None)
     except LwrprobeError as error:
         return record | {"status": f"refused: {error}"}
-    contact, mesh = summary["contact_error_mm"] or {}, summary["mesh_error_mm"] or {}
+    remains = "_aligned" if profile == LAB else ""
+    contact, mesh = (summary[f"{what}_error{remains}_mm"] or {} for what in ("contact", "mesh"))
     planning: dict[str, Any] = next((stage for stage in summary["stages"] if stage["name"] == "strategy"), {})
     bound, descending = summary["lower_bound_time_s"], summary["lower_bound_descending_s"]
     ends = summary["end_errors_mm"]
@@ -282,6 +293,49 @@ def _beside_thesis(report: BenchReport, found: list[dict[str, Any]]) -> None:
     columns += [f"{name}{what}" for name in (*alone, "done") for what in ("", ", thesis")]
     if rows:
         report.table("The thesis profile beside the default, medians over the seeds", columns, rows)
+
+
+BESIDE_RASTERS = (
+    "scene", "profile", "seed", "active s", "best raster s", "factor", "best pokes s", "pokes over active",
+)  # fmt: skip
+
+
+def _beside_rasters(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Seconds of `active` to the wanted errors beside those of the quickest raster and of the quickest pokes.
+
+    A row for each scene, profile and seed that `active` and a raster explored; infinite where they are never reached.
+    """
+    seconds: dict[tuple[Any, ...], dict[str, float]] = {}
+    for item in found:
+        if item["profile"] in (DEFAULT, LAB):
+            goal = item.get("seconds_goal")
+            place = item["scene"], item["profile"], item["seed"]
+            seconds.setdefault(place, {})[item["strategy"]] = np.inf if goal is None else goal
+    rows = []
+    for place, own in seconds.items():
+        raster, pokes = (
+            min((own[name] for name in names if name in own), default=None) for names in (STRATEGIES[:3], POKES)
+        )
+        if STROKES not in own or raster is None:
+            continue
+        active = own[STROKES]
+        factor = active / raster if np.isfinite(active) else np.inf
+        gained = None if pokes is None else np.inf if np.isinf(pokes) else pokes / active
+        rows.append(dict(zip(BESIDE_RASTERS, (*place, active, raster, factor, pokes, gained))))
+    return rows
+
+
+def _raster_verdicts(rows: list[dict[str, Any]]) -> list[Verdict]:
+    verdicts = []
+    for profile in dict.fromkeys(row["profile"] for row in rows):
+        factors = [row["factor"] for row in rows if row["profile"] == profile]
+        middle, worst = float(np.median(factors)), max(factors)
+        what = f"{profile}: {STROKES} to mean 0.3 and p95 1 mm"
+        verdicts += [
+            Verdict(f"{what}, median <= {RASTER_SHARE:g} x the best raster", f"{middle:.3g}", middle <= RASTER_SHARE),
+            Verdict(f"{what}, never above {RASTER_WORST:g} x that", f"{worst:.3g}", worst <= RASTER_WORST),
+        ]
+    return verdicts
 
 
 BESIDE_GIVEN = (
