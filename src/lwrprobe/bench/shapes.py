@@ -204,7 +204,7 @@ def _explored(job: Job, folder: Path) -> dict[str, Any]:
     if job.noise != 1.0:
         usual = load("driver", SIM).Config()
         settings += [
-            f"drivers.sim.{name}={job.noise * getattr(usual, name)}" for name in ("noise_force", "noise_torque")
+            f"drivers.{SIM}.{name}={job.noise * getattr(usual, name)}" for name in ("noise_force", "noise_torque")
         ]
     if job.strategy in STRATEGIES[:3]:  # those that drive lines
         settings.append(f"strategy.step={job.step}")
