@@ -52,10 +52,10 @@ def lines(path: Path) -> int:
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 3 MB; skipped over to a limit of the file size where none may be mounted."""
+    """A file system of 8 MB, full after some lines of the sphere; skipped over to a limit of the file size where none may be mounted."""
     place = tmp_path / "disk"
     place.mkdir()
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)], capture_output=True)
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(place)], capture_output=True)
     if done.returncode:
         pytest.skip("mounting a file system is not permitted here; test_a_file_too_large runs in its place")
     yield place
@@ -71,7 +71,8 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_there(small_disk):
     (small_disk / "room").unlink(missing_ok=True)
     subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
     found = recover(small_disk / "run")
-    assert found.contacts > 50
+    assert found.contacts > 1000
+    assert found.no_mesh == ""
     assert lp.open_run(small_disk / "run").mesh is not None
     assert sum(1 for _ in read_bag(small_disk / "run")) > 1000
 

@@ -45,7 +45,9 @@ def recover(
     for file in found.bag:
         typer.echo(_line(file.path, file.messages, file.lost, file.reason))
     if found.written:
-        typer.echo("wrote summary, map, mesh and report of what is there")
+        typer.echo(f"wrote summary, {'map' if found.no_mesh else 'map, mesh'} and report of what is there")
+    if found.no_mesh:
+        typer.echo(f"no mesh: {found.no_mesh}")
     if found.resumable:
         typer.echo(f"`lwrprobe resume {run}` continues the run")
 

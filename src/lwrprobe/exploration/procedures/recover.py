@@ -30,6 +30,7 @@ class Recovered:
     dropped : by file, lines that were given up
     bag : its files, empty without a bag
     written : results that were missing and are there now
+    no_mesh : why the mesh that was written is empty, or empty
     resumable : `lwrprobe resume` can continue the run
     """
 
@@ -37,6 +38,7 @@ class Recovered:
     dropped: dict[str, int] = field(default_factory=dict)
     bag: list[RecoveredFile] = field(default_factory=list)
     written: bool = False
+    no_mesh: str = ""
     resumable: bool = False
 
 
@@ -63,7 +65,7 @@ def recover(folder: str | Path) -> Recovered:
         found.contacts = len(run.record.points)
         found.resumable = _resumable(run)
         if found.written:
-            _write_results(run)
+            found.no_mesh = _write_results(run)
     except OSError as error:
         raise StorageError(folder, error) from None
     return found
@@ -114,8 +116,8 @@ def _resumable(run: RunFolder) -> bool:
     return True
 
 
-def _write_results(run: RunFolder) -> None:
-    """Cloud, map, mesh, picture, summary and report from what is there."""
+def _write_results(run: RunFolder) -> str:
+    """Cloud, map, mesh, picture, summary and report from what is there; why the mesh is empty, if it is."""
     from lwrprobe.evaluation.run_report import write_report
 
     record, scene = run.record, run.scene
@@ -123,11 +125,12 @@ def _write_results(run: RunFolder) -> None:
     voxels = VoxelMap(scene.map.resolution)
     voxels.insert(record.points)
     surface: Reconstruction | None = None
-    try:
-        if len(record.points):
+    no_mesh = "" if len(record.points) else "there is no contact"
+    if len(record.points):
+        try:
             surface = reconstruct(record, scene.reconstruction.method, **scene.reconstruction.options)
-    except LwrprobeError:
-        surface = None
+        except LwrprobeError as error:
+            no_mesh = str(error)
     summary = Summary(
         scene=scene.name,
         strategy=scene.strategy.name,
@@ -143,3 +146,4 @@ def _write_results(run: RunFolder) -> None:
     write_shapes(run.folder, scene, cloud, voxels, surface.mesh if surface is not None else None, summary)
     summary.write(run.folder / "summary.json")
     write_report(run.folder, surface)
+    return no_mesh
