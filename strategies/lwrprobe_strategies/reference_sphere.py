@@ -81,6 +81,7 @@ class _Options:
     force : share of the force limit that a press reaches
     leans : orientations of the probe against that of the start: tilt, direction of the tilt and turn about the stick,
         in rad, one after another
+    speed_shares : that of the approach speed which the arm allows in each of them, along the stick; none = all of it
     touches : presses in each orientation
     table : m, height of the table as far as known; nan = there is none
     torque : N m about each axis of the sensor at which the run's guard lets go
@@ -92,6 +93,7 @@ class _Options:
     spread: float = 0.02
     force: float = 0.65
     leans: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 1.6, 0.0))
+    speed_shares: tuple[float, ...] = ()
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
@@ -108,6 +110,10 @@ class _Options:
             rows = getattr(self, name)
             if not rows or not all(len(row) == 3 and np.isfinite(row).all() for row in rows):
                 raise InputError(name, rows, "rows of three finite numbers")
+        if self.speed_shares and not (
+            len(self.speed_shares) == len(self.leans) and all(0.0 < share <= 1.0 for share in self.speed_shares)
+        ):
+            raise InputError("speed_shares", self.speed_shares, "one number above 0 and up to 1 for each of `leans`")
 
 
 class ReferenceSphere(SkillStrategy):
@@ -128,7 +134,7 @@ class ReferenceSphere(SkillStrategy):
         self._reach = options.radius + self.task.probe.radius
         self._upright = self.tip.rotation.copy()
         self._force = options.force * self.task.force_limit
-        plan = sphere_touches(self._upright, options.leans, options.touches)
+        plan = sphere_touches(self._upright, options.leans, options.touches, options.speed_shares)
         self._planned = len(plan) * len(options.places)
         for index, stated in enumerate(options.places):
             self._met: list[np.ndarray] = []
@@ -296,9 +302,9 @@ class ReferenceSphere(SkillStrategy):
             outcome = yield from transit(tip, [Waypoint(near_place)])
             if outcome is Ended.CONTACT:
                 return (yield from self._retreat())
-            outcome = yield from approach(tip, touch.normal, near + BEYOND)
+            outcome = yield from approach(tip, touch.normal, near + BEYOND, touch.speed_share)
             if outcome is Ended.CONTACT:
-                yield from self._load(touch.normal)
+                yield from self._load(touch.normal, touch.speed_share)
                 self._seen(self._contact, touch.normal)
             else:
                 self._doubt(ROUGH)
@@ -308,11 +314,11 @@ class ReferenceSphere(SkillStrategy):
         yield from transit(tip, [Waypoint(out)])
         return Ended.RELEASED
 
-    def _load(self, normal: np.ndarray) -> Procedure:
+    def _load(self, normal: np.ndarray, speed_share: float = 1.0) -> Procedure:
         """Press along a normal and let go, in one of the two times."""
         tip = self.tip
         self._contact = tip.here.copy()
-        outcome = yield from load(tip, normal, min(self._force, self._readable(normal)), LOAD_TIME)
+        outcome = yield from load(tip, normal, min(self._force, self._readable(normal)), LOAD_TIME, speed_share)
         pressed_in = float((self._contact - tip.here) @ normal)
         yield from unload(tip, normal, pressed_in, UNLOAD_TIMES[self._count // 2 % 2])
         return outcome

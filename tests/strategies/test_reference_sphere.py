@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lwrprobe.contracts import InputError
 from lwrprobe_strategies.planning.sphere_touches import sphere_touches
 from lwrprobe_strategies.reference_sphere import ReferenceSphere, _Options
 from strategy_task import DOWN, task
@@ -54,3 +55,13 @@ def test_a_press_across_the_stick_stays_below_the_torque_at_which_the_guard_lets
     assert 0.05 * strategy._readable(np.array([0.0, 1.0, 0.0])) == pytest.approx(0.9 * 0.096)
     assert strategy._readable(np.array([0.6, 0.6, 0.53])) > 1.95, "each axis has its own"
     assert strategy._readable(np.array([0.0, 0.0, 1.0])) > 1e3, "along the stick no torque acts"
+
+
+def test_each_press_knows_how_much_of_the_approach_speed_its_orientation_allows():
+    shares = (1.0, 0.5)
+    plan = sphere_touches(DOWN, LEANS[:2], 4, shares)
+    assert [touch.speed_share for touch in plan] == [1.0] * 4 + [0.5] * 4
+    with pytest.raises(InputError, match="speed_shares"):
+        _Options(leans=LEANS, speed_shares=shares)
+    with pytest.raises(InputError, match="speed_shares"):
+        _Options(leans=LEANS[:2], speed_shares=(1.0, 0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, repeat
 from math import cos, pi, sin
 
 import numpy as np
@@ -22,23 +22,32 @@ GOLDEN = 2.4
 
 @dataclass(slots=True, frozen=True)
 class SphereTouch:
-    """One touch: orientation of the tip (3, 3) and normal (3,), out of the sphere, both in the world."""
+    """One touch: orientation of the tip (3, 3) and normal (3,), out of the sphere, both in the world.
+
+    `speed_share` is that of the approach speed which the arm allows there.
+    """
 
     rotation: np.ndarray
     normal: np.ndarray
+    speed_share: float = 1.0
 
 
-def sphere_touches(upright: np.ndarray, leans: Sequence[Lean], per_orientation: int) -> list[SphereTouch]:
-    """All touches, ordered by orientation; `upright` (3, 3) is the orientation of the start."""
+def sphere_touches(
+    upright: np.ndarray, leans: Sequence[Lean], per_orientation: int, speed_shares: Sequence[float] = ()
+) -> list[SphereTouch]:
+    """All touches, ordered by orientation; `upright` (3, 3) is the orientation of the start.
+
+    `speed_shares` has one share of the approach speed for each of `leans`, none = all of it.
+    """
     touches: list[SphereTouch] = []
-    for index, lean in enumerate(leans):
+    for index, (lean, share) in enumerate(zip(leans, speed_shares or repeat(1.0))):
         rotation = leaned(upright, *lean)
         back = -rotation[:, 2]
         side = np.cross(back, rotation[:, 0])
         for k in range(per_orientation):
             normal = _normal(back, side, LEANS[k % len(LEANS)], GOLDEN * (index * per_orientation + k))
             if normal is not None:
-                touches.append(SphereTouch(rotation, normal))
+                touches.append(SphereTouch(rotation, normal, share))
     return touches
 
 

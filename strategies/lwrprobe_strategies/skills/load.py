@@ -37,15 +37,17 @@ def rest(tip: Tip, seconds: float) -> Procedure:
 
 
 @skill(Blocked, seeks_contact=True)
-def approach(tip: Tip, normal: np.ndarray, distance: float) -> Procedure:
+def approach(tip: Tip, normal: np.ndarray, distance: float, speed_share: float = 1.0) -> Procedure:
     """Go against a normal (3,) for a distance [m], as slowly as a contact demands; stand still while no sample comes.
+
+    `speed_share` is that of the approach speed which is used.
 
     Returns
     -------
     Ended.CONTACT, or Ended.NO_CONTACT at the end
     """
     begin = tip.here.copy()
-    speed = tip.control.approach_speed(normal, tip.seen.pose[:3, :3])
+    speed = speed_share * tip.control.approach_speed(normal, tip.seen.pose[:3, :3])
     while float((begin - tip.here) @ normal) < distance:
         if tip.touches:
             return Ended.CONTACT
@@ -54,17 +56,17 @@ def approach(tip: Tip, normal: np.ndarray, distance: float) -> Procedure:
 
 
 @skill(Blocked, seeks_contact=True)
-def load(tip: Tip, normal: np.ndarray, force: float, seconds: float) -> Procedure:
+def load(tip: Tip, normal: np.ndarray, force: float, seconds: float, speed_share: float = 1.0) -> Procedure:
     """Raise the force along a normal (3,), out of the surface, to `force` [N] within about `seconds`.
 
-    The target of the force law grows evenly.
+    The target of the force law grows evenly. `speed_share` is that of the approach speed which is used at most.
 
     Returns
     -------
     Ended.CONTACT with the force reached, or Ended.NO_CONTACT where it was not reached in time
     """
     damping = tip.control.damping(normal, tip.seen.pose[:3, :3])
-    inward = tip.control.approach_speed(normal, tip.seen.pose[:3, :3])
+    inward = speed_share * tip.control.approach_speed(normal, tip.seen.pose[:3, :3])
     first = float(tip.seen.force @ normal)
     for elapsed in _until(tip, MAX_TIME):
         now = float(tip.seen.force @ normal)

@@ -50,8 +50,9 @@ APART = 0.12
 """m between the middles of two reference spheres, so that the leaning stick stays clear of the other ones."""
 DIAMETERS = (0.006, 0.1)
 """m, smallest and largest reference sphere."""
-TILTS = ((0.0, 3), (0.4, 5), (0.75, 7))
-"""rad out of the orientation of the start, and to how many sides."""
+TILTS = ((0.0, 3), (0.5, 5), (1.0, 7))
+"""rad out of the orientation of the start, and to how many sides. The wider, the better the length of the probe is told
+from the lengths of the wrist's links."""
 LEANING = 0.4
 """rad, of the orientations in which the kinematic table's errors are asked for over the area."""
 SPINS = (0.0, 1.2, -1.2)
@@ -67,6 +68,8 @@ TURN = 2.0 * np.pi
 MAX_STIFFNESS = 9e4
 """N/m of arm and sphere in series: an upper bound for an arm of unknown stiffness and a sphere of metal. With 6e4 an
 arm of 1.3e5 N/m along the stick pressed with 3.6 N."""
+STIFFER = 2.2
+"""Times what joints of the usual stiffness make of the arm: three standard deviations of a data sheet's 40 %."""
 ROWS = 16
 """Samples of the rise and of the fall of a touch that are solved with."""
 LIGHT = 0.25
@@ -154,11 +157,13 @@ Span = tuple[str, float, float]
 """Skill, and s at which it begins and ends, as the sensor's stamps count."""
 
 
-def feasible_leans(scene: Scene) -> list[Lean]:
-    """Tilt, direction of the tilt and turn about the stick [rad] of orientations at the sphere, in the order to take.
+def feasible_leans(scene: Scene) -> tuple[list[Lean], list[float]]:
+    """Orientations at the sphere in the order to take, and the share of the approach speed that each allows.
 
-    The arm keeps away from joint limits and singularities in each of them and on the path between two. Raises
-    InputError where there are fewer than four.
+    An orientation is the tilt, its direction and the turn about the stick [rad]. The arm keeps away from joint limits
+    and singularities in each of them and on the path between two. Its stiffness along the stick differs by a factor of
+    five; where it may be above `MAX_STIFFNESS` the approach is slower. Raises InputError where there are fewer than
+    four orientations.
     """
     robot = robot_of(scene)
     pose, q = start_posture(scene, robot)
@@ -167,6 +172,7 @@ def feasible_leans(scene: Scene) -> list[Lean]:
         wanted += [(tilt, TURN * (side + 0.5) / sides, SPINS[(len(wanted) + side) % 3]) for side in range(sides)]
     upright = pose[:3, :3]
     now, here, order, least = q, upright, list[Lean](), DEXTERITY * robot.manipulability(q)
+    shares: list[float] = []
     while wanted:
         wanted.sort(key=lambda lean: _angle(here, _leaned(upright, *lean)))
         for lean, share in ((lean, share) for share in SMALLER for lean in wanted):
@@ -176,6 +182,7 @@ def feasible_leans(scene: Scene) -> list[Lean]:
                 order.append(smaller)
                 wanted.remove(lean)
                 now, here = reached, _leaned(upright, *smaller)
+                shares.append(_speed_share(robot, now, here))
                 break
         else:
             if order and order[-1] == UPRIGHT:
@@ -183,9 +190,17 @@ def feasible_leans(scene: Scene) -> list[Lean]:
             # From here none of the others can be reached: back to the start, from where more of them can.
             order.append(UPRIGHT)
             now, here = q, upright
+            shares.append(_speed_share(robot, now, here))
     if len(order) < FEWEST_LEANS:
         raise InputError("arm", scene.arm.robot, "an arm that can lean the probe to at least four sides at the sphere")
-    return order
+    return order, shares
+
+
+def _speed_share(robot: Robot, q: Vector, rotation: np.ndarray) -> float:
+    """Share of the approach speed that the arm allows along the stick at joints q (n,)."""
+    along = robot.jacobian(q)[:3].T @ rotation[:, 2]
+    stiffness = STIFFER / max(Priors().joint_compliance * float(along @ along), 1e-12)
+    return min(MAX_STIFFNESS / stiffness, 1.0)
 
 
 def _swing(
@@ -239,7 +254,8 @@ def measure(
     """
     robot = robot_of(scene)
     pose, q = start_posture(scene, robot)
-    options = {**scene.strategy.options, "leans": feasible_leans(scene)}
+    leans, shares = feasible_leans(scene)
+    options = {**scene.strategy.options, "leans": leans, "speed_shares": shares}
     scene = scene.model_copy(update={"strategy": StrategyTable(name=STRATEGY, options=options)})
     devices = Devices.assemble(scene, scene.run.seed, False, q)
     contact = scene.contact.model_copy(update={"stiffness": max(MAX_STIFFNESS, scene.contact.stiffness)})
