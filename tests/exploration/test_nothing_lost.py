@@ -52,7 +52,7 @@ def lines(path: Path) -> int:
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 8 MB, full after some lines; skipped over to a limit of the file size where none may be mounted."""
+    """A file system of 8 MB, full after some lines; where none may be mounted test_a_file_too_large runs alone."""
     place = tmp_path / "disk"
     place.mkdir()
     done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(place)], capture_output=True)
