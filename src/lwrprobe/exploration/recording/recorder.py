@@ -107,14 +107,14 @@ class Recorder:
 
     def shift(self, shifts: np.ndarray) -> None:
         """Move the contacts that follow the run by (n, 3) m, and the touches between them alike; on disk they stay."""
-        times = [contact.time for contact in self.contacts]
         self.contacts = [
             replace(contact, point=contact.point + shift, centre=contact.centre + shift)
             for contact, shift in zip(self.contacts, shifts)
         ]
-        self.passed = [
-            (time, centre + [np.interp(time, times, axis) for axis in shifts.T]) for time, centre in self.passed
-        ]
+        if self.passed:
+            times, between = [contact.time for contact in self.contacts], [time for time, _ in self.passed]
+            moved = np.column_stack([np.interp(between, times, axis) for axis in shifts.T])
+            self.passed = [(time, centre + shift) for (time, centre), shift in zip(self.passed, moved)]
 
     def leave_out(self, which: np.ndarray) -> None:
         """Keep contacts marked in (n,) bool out of what follows the run; on disk they stay."""
