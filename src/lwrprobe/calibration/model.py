@@ -8,7 +8,9 @@ import numpy as np
 
 from lwrprobe.calibration.parameters import Parameters
 from lwrprobe.calibration.priors import Priors
+from lwrprobe.calibration.sensor_play import directions, held_back
 from lwrprobe.calibration.touches import Touch
+from lwrprobe.contact import Payload
 from lwrprobe.contracts import Probe
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.kinematics import Robot
@@ -33,8 +35,6 @@ _MIN_RISE = 0.1
 """N, of a touch's force, for its softness."""
 _STEP = 1e-6
 """rad and m, by which a parameter of the kinematic table is moved for its derivative."""
-_NOTICED = 4.0
-"""Standard deviations of a reading's noise by which an axis must turn back before it counts as turned."""
 _DH = ("a", "alpha", "d", "theta")
 
 
@@ -45,8 +45,8 @@ class _Rows:
     Beginning and step [s] of the times at which path (N, K, 3) m holds where the tip was around the sample; jacobian
     (N, 3, n); by_dh (N, 3, 4 n); by_ripple (N, 3, 2 n); rotation (N, 3, 3); reading (N, 6); rate (N, 3) N/s of the
     force, sensor frame; play (N, 3) m, shift of the tip by a play of the prior's width; lag (N, 6) N and N m, by which
-    a hysteresis of the prior's width lets the reading stay behind; stuck (N, 6), the same of the zero that was taken
-    before the touch; touch (N,) index; place (N,); on_table (N,) bool.
+    a hysteresis of the prior's width lets the reading stay behind, and the zero that was taken before the touch; touch
+    (N,) index; place (N,); on_table (N,) bool.
     """
 
     times: Vector
@@ -61,7 +61,6 @@ class _Rows:
     rate: np.ndarray
     play: np.ndarray
     lag: np.ndarray
-    stuck: np.ndarray
     touch: np.ndarray
     place: np.ndarray
     on_table: np.ndarray
@@ -116,7 +115,7 @@ class Model:
         self.parameters, self.priors = parameters, priors
         self._robot, self._probe, self._reference = robot, probe, reference_radius
         gaps = np.concatenate([probe.force_range, probe.torque_range])
-        self.rows = _rows(robot, touches, gaps, priors)
+        self.rows = _rows(robot, probe, touches, gaps, priors)
         self._lever = np.array([0.0, 0.0, probe.sensor_distance])
         self.touches = len(touches)
         self._of_touch = [np.flatnonzero(self.rows.touch == k) for k in range(self.touches)]
@@ -175,7 +174,7 @@ class Model:
         index = np.arange(len(cell))
         early, late = rows.path[index, cell], rows.path[index, cell + 1]
         matrix = np.linalg.inv(np.eye(6) + x[at["sensor"]].reshape(6, 6))
-        wrench = (rows.reading + x[at["hysteresis"]][0] * rows.lag + x[at["zero"]][0] * rows.stuck) @ matrix.T
+        wrench = (rows.reading + x[at["hysteresis"]][0] * rows.lag) @ matrix.T
         force = wrench[:, :3]
         across, along = np.exp(x[at["stick"]])
         bend = self._probe.compliance * np.array([across, across, along]) * force
@@ -272,9 +271,8 @@ class Model:
         gap[table, at["table"].start + 1] = -place[:, 0] * normal[table, 2]
         gap[table, at["table"].start + 2] = -place[:, 1] * normal[table, 2]
         by_wrench = self._gap_by_force(x, state)
-        for name, shift in (("hysteresis", rows.lag), ("zero", rows.stuck)):
-            by_reading = (shift @ state.matrix.T)[:, :3]
-            gap[:, at[name].start] = np.einsum("ni,ni->n", by_wrench, by_reading)
+        by_reading = (rows.lag @ state.matrix.T)[:, :3]
+        gap[:, at["hysteresis"].start] = np.einsum("ni,ni->n", by_wrench, by_reading)
         for i in range(6):
             column = state.matrix[:, i]
             by_gap = -by_wrench @ column[:3]
@@ -334,29 +332,30 @@ def cross_matrices(vectors: np.ndarray) -> np.ndarray:
     return out - out.transpose(0, 2, 1)
 
 
-def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _Rows:
+def _rows(robot: Robot, probe: Probe, touches: list[Touch], gaps: Vector, priors: Priors) -> _Rows:
     parts: list[_Rows] = []
-    for index, touch in enumerate(touches):
+    half, payload = 0.5 * priors.hysteresis * gaps, Payload.of(probe)
+    noise = np.repeat([priors.noise_force, priors.noise_torque], 3)
+    starts = robot.fk_batch(np.array([touch.arm_joints[0] for touch in touches]))[:, :3, :3]
+    held = held_back([touch.wrenches for touch in touches], [payload.weight(rotation) for rotation in starts], half)
+    for index, (touch, stuck) in enumerate(zip(touches, held)):
         count = len(touch.times)
         joints = np.column_stack([np.interp(touch.times, touch.arm_times, q) for q in touch.arm_joints.T])
         poses = robot.fk_batch(joints)
-        step, half = 1e-3, 40
-        grid = touch.times[:, None] + step * np.arange(-half, half + 1)
+        step, around_it = 1e-3, 40
+        grid = touch.times[:, None] + step * np.arange(-around_it, around_it + 1)
         around = np.column_stack([np.interp(grid.ravel(), touch.arm_times, q) for q in touch.arm_joints.T])
         jacobian = robot.jacobian_batch(joints)[:, :3]
         played = _play(touch.arm_joints, priors.joint_hysteresis)
         played = np.column_stack([np.interp(touch.times, touch.arm_times, p) for p in played.T])
-        lag = 0.5 * priors.hysteresis * gaps * _directions(touch.wrenches, priors)
-        width = priors.hysteresis * gaps
-        largest = touch.wrenches[np.abs(touch.wrenches[:, :3]).sum(axis=1).argmax()]
-        stuck = 0.5 * width * np.where(np.abs(largest) > width, np.sign(largest), 0.0)
+        lag = half * directions(touch.wrenches, -stuck, noise) + half * stuck
         rate = np.gradient(touch.wrenches[:, :3], touch.times, axis=0)
         parts.append(
             _Rows(
                 times=touch.times,
                 path_begin=grid[:, 0],
                 path_step=np.full(count, step),
-                path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * half + 1, 3),
+                path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * around_it + 1, 3),
                 jacobian=jacobian,
                 by_dh=derivatives_by_table(robot, joints, poses),
                 by_ripple=np.concatenate(
@@ -370,7 +369,6 @@ def _rows(robot: Robot, touches: list[Touch], gaps: Vector, priors: Priors) -> _
                 reading=touch.wrenches,
                 rate=rate,
                 lag=lag,
-                stuck=np.broadcast_to(stuck, lag.shape),
                 play=np.einsum("nij,nj->ni", jacobian, played),
                 touch=np.full(count, index),
                 place=np.full(count, touch.place),
@@ -391,29 +389,6 @@ def derivatives_by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) ->
             shifted = replace(robot, **{name: moved}).fk_batch(joints)
             columns.append((shifted[:, :3, 3] - poses[:, :3, 3]) / _STEP)
     return np.stack(columns, axis=2)
-
-
-def _directions(readings: np.ndarray, priors: Priors) -> np.ndarray:
-    """(m, 6) whether each axis of the readings (m, 6) has last grown, 1, or fallen, -1, by more than its noise.
-
-    While a load turns back within the hysteresis its reading stands still: from its extreme to where it is seen to turn
-    the numbers lead evenly from one to the other.
-    """
-    noise = _NOTICED * np.repeat([priors.noise_force, priors.noise_torque], 3)
-    out = np.empty_like(readings)
-    extreme, direction = readings[0].copy(), np.sign(readings[0])
-    since = np.zeros(readings.shape[1], dtype=int)
-    for k, now in enumerate(readings):
-        onward = (now - extreme) * direction
-        back = onward < -noise
-        for axis in np.flatnonzero(back):
-            between = np.arange(since[axis] + 1, k)
-            out[between, axis] = direction[axis] * (1.0 - 2.0 * (between - since[axis]) / (k - since[axis]))
-        direction = np.where(back, -direction, direction)
-        moved = back | (onward > 0.0)
-        extreme, since = np.where(moved, now, extreme), np.where(moved, k, since)
-        out[k] = direction
-    return out
 
 
 def _play(joints: np.ndarray, width: float) -> np.ndarray:

@@ -28,7 +28,6 @@ class Parameters:
         clock (1,) s, by which the sensor's time stamps are ahead of the arm's clock;
         play (1,), width of the joints' play over the prior's;
         hysteresis (1,), width of the sensor's hysteresis over the prior's;
-        zero (1,), hysteresis in which the zero was taken before a touch, over half of the prior's;
         dh (4 n,) m, rad, m, rad: a, alpha, d, theta against the robot's table, quantity by quantity;
         ripple (2 n,) rad, sine and cosine of the wave of each joint's gear;
         sensor (36,), the reading for a wrench of one unit less the identity, row by row;
@@ -64,7 +63,6 @@ class Parameters:
             ("clock", np.zeros(1), np.array([p.clock_offset])),
             ("play", np.zeros(1), np.ones(1)),
             ("hysteresis", np.zeros(1), np.ones(1)),
-            ("zero", np.zeros(1), np.ones(1)),
             ("dh", np.zeros(4 * joints), np.repeat([p.dh_length, p.dh_angle, p.dh_length, p.dh_angle], joints)),
             ("ripple", np.zeros(2 * joints), np.full(2 * joints, p.gear_ripple)),
             ("sensor", np.zeros(36), sensor_prior(gaps, p).ravel()),
