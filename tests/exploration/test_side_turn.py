@@ -6,7 +6,7 @@ import pytest
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.side_turn import _aside, learn, take_side_turn_off
+from lwrprobe.exploration.recording.side_turn import aside_of, learn, take_side_turn_off
 from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.exploration.stages.sensor_errors import friction_turn
 from lwrprobe.scene import load_scene
@@ -41,7 +41,7 @@ def lines(turn, bend=20.0, wave=0.0, noise=0.0, seed=1):
 
 def learnt(*given, **changed):
     centres, normals, velocities = lines(*given, **changed)
-    return learn(centres, normals, _aside(normals, velocities), SPACING, STATED)
+    return learn(centres, normals, aside_of(normals, velocities), SPACING, STATED)
 
 
 @pytest.mark.parametrize("turn", [TURN, -TURN, 0.0])
@@ -58,7 +58,7 @@ def test_directions_that_show_other_turns_leave_the_angle_unsure():
     one, other = lines(0.09, noise=0.01), [part @ turned.T for part in lines(-0.03, noise=0.01)]
     other[0] = other[0] + np.array([1.0, 0.0, 0.0])
     centres, normals, velocities = (np.concatenate(parts) for parts in zip(one, other))
-    found = learn(centres, normals, _aside(normals, velocities), SPACING, STATED)
+    found = learn(centres, normals, aside_of(normals, velocities), SPACING, STATED)
     assert abs(found.angle) < 0.02
     assert found.error > 0.8 * STATED
 
@@ -77,7 +77,7 @@ def test_over_many_wavy_surfaces_the_error_is_as_stated():
 def test_a_single_line_shows_nothing():
     centres, normals, velocities = lines(TURN)
     first = slice(0, 160)
-    assert learn(centres[first], normals[first], _aside(normals, velocities)[first], SPACING, STATED) is None
+    assert learn(centres[first], normals[first], aside_of(normals, velocities)[first], SPACING, STATED) is None
     still = np.zeros_like(normals)
     assert learn(centres, normals, still, SPACING, STATED) is None
 

@@ -108,6 +108,7 @@ class Summary:
     `object_error_um_n`, its standard deviation; `stick_percent` and `arm_percent`, by how much both gave way more than
     stated; `touches` that it was learnt from. Null where nothing was corrected."""
     side_turn: Table | None = None
+    neighbour_turn: Table | None = None
     """Turn of all normals about their path that the contacts were corrected for: `angle_deg` and `error_deg`, the
     standard deviation of what is left; null where nothing was learnt."""
     error_budget: Table | None = None

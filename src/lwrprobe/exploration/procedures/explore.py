@@ -40,6 +40,7 @@ from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.give import take_give_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
+from lwrprobe.exploration.recording.neighbour_normals import turn_to_neighbours
 from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
@@ -278,10 +279,11 @@ class Exploration:
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turned = turn_to_path(recorder, scene.probe.radius)
         aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
+        beside = turn_to_neighbours(recorder, scene, pipeline.line_spacing)
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside, give)
+        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside, give, beside)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -294,6 +296,7 @@ class Exploration:
         summary.gear_waves = waves.report() if waves is not None else None
         summary.give = give.report() if give is not None else None
         summary.side_turn = aside.report() if aside is not None else None
+        summary.neighbour_turn = beside.report() if beside is not None else None
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
         if self._earlier is not None:

@@ -43,6 +43,7 @@ from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.give import take_give_off
+from lwrprobe.exploration.recording.neighbour_normals import turn_to_neighbours
 from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
@@ -276,6 +277,7 @@ class Replay:
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turn_to_path(recorder, scene.probe.radius)
         aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
+        beside = turn_to_neighbours(recorder, scene, pipeline.line_spacing)
         surface, lack = reconstruct_surface(
             touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
         )
@@ -285,6 +287,7 @@ class Replay:
         summary.gear_waves = waves.report() if waves is not None else None
         summary.give = give.report() if give is not None else None
         summary.side_turn = aside.report() if aside is not None else None
+        summary.neighbour_turn = beside.report() if beside is not None else None
         summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s, summary.wall_time_parts_s = round(self.seconds, 3), {"explore": round(self.seconds, 3)}
         if out is not None:

@@ -13,6 +13,7 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.give import Give, softer
+from lwrprobe.exploration.recording.neighbour_normals import NeighbourTurn
 from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.side_turn import SideTurn
@@ -38,16 +39,17 @@ def recorded_budget(
     turned: PathTurn | None = None,
     aside: SideTurn | None = None,
     give: Give | None = None,
+    beside: NeighbourTurn | None = None,
 ) -> ErrorBudget | None:
     """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
 
-    `gears`, `turned`, `aside` and `give` are what was taken off the contacts.
+    `gears`, `turned`, `aside`, `give` and `beside` are what was taken off the contacts.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside, give)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside, give, beside)
 
 
 def error_budget(
@@ -60,6 +62,7 @@ def error_budget(
     turned: PathTurn | None = None,
     aside: SideTurn | None = None,
     give: Give | None = None,
+    beside: NeighbourTurn | None = None,
 ) -> ErrorBudget:
     """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
     points = np.array([contact.point for contact in contacts])
@@ -69,14 +72,17 @@ def error_budget(
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
-    left = friction_turn(scene) if aside is None else aside.error
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned)
+    if beside is None:
+        beside = NeighbourTurn(np.zeros(len(points)), 0.0)
+    left = 1.0 - beside.share
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned, beside)
     shared = _of_probe(scene, pipeline, normals, rotations)
     shared |= _of_give(scene, pipeline, normals, forces, rotations, give)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
-    shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since)
+    shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since, left)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
-    shared["friction direction"] = scene.probe.radius * left * np.cross(normals, paths)[:, None]
+    friction = (friction_turn(scene) if aside is None else aside.error) * left
+    shared["friction direction"] = scene.probe.radius * (friction[:, None] * np.cross(normals, paths))[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
     return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears, "rest": rest}, shared)
 
@@ -124,15 +130,18 @@ def _of_give(
 
 def _of_force(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, rotations: np.ndarray,
-    paths: np.ndarray, since: np.ndarray,
+    paths: np.ndarray, since: np.ndarray, left: np.ndarray,
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """(n, k, 3) m of the errors of the force: its matrix, and its drift in the time (n,) s `since` the last zero."""
+    """(n, k, 3) m of the errors of the force: its matrix, and its drift in the time (n,) s `since` the last zero.
+
+    Of the turn of the normal by either the share `left` (n,) counts.
+    """
     table, probe = scene.uncertainty, pipeline.probe
     own, out = (np.einsum("nji,nj->ni", rotations, vectors) for vectors in (forces, normals))
     # Torque and force that disagree by more than stated come from the same matrix.
     matrix = _misfit(pipeline.torque) * matrix_errors(table, probe, own, out)
     drift = 1e-3 / 60.0 * table.sigma("drift_mn_per_min") * since[:, None, None] * np.eye(3)
-    where = (rotations, forces, normals, paths)
+    where = (rotations, forces, normals, paths, left)
     return {
         "force": shifts_by_force(probe, matrix, *where),
         "drift": shifts_by_force(probe, drift, *where),
@@ -185,6 +194,7 @@ def _of_gears(
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
     confidence: np.ndarray, turning: np.ndarray, turned: PathTurn | None,
+    beside: NeighbourTurn,
 ) -> np.ndarray:  # fmt: skip
     """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
@@ -198,8 +208,10 @@ def _of_normal(
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(np.hypot(turning, ALONG * axis), noise)
     along = along if turned is None else turned.left(along)
+    slope = np.where(beside.share > 0.0, beside.error, 0.0)
+    across = slope**2 + (1.0 - beside.share) ** 2 * (plane**2 + (ASIDE * axis) ** 2)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
     # What the path has corrected along it, it has corrected of the noise as well.
-    for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (plane**2 + (ASIDE * axis) ** 2, aside)):
+    for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (across, aside)):
         covariance += variance[:, None, None] * motions[:, :, None] * motions[:, None, :]
     return radius**2 * covariance

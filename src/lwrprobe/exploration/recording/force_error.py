@@ -34,18 +34,20 @@ def matrix_errors(table: UncertaintyTable, probe: Probe, forces: np.ndarray, nor
 
 
 def shifts_by_force(
-    probe: Probe, errors: np.ndarray, rotations: np.ndarray, forces: np.ndarray, normals: np.ndarray, paths: np.ndarray
-) -> np.ndarray:
+    probe: Probe, errors: np.ndarray, rotations: np.ndarray, forces: np.ndarray, normals: np.ndarray,
+    paths: np.ndarray, left: np.ndarray | float = 1.0,
+) -> np.ndarray:  # fmt: skip
     """(n, k, 3) m, shifts of contacts by errors (n, k, 3) N of the force in the sensor frame, one field for each of k.
 
     Parameters
     ----------
     rotations : (n, 3, 3) of the sensor in the world
     forces, normals, paths : (n, 3) N, unit and unit, zero where the sphere stands; world frame
+    left : (n,) share of the normal's turn that nothing has corrected
     """
     across = forces - np.einsum("ni,ni->n", forces, paths)[:, None] * paths
     size = np.maximum(np.linalg.norm(across, axis=1), SMALLEST)
     aside = np.cross(normals, paths)
-    turns = np.einsum("nij,nkj,ni->nk", rotations, errors, aside) / size[:, None]
+    turns = np.einsum("nij,nkj,ni->nk", rotations, errors, aside) * (left / size)[:, None]
     bends = np.einsum("nij,nkj->nki", rotations, probe.compliance * errors)
     return bends - probe.radius * turns[:, :, None] * aside[:, None]

@@ -60,7 +60,7 @@ def take_side_turn_off(recorder: Recorder, scene: Scene, spacing: float | None) 
     if not states or len(states) < len(recorder.contacts) or stated <= 0.0 or spacing is None:
         return None
     normals, radius = recorder.normals(), scene.probe.radius
-    centres, aside = recorder.points() + radius * normals, _aside(normals, np.array([v for _, v in states]))
+    centres, aside = recorder.points() + radius * normals, aside_of(normals, np.array([v for _, v in states]))
     found = learn(centres, normals, aside, spacing, stated)
     if found is None:
         return None
@@ -121,7 +121,7 @@ def _between(angles: np.ndarray, ways: np.ndarray) -> float:
     return sqrt(float(spread * (weights @ weights)))
 
 
-def _aside(normals: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+def aside_of(normals: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """(n, 3) unit directions normal x path; zero where the sphere stands."""
     aside = np.cross(normals, velocities)
     speed = np.linalg.norm(aside, axis=1, keepdims=True)
