@@ -73,7 +73,7 @@ def error_budget(
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
     gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
     if beside is None:
-        beside = NeighbourTurn(np.zeros(len(points)), 0.0)
+        beside = NeighbourTurn(*np.zeros((2, len(points))))
     left = 1.0 - beside.share
     normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned, beside)
     shared = _of_probe(scene, pipeline, normals, rotations)
@@ -208,8 +208,7 @@ def _of_normal(
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(np.hypot(turning, ALONG * axis), noise)
     along = along if turned is None else turned.left(along)
-    slope = np.where(beside.share > 0.0, beside.error, 0.0)
-    across = slope**2 + (1.0 - beside.share) ** 2 * (plane**2 + (ASIDE * axis) ** 2)
+    across = beside.error**2 + (1.0 - beside.share) ** 2 * (plane**2 + (ASIDE * axis) ** 2)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
     # What the path has corrected along it, it has corrected of the noise as well.
     for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (across, aside)):

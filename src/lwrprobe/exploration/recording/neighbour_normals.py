@@ -12,7 +12,7 @@ itself shows (`weighed`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, degrees, radians, sqrt
+from math import cos, degrees, radians
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -46,16 +46,20 @@ class NeighbourTurn:
     Attributes
     ----------
     share : (n,) of the angle to the slope by which normals were turned, 0 where no slope is known
-    error : rad, standard deviation of what is left of that angle
+    error : (n,) rad, standard deviation of what is left of that angle, 0 where no slope is known
     """
 
     share: np.ndarray
-    error: float
+    error: np.ndarray
 
     def report(self) -> dict[str, float]:
-        """For the summary: how many of the contacts were turned, by how much of the angle, and what is left."""
-        turned, share = float((self.share > 0.0).mean()), float(self.share.max())
-        return {"turned": round(turned, 4), "share": round(share, 4), "error_deg": round(degrees(self.error), 4)}
+        """For the summary: how many of the contacts were turned, by how much of the angle, and what is left of them."""
+        turned = self.share > 0.0
+        if not turned.any():
+            return {"turned": 0.0}
+        share, error = (float(np.median(values[turned])) for values in (self.share, self.error))
+        found = {"turned": float(turned.mean()), "share": share, "error_deg": degrees(error)}
+        return {name: round(value, 4) for name, value in found.items()}
 
 
 def turn_to_neighbours(recorder: Recorder, scene: Scene, spacing: float | None) -> NeighbourTurn | None:
@@ -73,27 +77,29 @@ def turn_to_neighbours(recorder: Recorder, scene: Scene, spacing: float | None) 
     known = np.isfinite(angles)
     if known.sum() < FEWEST:
         return None
-    share, error = weighed(angles[known], disagreements[known])
-    shares = np.where(known, share, 0.0)
-    normals = normals - (shares * np.where(known, angles, 0.0))[:, None] * aside
+    share, error = np.zeros((2, len(known)))
+    share[known], error[known] = weighed(angles[known], disagreements[known])
+    normals = normals - (share * np.where(known, angles, 0.0))[:, None] * aside
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    for k in np.flatnonzero(shares):
+    for k in np.flatnonzero(share):
         recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
-    return NeighbourTurn(shares, error)
+    return NeighbourTurn(share, error)
 
 
-def weighed(angles: np.ndarray, disagreements: np.ndarray) -> tuple[float, float]:
-    """Share of the angles (n,) rad that is the normals', and the standard deviation [rad] of what is left without it.
+def weighed(angles: np.ndarray, disagreements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Share of each angle (n,) rad that is the normal's, and the standard deviation (n,) rad of what is then left.
 
     An angle is the error of its normal and that of its slope. A bend of the surface that is not even moves an angle by
     twice as much as the disagreement (n,) rad of chord and normals, and to the other side; the normal's error moves
     the disagreement by half as much as the angle, and to the same side. So the mean product of both is half of the
-    difference of both variances, and the mean square of the angles is their sum.
+    difference of both variances, and the mean square of the angles is their sum. A disagreement that is not half of
+    its angle shows in the same way how far a single slope may be off.
     """
     both, difference = float((angles**2).mean()), 2.0 * float((angles * disagreements).mean())
-    normal, slope = max(0.5 * (both + difference), 0.0), max(0.5 * (both - difference), CHORD**2)
+    normal = max(0.5 * (both + difference), 0.0)
+    slope = max(0.5 * (both - difference), CHORD**2) + (disagreements - 0.5 * angles) ** 2
     share = normal / (normal + slope)
-    return share, sqrt(share * slope)
+    return share, np.sqrt(share * slope)
 
 
 def slopes(centres: np.ndarray, normals: np.ndarray, aside: np.ndarray, spacing: float) -> np.ndarray:
