@@ -241,7 +241,7 @@ def _consistent(touches: Touches, clusters: Clusters, pitch: float) -> tuple[Tou
 def _evidence(
     grid: Grid, touches: Touches, clusters: Clusters, below: HermiteData, lower: HermiteData, pitch: float
 ) -> Evidence:
-    touching = np.vstack([touches.centres, lower.points])
+    touching = np.vstack([touches.centres, lower.points[lower.normals[:, 2] > LEANING]])
     visited = np.vstack([touching, touches.visited, _ring(touches, pitch, grid.step)])
     inferred = below + lower
     points = np.vstack([touches.points, inferred.points - touches.radius * inferred.normals])
@@ -285,7 +285,7 @@ def _outer_field(
     values[near] = np.einsum("ij,ij->i", offset, data.normals[source])
     near &= np.abs(values) < max(_BAND * pitch, 2.0 * grid.step)
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
-    overhung = grid.nearest(below.points, _NEAR * pitch) >= 0
+    overhung = grid.nearest(data.points[data.normals[:, 2] < LEANING], _NEAR * pitch) >= 0
     near[:, :, :first] &= overhung[:, :, :first]
     found = process.values(grid, near)
     values = np.where(np.isfinite(found), found, values)

@@ -1,10 +1,14 @@
-"""Walls below the lowest contacts on them, where the probe's body or a line that ended early let nothing be touched.
+"""Sides below the lowest contacts on them, where the probe's body, the stick or a line's end let nothing be touched.
 
-A wall is taken to go straight down from where it was touched last. Without this, the surface ran half way between
-the object and the nearest place that was passed freely, which below the probe's reach is far beside the object.
+A side is taken to go on as it was seen to bend over the last lines: the bend fades over the length on which it was
+seen. One that stands upright and is straight goes straight down, one that recedes goes on inwards. Without this, the
+surface ran half way between the object and the nearest place that was passed freely, which below the probe's reach is
+far beside the object.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,73 +16,192 @@ from lwrprobe.reconstruction.clusters import Clusters
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.touches import Touches
 
-_UPRIGHT = -0.15, 0.35  # z of a wall's normals: lower it overhangs, higher its foot is elsewhere
-_ALIKE = 0.98  # cosine between the normals of one wall
+_OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a top
+_BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the side there
+_LOOKED_UP = 2.0, 1.5  # of the pitch: so far above its end a side is looked at; the less where it does not bend evenly
+_SHOWN = 2.0  # radii: over so much of that at least it has been touched
+_FEWEST = 4  # contacts that show how a side bends
+_ALIKE = 0.5  # cosine between the normals of one side
+_EVENLY = 0.1  # rad, root mean square: so far normals lie off an even bend
+_SURE = 2.5  # standard deviations from which on a side bends or leans
+_CLOSEST = 2.0  # radii of the sphere: what the centres' surface bends around more closely is an edge
 _STEP = 0.5  # of the pitch, between places
-_STRAIGHT = 2.0  # radii: so much higher up a wall faces the same way
-_BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the wall there
-_DEEP = 1.0  # of the pitch: so far the contacts themselves show how a wall goes on
-_FLOOR = 1.5  # of the pitch: how far away a contact on a floor tells of it
-_FACES_UP = 0.2  # z of such a contact's normal
-_SUNK = 0.25  # radii: so far below a floor a sphere is in the solid
+_DEEP = 1.0  # of the pitch: so far the contacts themselves show how a side goes on
+_ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell of it
 _PASSED = 0.8  # radii: so near to a place that was passed freely nothing is
-_GROWTH = 0.03  # m of standard deviation a metre below the last contact
+_UNDER = -0.97  # z of the normal at which a side has become an underside
+_OPPOSITE = 0.5  # cosine between a side's direction inwards and the normals on the object's other side
+_GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an upright wall
+_GROWTH_BENT = 0.15  # the same of a side that leans or bends, seen on random solids
 _NORMAL_SD = 0.1  # rad
+_FINE = 1e-3  # m, steps in which a bend is followed
+
+
+@dataclass(slots=True, frozen=True)
+class _Side:
+    """The lower end of what was touched of a side, on the centres' surface.
+
+    Attributes
+    ----------
+    end, normal : (3,) m and unit
+    bend : 1/m, how fast the normal turns down, downwards
+    seen : m, length over which it was seen
+    """
+
+    end: np.ndarray
+    normal: np.ndarray
+    bend: float
+    seen: float
+
+    @property
+    def inward(self) -> np.ndarray:
+        """(2,) unit, level."""
+        return -self.normal[:2] / np.linalg.norm(self.normal[:2])
+
+    @property
+    def straight(self) -> bool:
+        """Whether it is an upright wall."""
+        return self.bend == 0.0 and self.normal[2] == 0.0
+
+    def below(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (n, 3) on the side at distances (n,) m below its end, and the normals there.
+
+        A hollow goes on until it stands upright: below that it would have been touched.
+        """
+        fine = np.arange(0.0, along[-1] + 2.0 * _FINE, _FINE)
+        turn = self.bend * self.seen * (1.0 - np.exp(-fine / self.seen))
+        if self.bend < 0.0:
+            turn = np.maximum(turn, min(np.arcsin(self.normal[2]), 0.0))
+        down = _down(self.normal)
+        cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        course = cosine * down - sine * self.normal
+        steps = 0.5 * _FINE * (course[1:] + course[:-1])
+        places = self.end + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+        normals = cosine * self.normal + sine * down
+        at = [np.column_stack([np.interp(along, fine, column) for column in rows.T]) for rows in (places, normals)]
+        return at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)
 
 
 def find_lower_walls(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
-    """Where the sphere's centre would be if it touched the walls lower down, and the surface's normals there.
+    """Where the sphere's centre would be if it touched the sides lower down, and the surface's normals there.
 
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines. Each row goes down from the
-    lowest contacts of a wall to `touches.lowest`, to a floor, or to where the sphere passed freely.
+    lowest contacts of a side to where its foot is as low as the sphere's centre may come, to a floor, to where the
+    sphere passed freely, or to the object's middle where its other side was touched lower down.
     """
     from scipy.spatial import cKDTree
 
     if touches.table is None:
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
-    lowest = _lowest(clusters, pitch, touches.radius)
-    lowest = lowest[clusters.points[lowest, 2] > touches.lowest + _DEEP * pitch]
-    start, facing = clusters.points[lowest], clusters.normals[lowest] * [1.0, 1.0, 0.0]
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    floors = clusters.normals[:, 2] > _FACES_UP
-    floor, up = clusters.points[floors], clusters.normals[floors]
-    beneath, passed = cKDTree(floor), cKDTree(touches.visited)
-    places, normals, depths = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
-    for top, normal in zip(start, facing):
-        down = np.arange(_STEP * pitch, top[2] - touches.lowest + 0.5 * _STEP * pitch, _STEP * pitch)
-        row = np.column_stack([np.broadcast_to(top[:2], (len(down), 2)), top[2] - down])
-        ended = np.zeros(len(row), dtype=bool)
+    passed = cKDTree(touches.visited)
+    places, normals, deviations = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    for side in _sides(touches, clusters, pitch):
+        if side.end[2] <= touches.lowest + _DEEP * pitch:
+            continue
+        down = np.arange(_STEP * pitch, 2.0 * (side.end[2] - touches.lowest + touches.radius), _STEP * pitch)
+        row, facing = side.below(down)
+        lean = np.clip(-facing[:, 2], 0.0, 1.0)
+        ended = row[:, 2] < touches.lowest - touches.radius * lean - 0.5 * _STEP * pitch
+        ended |= (lean > -_UNDER) | _stopped(side, row, clusters, pitch)
         for i, near in enumerate(passed.query_ball_point(row, _PASSED * touches.radius)):
-            ended[i] = bool((touches.visited[near, 2] < top[2] - touches.radius).any())
-        for i, near in enumerate(beneath.query_ball_point(row, _FLOOR * pitch)):
-            offset = floor[near] - row[i]
-            sunk = np.einsum("ij,ij->i", offset, up[near]) > _SUNK * touches.radius
-            ended[i] |= bool((sunk & (offset @ normal > -touches.radius)).any())
+            ended[i] |= bool((touches.visited[near, 2] < side.end[2] - touches.radius).any())
         kept = ~np.logical_or.accumulate(ended)
         places.append(row[kept])
-        normals.append(np.broadcast_to(normal, places[-1].shape))
-        depths.append(down[kept])
-    depth = np.concatenate(depths)
-    return _data(np.concatenate(places), np.concatenate(normals), np.hypot(touches.noise, _GROWTH * depth))
+        normals.append(facing[kept])
+        growth = _GROWTH if side.straight else _GROWTH_BENT
+        deviations.append(np.hypot(touches.noise, growth * down[kept]))
+    return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(deviations))
 
 
 def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:
     return HermiteData(centres, normals, deviation, np.full(len(centres), _NORMAL_SD))
 
 
-def _lowest(clusters: Clusters, pitch: float, radius: float) -> np.ndarray:
-    """(k,) numbers of the clusters that lie lowest on their line on a wall, and higher up face as they do here."""
+def _down(normal: np.ndarray) -> np.ndarray:
+    """(3,) unit, steepest way down on a surface with a normal (3,) that is not upright."""
+    down = normal * normal[2] - [0.0, 0.0, 1.0]
+    return down / np.linalg.norm(down)
+
+
+def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> np.ndarray:
+    """(n,) bool: a floor lies above the place (n, 3), or the middle between the side and one that goes lower before."""
+    offset = clusters.points[:, :2] - side.end[:2]
+    ahead, height = offset @ side.inward, clusters.points[:, 2]
+    aside = np.abs(offset[:, 0] * side.inward[1] - offset[:, 1] * side.inward[0])
+    top = clusters.normals[:, 2] > _OF_A_SIDE[1]
+    other = ~top & (clusters.normals[:, :2] @ side.inward > _OPPOSITE) & (ahead > 0.0) & (aside < pitch)
+    floor = top & (height < side.end[2])
+    run = (row[:, :2] - side.end[:2]) @ side.inward
+    middle = (ahead[other] < 2.0 * run[:, None]) & (height[other] < row[:, 2:])
+    over = np.linalg.norm(row[:, None, :2] - clusters.points[floor, :2], axis=2) < _ACROSS * pitch
+    return middle.any(axis=1) | (over & (height[floor] > row[:, 2:])).any(axis=1)
+
+
+def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
+    """Where each line's contacts with a side end below, of those that show how it bends."""
     from scipy.spatial import cKDTree
 
-    height, normals, places = clusters.points[:, 2], clusters.normals, clusters.points[:, :2]
-    upright = np.flatnonzero((normals[:, 2] > _UPRIGHT[0]) & (normals[:, 2] < _UPRIGHT[1]))
-    beside = max(_BESIDE * pitch, radius)
+    points, normals = clusters.points, clusters.normals
+    ends = np.flatnonzero((normals[:, 2] > _OF_A_SIDE[0]) & (normals[:, 2] < _OF_A_SIDE[1]))
+    beside = max(_BESIDE * pitch, touches.radius)
+    same_line = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], beside)
+    around = cKDTree(points).query_ball_point(points[ends], 1.5 * _LOOKED_UP[0] * pitch)
     found = []
-    for i, near in zip(upright, cKDTree(places).query_ball_point(places[upright], max(pitch, beside))):
-        rise, facing = height[near] - height[i], normals[near] @ normals[i]
-        same_line = np.linalg.norm(places[near] - places[i], axis=1) <= beside
-        lower = same_line & (rise < -1e-9) & (facing > 0.0)
-        higher = (rise > _STRAIGHT * radius) & (facing > _ALIKE)
-        if higher.any() and not lower.any():
-            found.append(i)
-    return np.array(found, dtype=np.int64)
+    for i, line, near in zip(ends, same_line, around):
+        if ((points[line, 2] < points[i, 2] - 1e-9) & (normals[line] @ normals[i] > 0.0)).any():
+            continue
+        down = _down(normals[i])
+        offset = points[near] - points[i]
+        across = offset @ np.cross(normals[i], down)
+        of_it = (np.abs(across) < beside) & (offset @ down < 1e-9) & (normals[near] @ normals[i] > _ALIKE)
+        above = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - across**2, 0.0))[of_it]
+        facing = normals[near][of_it]
+        turn = np.arctan2(-facing @ down, facing @ normals[i])
+        side = _side(points[i], normals[i], above, turn, touches, pitch)
+        if side is not None:
+            found.append(side)
+    return found
+
+
+def _side(
+    end: np.ndarray, normal: np.ndarray, above: np.ndarray, turn: np.ndarray, touches: Touches, pitch: float
+) -> _Side | None:
+    """The side whose normals `turn` (n,) rad up from `normal` at places (n,) m `above` its end.
+
+    None where too little of it was touched, where it does not bend evenly, or where it is an edge.
+    """
+    for share in _LOOKED_UP:
+        rows = above < share * pitch
+        if np.count_nonzero(rows) < _FEWEST or above[rows].max() < min(_SHOWN * touches.radius, 0.9 * share * pitch):
+            continue
+        x, y = above[rows], turn[rows]
+        bend, start, off = _line(x, y)
+        if off < _EVENLY:
+            break
+    else:
+        return None
+    noise = max(off, touches.normal_noise) / np.sqrt(len(x))
+    if abs(bend) * x.std() < _SURE * noise:
+        bend, start = 0.0, float(np.median(y))
+    if bend * _CLOSEST * touches.radius > 1.0:
+        return None
+    facing = np.cos(start) * normal - np.sin(start) * _down(normal)
+    if bend <= 0.0 and facing[2] > -_SURE * noise:
+        level = facing * [1.0, 1.0, 0.0]
+        return _Side(end, level / np.linalg.norm(level), 0.0, x.max())
+    if bend > 0.0:  # what stands on a table reaches down to it
+        bend = min(bend, (1.0 + min(facing[2], 0.0)) / (end[2] - touches.table + touches.radius))
+    return _Side(end, facing, bend, x.max())
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Slope, value at 0 and root mean square residual of the line through (n,) values that single ones do not sway.
+
+    Theil and Sen: the median of the slopes between all pairs.
+    """
+    one, other = np.triu_indices(len(x), 1)
+    apart = x[other] - x[one]
+    kept = np.abs(apart) > 1e-9
+    slope = float(np.median((y[other] - y[one])[kept] / apart[kept])) if kept.any() else 0.0
+    start = float(np.median(y - slope * x))
+    return slope, start, float(np.sqrt(np.mean((y - start - slope * x) ** 2)))
