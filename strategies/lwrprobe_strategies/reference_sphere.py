@@ -30,9 +30,10 @@ SURE = 3.0
 """Standard deviations of the surface's place by which an approach begins before it."""
 BEYOND = 0.003
 """m behind the surface where an approach ends that met nothing."""
-STEADY, TURNING = 1e-4, 4e-4
+STEADY, TURNING = 1e-4, 7e-4
 """m, and m for each radian of a turn, by which an arm with another kinematic table sees the sphere elsewhere in another
-orientation: 0.05 degrees of a wrist joint are a quarter of a millimetre."""
+orientation: 0.05 degrees of a wrist joint are a quarter of a millimetre. With 0.4 mm for a radian, the usual amount, an
+arm with twice that at several joints met the sphere 3 mm early, at 100 mm/s."""
 OFF_TOOL = 3e-4
 """m, of the probe's sphere beside where the tool has it, along each axis of the tip."""
 ROUGH, PRECISE = 1e-3, 1e-4
@@ -97,7 +98,7 @@ class _Options:
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
-    time: float = 275.0
+    time: float = 265.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):

@@ -57,6 +57,9 @@ UNCONFIRMED_JUMP = 6
 IMPRECISE = 7
 AMBIGUOUS = 8
 
+AGAINST = 2.0
+"""Times the error of a normal that is trusted half, which one against its force has at least: it enters no map."""
+
 # SampleStatus, as plain numbers
 _SATURATED = 1
 _STALE = 2 | 8
@@ -261,15 +264,20 @@ def deliver(given, u, sigma, params, out):
 def deliver_world(given, normal, sigma, params, out):
     """Fill point, normal and confidence; the force is set already. Returns IMPRECISE for a large sigma, else GOOD.
 
-    The undeformed surface is nearer to the centre than the radius, by indentation times force.
+    The undeformed surface is nearer to the centre than the radius, by indentation times force. A surface only pushes:
+    where the force is so small that the normal came out against it, its own direction is the better guess.
     """
-    push = 0.0
+    push, size = 0.0, magnitude(out, O_FORCE)
     for i in range(3):
         push += normal[i] * out[O_FORCE + i]
-    reach = params[P_RADIUS] - params[P_INDENTATION] * max(push, 0.0)
+    against = push < 0.0
+    if against:
+        push, sigma = size, max(sigma, AGAINST * params[P_TRUSTED_ERROR])
+    reach = params[P_RADIUS] - params[P_INDENTATION] * push
     for i in range(3):
-        out[O_NORMAL + i] = normal[i]
-        out[O_POINT + i] = given[I_CENTRE + i] - reach * normal[i]
+        along = out[O_FORCE + i] / size if against else normal[i]
+        out[O_NORMAL + i] = along
+        out[O_POINT + i] = given[I_CENTRE + i] - reach * along
     out[O_SIGMA] = sigma
     ratio = sigma / params[P_TRUSTED_ERROR]
     confidence = 1.0 / (1.0 + ratio * ratio)

@@ -111,8 +111,8 @@ class Summary:
     """Turn of all normals about their path that the contacts were corrected for: `angle_deg` and `error_deg`, the
     standard deviation of what is left; null where nothing was learnt."""
     neighbour_turn: Table | None = None
-    """Turn of normals to the slope that the lines beside them show: `turned`, the share of the contacts; `share`, the part
-    of the angle to the slope by which they were turned; `error_deg`, the standard deviation of what is left."""
+    """Turn of normals to the slope that the lines beside them show: `turned`, the share of the contacts; `share`, the
+    part of the angle to the slope by which they were turned; `error_deg`, the standard deviation of what is left."""
     error_budget: Table | None = None
     """Standard deviations of the contacts along their normals: `causes_mm` by name, `random_mm`, `whole_mm`; after the
     rigid motion that aligns all contacts `causes_aligned_mm` and `shape_mm` [mm]."""
