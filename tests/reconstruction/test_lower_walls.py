@@ -10,7 +10,7 @@ from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.lower_walls import find_lower_walls
 from lwrprobe.reconstruction.touches import prepare
-from lwrprobe.scene.shape import Box
+from lwrprobe.scene.shape import Box, Sphere
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
@@ -75,3 +75,15 @@ def test_nothing_goes_down_where_the_sphere_passed():
     beside = np.abs(walls.points[:, 1]) > 0.024
     assert beside.any()
     assert below < 0.012 < 0.02 < walls.points[beside, 2].min()
+
+
+def test_a_side_that_recedes_goes_on_inwards_and_not_straight_down():
+    ball = Solid.from_shapes([Sphere(shape="sphere", radius=0.04, at=Pose(xyz=(0.0, 0.0, 0.042)))])
+    walls = found(upper_part(sample_lines(ball, PITCH, 0.25), 0.03))
+    low = walls.points[walls.points[:, 2] < 0.02]
+    assert len(low) > 10
+    straight = low.copy()
+    straight[:, :2] *= (0.04 + RADIUS) / np.linalg.norm(low[:, :2], axis=1, keepdims=True)
+    off, straight_off = (np.abs(ball.signed_distance(rows) - RADIUS).mean() for rows in (low, straight))
+    assert off < 0.3 * straight_off
+    assert (walls.normals[walls.points[:, 2] < 0.02, 2] < -0.3).all()
