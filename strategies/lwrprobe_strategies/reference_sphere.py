@@ -98,7 +98,7 @@ class _Options:
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
-    time: float = 265.0
+    time: float = 266.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):
