@@ -98,7 +98,7 @@ class _Options:
     touches: int = 4
     table: float = 0.0
     torque: float = float("inf")
-    time: float = 266.0
+    time: float = 265.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("radius", 0.002, 0.1), ("spread", 0.0, 0.1), ("force", 0.2, 0.7), ("time", 1.0, 1e4)):
@@ -156,19 +156,23 @@ class ReferenceSphere(SkillStrategy):
         return Progress("calibrating", min(self._count / self._planned, 1.0), self.tip.trace.state)
 
     def _press_all(self, plan: list[SphereTouch]) -> Procedure:
-        """One touch after another; while the time does not suffice one in each orientation is left out, in turn.
+        """One orientation after another; while the time does not suffice, presses are left out of each.
 
-        Two are, once they are late by more than half an orientation takes, and so on. In turn, so that all directions
-        against the stick keep some. The table takes about as long as the search has, at the same speed.
+        One is, once they are late by less than half an orientation takes, then two, and so on. It is the directions
+        against the stick that were pressed most so far, so that all of them keep alike many. The table takes about as
+        long as the search has, at the same speed.
         """
-        options, begin = self.task.options, self.tip.seen.time
-        left = max(options.time - 2.0 * (begin - self._begun), PRESSING)
-        for k, touch in enumerate(plan):
-            late = (self.tip.seen.time - begin) / left - k / len(plan)
-            spared = np.clip(np.ceil(2.0 * late * len(plan) / options.touches), 0, options.touches - 1)
-            if (k - k // options.touches) % options.touches >= spared:
-                yield from self._press(touch)
-            self._count += 1
+        options, begin, before = self.task.options, self.tip.seen.time, self._count
+        left, made = max(options.time - 2.0 * (begin - self._begun), PRESSING), np.zeros(options.touches, dtype=int)
+        for first in range(0, len(plan), options.touches):
+            late = (self.tip.seen.time - begin) / left - first / len(plan)
+            spared = int(np.clip(np.ceil(2.0 * late * len(plan) / options.touches), 0, options.touches - 1))
+            kept = np.sort(np.argsort(made, kind="stable")[: options.touches - spared])
+            for k in kept[kept < len(plan) - first].tolist():
+                self._count = before + first + k
+                yield from self._press(plan[first + k])
+                made[k] += 1
+        self._count = before + len(plan)
         return Ended.RELEASED
 
     def _find(self, stated: np.ndarray, options: _Options) -> Procedure:

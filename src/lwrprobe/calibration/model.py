@@ -334,28 +334,30 @@ def cross_matrices(vectors: np.ndarray) -> np.ndarray:
 
 def _rows(robot: Robot, probe: Probe, touches: list[Touch], gaps: Vector, priors: Priors) -> _Rows:
     parts: list[_Rows] = []
-    half, payload = 0.5 * priors.hysteresis * gaps, Payload.of(probe)
+    half_play, payload = 0.5 * priors.hysteresis * gaps, Payload.of(probe)
     noise = np.repeat([priors.noise_force, priors.noise_torque], 3)
-    starts = robot.fk_batch(np.array([touch.arm_joints[0] for touch in touches]))[:, :3, :3]
-    held = held_back([touch.wrenches for touch in touches], [payload.weight(rotation) for rotation in starts], half)
+    # As the probe is held in the touch: before it, it may still have turned.
+    joints = np.array([_joints_at(touch, touch.times[:1])[0] for touch in touches])
+    weights = [payload.weight(rotation) for rotation in robot.fk_batch(joints)[:, :3, :3]]
+    held = held_back([touch.wrenches for touch in touches], weights, half_play)
     for index, (touch, stuck) in enumerate(zip(touches, held)):
         count = len(touch.times)
-        joints = np.column_stack([np.interp(touch.times, touch.arm_times, q) for q in touch.arm_joints.T])
+        joints = _joints_at(touch, touch.times)
         poses = robot.fk_batch(joints)
-        step, around_it = 1e-3, 40
-        grid = touch.times[:, None] + step * np.arange(-around_it, around_it + 1)
-        around = np.column_stack([np.interp(grid.ravel(), touch.arm_times, q) for q in touch.arm_joints.T])
+        step, half = 1e-3, 40
+        grid = touch.times[:, None] + step * np.arange(-half, half + 1)
+        around = _joints_at(touch, grid.ravel())
         jacobian = robot.jacobian_batch(joints)[:, :3]
         played = _play(touch.arm_joints, priors.joint_hysteresis)
         played = np.column_stack([np.interp(touch.times, touch.arm_times, p) for p in played.T])
-        lag = half * directions(touch.wrenches, -stuck, noise) + half * stuck
+        lag = half_play * (directions(touch.wrenches, -stuck, noise) + stuck)
         rate = np.gradient(touch.wrenches[:, :3], touch.times, axis=0)
         parts.append(
             _Rows(
                 times=touch.times,
                 path_begin=grid[:, 0],
                 path_step=np.full(count, step),
-                path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * around_it + 1, 3),
+                path=robot.fk_batch(around)[:, :3, 3].reshape(count, 2 * half + 1, 3),
                 jacobian=jacobian,
                 by_dh=derivatives_by_table(robot, joints, poses),
                 by_ripple=np.concatenate(
@@ -377,6 +379,11 @@ def _rows(robot: Robot, probe: Probe, touches: list[Touch], gaps: Vector, priors
         )
     names = _Rows.__dataclass_fields__
     return _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _joints_at(touch: Touch, times: Vector) -> np.ndarray:
+    """(m, n) rad at times (m,) s of the sensor's clock."""
+    return np.column_stack([np.interp(times, touch.arm_times, q) for q in touch.arm_joints.T])
 
 
 def derivatives_by_table(robot: Robot, joints: np.ndarray, poses: np.ndarray) -> np.ndarray:
