@@ -34,7 +34,7 @@ from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
-from lwrprobe.reconstruction.lower_walls import find_lower_walls
+from lwrprobe.reconstruction.lower_sides import find_lower_sides
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -44,7 +44,7 @@ _MAX_NODES = 3_000_000
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
-_NEAR_OVERHANG = 2.5  # the same under data that lean down and beside lower walls, where nothing else is known
+_NEAR_OVERHANG = 2.5  # the same under data that lean down and beside lower sides, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _CLOSER = 0.8  # of the stated pitch: lines that are closer together than that count as what they are
@@ -132,7 +132,7 @@ class ContactSurface:
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
-        lower = work.run("lower walls", lambda: find_lower_walls(touches, clusters, pitch))
+        lower = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
         known = touched.data + below + lower
         contacts = np.vstack([touches.centres, below.points, lower.points])

@@ -8,7 +8,7 @@ from lwrprobe.bench.sampled_lines import RADIUS, sample_lines
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contact_surface import ContactSurface
-from lwrprobe.reconstruction.lower_walls import find_lower_walls
+from lwrprobe.reconstruction.lower_sides import find_lower_sides
 from lwrprobe.reconstruction.touches import prepare
 from lwrprobe.scene.shape import Box, Sphere
 from lwrprobe.scene.solid import Solid
@@ -35,7 +35,7 @@ def upper_part(record, height=DEPTH):
 
 def found(record):
     touches = prepare(record, 0.002)
-    return find_lower_walls(touches, cluster(touches.centres, touches.normals, touches.confidence, 0.0033), PITCH)
+    return find_lower_sides(touches, cluster(touches.centres, touches.normals, touches.confidence, 0.0033), PITCH)
 
 
 def test_a_wall_goes_straight_down_from_where_it_was_touched_last():

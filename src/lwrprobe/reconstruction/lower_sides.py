@@ -82,7 +82,7 @@ class _Side:
         return at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)
 
 
-def find_lower_walls(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
+def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
     """Where the sphere's centre would be if it touched the sides lower down, and the surface's normals there.
 
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines. Each row goes down from the
