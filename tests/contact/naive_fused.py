@@ -37,6 +37,7 @@ MEMORY = {
     "offset": (fk.S_OFFSET, (3,)), "offset_cov": (fk.S_OFFSET_COV, (3, 3)), "offset_time": (fk.S_OFFSET_TIME, ()),
     "zeroing": (fk.S_ZEROING, ()), "velocity": (fk.S_VELOCITY, (3,)), "speed_var": (fk.S_SPEED_VAR, ()),
     "turn_way": (fk.S_TURN_PATH, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
+    "otherwise": (fk.S_OTHERWISE, ()),
     "ring": (fk.S_RING, (fk.RING, fk.ROW)),
 }  # fmt: skip
 
@@ -366,7 +367,9 @@ def remember(g, p, s, normal, total, travel):
 
 def ambiguous(g, p, s, normal, sigma):
     if s.ambiguous != 0.0:
-        if abs((g.centre - s.anchor) @ s.wall) > p.wall_clearance:
+        if normal @ s.wall < np.cos(0.1):
+            s.otherwise = s.path
+        if abs((g.centre - s.anchor) @ s.wall) > p.wall_clearance or s.path - s.otherwise > 1e-3:
             s.ambiguous = s.head = 0.0
     else:
         find_jump(g, p, s, normal, sigma)
@@ -381,7 +384,7 @@ def find_jump(g, p, s, normal, sigma):
     for path, *before, error in s.ring[: int(min(s.head, fk.RING))]:
         turned = np.arccos(np.clip(normal @ before, -1.0, 1.0))
         if turned > (s.path - path) / p.radius + 3.0 * np.hypot(sigma, error) + 0.26:
-            s.ambiguous, s.anchor, s.wall = 1.0, g.centre, np.array(before)
+            s.ambiguous, s.anchor, s.wall, s.otherwise = 1.0, g.centre, np.array(before), s.path
             return
 
 

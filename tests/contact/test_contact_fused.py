@@ -183,6 +183,21 @@ def test_an_inner_edge_is_marked_ambiguous_until_the_first_wall_is_left(mu, rate
     assert trusted[105 * many :].mean() > 0.95  # 0.15 mm off the floor
 
 
+def test_a_jump_on_one_surface_is_forgotten_when_the_sphere_goes_on_along_it():
+    """A force that points elsewhere for some samples, as where the sphere sticks and slips: no second wall."""
+    sequence = list(plane(Z, Y, 0.5, count=200))
+    for k in range(80, 90):
+        centre, velocity, _ = sequence[k]
+        aside = np.cos(0.9) * Z + np.sin(0.9) * X
+        sequence[k] = centre, 0.0 * velocity, [(aside, aside)]
+    _, contacts, _ = follow(sequence)
+    reasons = [c.reason for c in contacts]
+    assert "ambiguous normal" in reasons[80:90]
+    assert all(c.confidence_score >= RELIABLE_FROM for c in contacts[110:])  # 2 mm behind
+    errors = [np.arccos(min(float(c.normal @ Z), 1.0)) for c in contacts[110:]]
+    assert max(errors) < 0.1
+
+
 def test_a_change_of_friction_is_followed():
     _, _, estimator = follow(plane(Z, Y, 0.6, count=300))
     follow(plane(Z, Y, 0.2, count=600), estimator=estimator)

@@ -100,7 +100,24 @@ def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffne
     assert down > 0.0
     up = stiffness_along(t, (0.0, 0.0, 1.0))
     foot = t.force_threshold + up * (down * t.delay + down**2 / (2.0 * t.acceleration))
-    assert foot + 0.3 * t.force_target <= FORCE_RESERVE * t.force_limit * 1.001
+    assert np.hypot(foot + 0.5 * t.force_target, t.force_target) <= FORCE_RESERVE * t.force_limit * 1.001
+
+
+def test_off_a_wall_by_a_normal_that_leads_down_the_tip_is_no_faster_down_than_an_approach():
+    """Friction on a wall turns the normal; what stands below is met as hard as in any approach, at most."""
+    t = task()
+    control, reached = ContourControl(t), 0.0
+    down = control.approach_speed(np.array([0.0, 0.0, -1.0]), DOWN)
+    for lean in np.radians([0.0, 5.0, 15.0, 30.0]):
+        normal = np.array([0.0, -np.cos(lean), -np.sin(lean)])
+        control.begin(normal)
+        velocity = control.velocity(normal, 2.8, (1.0, 0.0, 0.0), 0.0, DOWN, 0.008)
+        release = control.release_velocity(2.8 * normal, DOWN)
+        for v in (velocity, release):
+            assert -v[2] <= 1.001 * down
+            assert v @ normal > 0.0
+        reached = max(reached, -release[2])
+    assert reached > 0.9 * down
 
 
 def velocity_of(t, control, last, steady, before, normal, force, binormal, speed, rotation, period):
@@ -121,13 +138,15 @@ def velocity_of(t, control, last, steady, before, normal, force, binormal, speed
     growth = error + max(force - before, 0.0) / period * t.delay
     needed = np.clip(1.0 - growth / t.force_target, 0.0, 1.0)
     steady = np.clip(steady + error * period / (damping * 8.0 * t.delay), -0.5 * inward * needed, 0.5 * speed)
-    press = np.clip(error / damping + steady, -inward, 0.05)
+    outward = min(0.05, control.approach_speed(rotation[:, 2], rotation) / max(n @ rotation[:, 2], 1e-9))
+    press = np.clip(error / damping + steady, -inward, outward)
     tangent = np.cross(n, binormal)
     tangent /= np.linalg.norm(tangent)
     slide = min(speed, t.force_target / (stiffness * t.delay * 0.08))
     if tangent @ rotation[:, 2] > 0.3:
-        spare = FORCE_RESERVE * t.force_limit - t.force_threshold
-        slide = min(slide, (1.0 - FRICTION * t.force_target / spare) * control.approach_speed(tangent, rotation))
+        limit, wall = FORCE_RESERVE * t.force_limit, t.force_target
+        foot = np.sqrt(limit**2 - wall**2) - FRICTION * wall - t.force_threshold
+        slide = min(slide, foot / (limit - t.force_threshold) * control.approach_speed(tangent, rotation))
     slide *= np.clip(1.0 - max(abs(error), growth) / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)
     return n, steady, slide * tangent + press * n
 

@@ -89,7 +89,8 @@ S_SPEED_VAR = 64  # m²/s², noise variance of each velocity axis
 S_TURN_PATH = 65
 S_RING_TIME = 66
 S_HEAD = 67
-S_RING = 68  # RING rows: path, normal (3), sigma
+S_OTHERWISE = 68  # m, path at which the normal was last another one than before the jump
+S_RING = 69  # RING rows: path, normal (3), sigma
 RING = 16
 ROW = 5
 STATE = S_RING + RING * ROW
@@ -99,6 +100,8 @@ _GATE = 13.8  # chi-squared, 2 degrees of freedom, 0.1 %
 _OFFSET_GATE = 16.3  # chi-squared, 3 degrees of freedom, 0.1 %
 _REST_DRIFT = 0.019  # rad per square root of a second by which the memory fades at rest
 _JUMP_MARGIN = 0.26  # rad beyond what rolling and noise explain
+_SAME = 0.1  # rad within which a normal is that of the first wall
+_SAME_PATH = 1e-3  # m over which it must be, to show that there was no second wall
 _FRICTION_STEP = 0.05  # change of mu over a centimetre
 _VELOCITY_WEIGHT = 0.1  # weight of a new sample in the running noise of the velocity
 _TURN_MEMORY = 6e-4  # m of path over which the rate of turn is averaged
@@ -620,13 +623,17 @@ def ambiguous(given, params, state, normal, sigma):
     """Whether the normal has turned more since a recent sample than a single contact of a sphere allows.
 
     A single contact's normal turns at most 1 / r per metre of the centre's path at a convex edge. A second wall makes
-    it jump; it stays ambiguous until the centre has left the first wall's plane.
+    it jump; it stays ambiguous until the centre has left the first wall's plane, or goes on along that wall with its
+    normal: strong friction makes the normal jump where the sphere sticks and slips.
     """
     if state[S_AMBIGUOUS] != 0.0:
-        left = 0.0
+        left, cosine = 0.0, 0.0
         for i in range(3):
             left += (given[I_CENTRE + i] - state[S_ANCHOR + i]) * state[S_WALL + i]
-        if abs(left) > params[P_WALL_CLEARANCE]:
+            cosine += normal[i] * state[S_WALL + i]
+        if cosine < math.cos(_SAME):
+            state[S_OTHERWISE] = state[S_PATH]
+        if abs(left) > params[P_WALL_CLEARANCE] or state[S_PATH] - state[S_OTHERWISE] > _SAME_PATH:
             state[S_AMBIGUOUS] = 0.0
             state[S_HEAD] = 0.0
     else:
@@ -658,6 +665,7 @@ def find_jump(given, params, state, normal, sigma):
         noise = 3.0 * math.sqrt(sigma * sigma + state[row + 4] ** 2)
         if turned > rolled + noise + _JUMP_MARGIN:
             state[S_AMBIGUOUS] = 1.0
+            state[S_OTHERWISE] = state[S_PATH]
             for i in range(3):
                 state[S_ANCHOR + i] = given[I_CENTRE + i]
                 state[S_WALL + i] = state[row + 1 + i]

@@ -40,8 +40,9 @@ STICK_SHARE = 0.6
 over the area and from joint to joint."""
 LEAST_GIVE = 0.5
 """Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
-FRICTION = 0.3
-"""Of a wall under the sphere, whose share of the wanted force adds to what a foot presses with."""
+FRICTION = 0.5
+"""Of a wall under the sphere, as large as that of dry contacts mostly is: its share of the wanted force adds to what a
+foot presses with."""
 
 Vector = tuple[float, float, float]
 
@@ -78,7 +79,7 @@ class ContourControl:
         self._law[kernels.SLACK] = max(FORCE_RESERVE * task.force_limit - task.force_target, 0.5 * whole)
         self._law[kernels.RADIUS] = task.probe.radius
         self._law[[kernels.SERIES, kernels.LATERAL, kernels.ALONG]] = 1.0 / task.stiffness, lateral, along
-        self._follow, self._perpendicular, self._by_direction, self._stiffness = _entries()
+        self._follow, self._perpendicular, self._by_direction, self._stiffness, self._outward_limit = _entries()
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
         # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet. It grows with the share
         # of d along the stick, so that the end of each step counts.
@@ -94,8 +95,11 @@ class ContourControl:
         if spare <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
         self._reserve = spare
-        # At a foot the sphere still slides down the wall, whose friction adds to what the foot presses with.
-        self._law[kernels.FOOT_SHARE] = max(spare - FRICTION * task.force_target, 0.0) / spare
+        # At a foot the sphere still presses on the wall, across what the foot presses with, and slides down it, whose
+        # friction adds to that.
+        limit, wall = FORCE_RESERVE * task.force_limit, task.force_target
+        foot = np.sqrt(max(limit**2 - wall**2, 0.0)) - FRICTION * wall - task.force_threshold
+        self._law[kernels.FOOT_SHARE] = max(float(foot), 0.0) / spare
         pairs = list(zip(hardest.tolist(), late.tolist()))
         safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in pairs]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed)
@@ -204,7 +208,7 @@ class ContourControl:
         along = force / size if size > 1e-9 else self.normal
         excess = max(size - self.task.force_target, 0.0)
         speed = excess / (self._stiffness(self._law, float(rotation[:, 2] @ self.normal)) * self.task.delay)
-        return along * min(speed, kernels.MAX_OUTWARD)
+        return along * min(speed, self._outward_limit(self._safe, float(rotation[:, 2] @ along)))
 
 
 @cache
@@ -220,4 +224,5 @@ def _entries() -> tuple[Callable, ...]:
         entry(kernels.perpendicular, *[number] * 6),
         entry(kernels.by_direction, speeds, number),
         entry(kernels.stiffness, law, number),
+        entry(kernels.outward_limit, speeds, number),
     )

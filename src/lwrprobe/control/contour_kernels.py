@@ -78,6 +78,17 @@ def by_direction(speeds, axial):
 
 
 @kernel
+def outward_limit(safe, axial):
+    """m/s away from a surface by whose normal the tip moves with this share along the stick, towards its end.
+
+    Off a wall the tip is fast. Friction turns the normal that the force shows: with a small share along the stick the
+    tip would meet a floor below faster than any approach does.
+    """
+    slowest = safe[len(safe) - 1]
+    return min(MAX_OUTWARD, slowest / axial) if axial * MAX_OUTWARD > slowest else MAX_OUTWARD
+
+
+@kernel
 def perpendicular(nx, ny, nz, ax, ay, az):
     """Unit vector along n x a, zero where they are parallel."""
     x, y, z = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
@@ -119,7 +130,7 @@ def follow(law, safe, last, normal, force, rise, bx, by, bz, speed, rotation, pe
     needed = min(max(1.0 - coming / (NEEDLESS * law[TARGET]), 0.0), 1.0)
     steady += error * period / (damping * RESET_TIME * delay)
     steady = min(max(steady, -MAX_STEADY * inward * needed), MAX_STEADY * speed)
-    press = normal_velocity(error, damping, steady, inward, MAX_OUTWARD)
+    press = normal_velocity(error, damping, steady, inward, outward_limit(safe, axial))
     tx, ty, tz = perpendicular(nx, ny, nz, bx, by, bz)
     slide, dive = speed, tx * ax + ty * ay + tz * az
     if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first

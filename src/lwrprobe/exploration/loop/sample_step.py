@@ -16,8 +16,10 @@ from lwrprobe.exploration.safety.silence_guard import SensorLost
 
 DISAGREEING = 3.0
 """Ratio of found to expected disagreement of torque and force from which on presses are not relied on."""
-GIVE_WAY = 0.001
-"""m off the surface when samples are missing: more than the stick bends under the target force."""
+GIVE_WAY = 1.5
+"""Times the way that takes the last force away, by which the tip gives way when samples are missing."""
+MOST_WAY = 0.001
+"""m of that way: more than the stick bends under the target force."""
 
 
 class SampleStep:
@@ -38,7 +40,8 @@ class SampleStep:
         self._silence = parts.silence
         self._contact, self._answer = ContactStep(parts), AnswerStep(parts)
         self._light, self._give_way_speed = 0.5 * scene.contact.target, scene.motion.contour_speed
-        self._give_way = VelocityCommand(np.zeros(3), GIVE_WAY / self._give_way_speed, "sensor silent")
+        self._give_way = VelocityCommand(np.zeros(3), reason="sensor silent")
+        self._series = 1.0 / scene.contact.stiffness  # m/N
         self.force_guard = self._answer.force_guard
         self.retreat = Retreat(scene.safety.lift, float(scene.area.lower[2]))
         self.zero_time = 0.0
@@ -77,10 +80,23 @@ class SampleStep:
         return seen
 
     def give_way(self) -> None:
-        """Samples are missing: leave what was touched last, a little, and stand still."""
-        normal = self.retreat.normal
-        velocity = np.zeros(3) if normal is None else self._give_way_speed * normal
-        self._request.adopt(replace(self._give_way, velocity=velocity), urgent=True)
+        """Samples are missing: go where the force that was measured last is gone, and stand still.
+
+        The way is what stick, arm and object give under that force. Along the normal it would be longer, and where the
+        normal is wrong it could lead into a surface.
+        """
+        seen, deflection = self.observation, self._pipeline.deflection
+        way = np.zeros(3)
+        if seen is not None and seen.contact is not None:
+            way = GIVE_WAY * self._series * seen.force
+            if deflection is not None:
+                way += GIVE_WAY * deflection.shift(seen.pose[:3, :3], seen.force)
+        length = float(np.linalg.norm(way))
+        command = self._give_way
+        if length > 0.0:
+            speed = self._give_way_speed
+            command = replace(command, velocity=way * (speed / length), hold=min(length, MOST_WAY) / speed)
+        self._request.adopt(command, urgent=True)
 
     def resume(self, pause: float) -> None:
         """The strategy goes on after a pause [s] that it is not shown."""
