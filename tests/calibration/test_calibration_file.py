@@ -24,10 +24,11 @@ from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD
+from lwrprobe.kinematics import robot_by_name
 from lwrprobe.kinematics.path import rotations
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.actual_scene import actual_scene
-from lwrprobe.scene.calibrated_scene import calibrated, stated_hash
+from lwrprobe.scene.calibrated_scene import calibrated, stated_hash, stiff_as_calibrated
 
 VALUES = {
     "tool_shift": [1e-4, -2e-4, 3e-4], "sphere_radius": [0.00501], "stick_stiffness": [2000.0, 1.1e6],
@@ -99,7 +100,7 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     assert used.probe.radius == 0.00501
     assert used.probe.stiffness_lateral == 2000.0
     assert used.probe.stiffness_axial == stated.probe.stiffness_axial, "not visible: as stated"
-    assert used.contact.stiffness == pytest.approx(2e4), "that of the arm along the stick"
+    assert used.contact.stiffness == stated.contact.stiffness, "that of the arm depends on its posture"
     assert used.table.height == 0.001
     assert used.area.lower[2] >= used.table.height + used.probe.radius
     plane = used.table.normal()
@@ -113,6 +114,26 @@ def test_scene_is_used_with_what_was_measured(calibration, tmp_path):
     assert used.uncertainty.dh_twist_deg == pytest.approx(np.degrees(1e-5))
     assert used.uncertainty.gear_ripple_deg == pytest.approx(np.degrees(1e-5))
     assert calibrated(load_scene("block")) == load_scene("block")
+
+
+def test_the_arm_is_as_stiff_as_its_joints_in_the_posture_of_the_run(calibration):
+    """Against the shift of a tip whose joints were turned by the torques of 1 N along the stick."""
+    found = changed(calibration, "joint_stiffness", [8e3, 9e3, 1e4, 1.1e4, 1.2e4, 1.3e4, 1.4e4])
+    scene, robot = load_scene("block"), robot_by_name("lwr4")
+    ways = []
+    for q in np.radians(
+        [[-17.0, -52.0, 19.0, 80.0, -19.0, -51.0, 7.0], [32.0, -78.0, 105.0, -80.0, -105.0, -78.0, -45.0]]
+    ):
+        tip = robot.fk_batch(q[None])[0]
+        torques = robot.jacobian(q)[:3].T @ tip[:3, 2]
+        turned = robot.fk_batch((q + 1e-3 * torques / found.values("joint_stiffness"))[None])[0]
+        way = float((turned - tip)[:3, 3] @ tip[:3, 2]) / 1e-3
+        used = stiff_as_calibrated(scene, found, robot, q)
+        assert used.contact.stiffness == pytest.approx(1.0 / way, rel=1e-4)
+        assert used.uncertainty.arm_stiffness_percent < 1e-4
+        assert stiff_as_calibrated(scene, None, robot, q) == scene
+        ways.append(way)
+    assert max(ways) > 1.1 * min(ways)
 
 
 @pytest.mark.slow

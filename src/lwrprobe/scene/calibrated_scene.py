@@ -10,6 +10,7 @@ import numpy as np
 
 from lwrprobe.calibration import Calibration, read_calibration
 from lwrprobe.contracts import SceneError
+from lwrprobe.kinematics import Robot
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.table import Pose
 from lwrprobe.scene.uncertainty import UncertaintyTable
@@ -52,7 +53,8 @@ def calibration_of(scene: Scene) -> Calibration | None:
 def calibrated(scene: Scene) -> Scene:
     """The scene as it is used: tool, probe, table and uncertainties from its calibration; itself without one.
 
-    The simulated world is built from the scene as stated. Raises what `calibration_of` raises.
+    The arm's stiffness depends on its posture: see `stiff_as_calibrated`. The simulated world is built from the scene
+    as stated. Raises what `calibration_of` raises.
     """
     found = calibration_of(scene)
     if found is None:
@@ -75,7 +77,7 @@ def calibrated(scene: Scene) -> Scene:
         table = {"height": height, "tilt_deg": float(np.degrees(np.arctan(rise)))}
         if rise > 0.0:
             table["tilt_axis"] = (slope[1] / rise, -slope[0] / rise, 0.0)
-    lower, stick_axis = scene.area.lower, Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, 2]
+    lower = scene.area.lower
     floor = max(lower[2], height + probe["radius"]) if scene.table.present else lower[2]
     return scene.model_copy(
         update={
@@ -93,11 +95,29 @@ def calibrated(scene: Scene) -> Scene:
             "probe": scene.probe.model_copy(update=probe),
             "table": scene.table.model_copy(update=table),
             "area": scene.area.model_copy(update={"lower": (lower[0], lower[1], floor)}),
-            # Along the stick: across it the arm gives way less than the stick, and there it matters little.
-            "contact": scene.contact.model_copy(
-                update={"stiffness": 1.0 / float(np.sum(stick_axis**2 / found.values("arm_stiffness")))}
-            ),
             "uncertainty": _uncertainty(scene.uncertainty, found),
+        }
+    )
+
+
+def stiff_as_calibrated(scene: Scene, found: Calibration | None, robot: Robot, q: np.ndarray) -> Scene:
+    """The scene with the arm's stiffness along the stick at joint values q (n,), from that of the joints; its own
+    without a calibration.
+
+    Postures differ: an LWR 4+ whose tip is at one place has 25 or 38 kN/m there, by where its elbow is. Across the
+    stick the arm gives way less than the stick, and there it matters little.
+    """
+    if found is None:
+        return scene
+    lever = robot.fk_batch(q[None])[0, :3, 2] @ robot.jacobian(q)[:3]
+    joints, sigma = found.values("joint_stiffness"), found.sigma("joint_stiffness")
+    gives = lever**2 / joints  # m/N
+    unsure = float(np.linalg.norm(gives * sigma / joints) / np.sum(gives))
+    kept = min(100.0 * unsure, scene.uncertainty.sigma("arm_stiffness_percent") or np.inf)
+    return scene.model_copy(
+        update={
+            "contact": scene.contact.model_copy(update={"stiffness": 1.0 / float(np.sum(gives))}),
+            "uncertainty": scene.uncertainty.model_copy(update={"arm_stiffness_percent": kept}),
         }
     )
 
@@ -108,7 +128,6 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
     ratio = found.sigma("force_to_torque").reshape(3, 3)
     lever = max(abs(found.values("force_to_torque")[1]), 1e-6)
     a, alpha, d, theta = found.sigma("kinematic_table").reshape(4, -1).max(axis=1)
-    arm = found.sigma("arm_stiffness") / found.values("arm_stiffness")
     measured = {
         "probe_length_mm": 1e3 * shift[2],
         "sphere_off_axis_mm": 1e3 * max(shift[:2]),
@@ -123,7 +142,6 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
         "dh_d_mm": 1e3 * float(d),
         "dh_twist_deg": float(np.degrees(alpha)),
         "dh_offset_deg": float(np.degrees(theta)),
-        "arm_stiffness_percent": 1e2 * max(arm),
         "arm_delay_ms": 1e3 * found.sigma("arm_delay")[0],
         "sensor_delay_ms": 1e3 * found.sigma("sensor_latency")[0],
         "clock_skew_ms": 1e3 * found.sigma("clock_offset")[0],

@@ -53,7 +53,7 @@ from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, comp
 from lwrprobe.exploration.stages.touch_law import softer_than_along, stiffness_slope
 from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
-from lwrprobe.scene.calibrated_scene import calibrated
+from lwrprobe.scene.calibrated_scene import calibrated, calibration_of, stiff_as_calibrated
 from lwrprobe.scene.scene_robot import robot_of
 
 BIAS_SECONDS = 0.8
@@ -136,6 +136,7 @@ class Exploration:
             _check_recording(out)
         robot = robot_of(scene)
         self._start = pose, q = start_posture(scene, robot)
+        scene = self.scene = stiff_as_calibrated(scene, calibration_of(self._stated), robot, q)
         self._beyond = unreachable_part(scene, robot, pose, q)
         if self._beyond:
             message(self._beyond)
