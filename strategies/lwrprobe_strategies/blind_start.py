@@ -89,7 +89,7 @@ class BlindStart:
     def _leave(self, area: Area) -> Step:
         """Off what is touched: from a wall aside, and along the border to the side where lines begin; else up."""
         tip = self._tip
-        normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
+        normal = tip.normal()
         if normal[Z] > LEVEL or not tip.touches:
             return (yield from self._lift())
         axis = Y if abs(normal[Y]) > abs(normal[X]) else X

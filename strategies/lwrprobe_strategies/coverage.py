@@ -420,7 +420,7 @@ class Coverage(SkillStrategy):
 
     def _off_or_back(self) -> list[Waypoint]:
         tip = self.tip
-        normal = tip.normal() if tip.seen.contact is not None else tip.control.normal
+        normal = tip.normal()
         tip.leave()
         back, self.back = self.back, np.inf
         if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):

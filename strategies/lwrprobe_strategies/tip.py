@@ -203,10 +203,15 @@ class Tip:
         return Speeds(self.task.free_speed, control.column_speed, lambda along: control.approach_speed(along, rotation))
 
     def normal(self) -> np.ndarray:
-        """(3,) unit: the contact's normal; the direction of the force while that is too small for a contact."""
-        contact, force = self.seen.contact, self.seen.force
+        """(3,) unit: the contact's normal; the tracked one while the force is too small for a contact.
+
+        Of a tip that has tracked nothing yet, the direction of the force.
+        """
+        contact, force, tracked = self.seen.contact, self.seen.force, self.control.normal
         if contact is not None:
             return contact.normal
+        if tracked.any():
+            return tracked
         size = float(np.sqrt(force @ force))
         return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
 

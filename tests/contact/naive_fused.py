@@ -367,9 +367,9 @@ def remember(g, p, s, normal, total, travel):
 
 def ambiguous(g, p, s, normal, sigma):
     if s.ambiguous != 0.0:
-        if normal @ s.wall < np.cos(0.15):
+        if normal @ s.wall < np.cos(0.1):
             s.otherwise = s.path
-        if abs((g.centre - s.anchor) @ s.wall) > p.wall_clearance or s.path - s.otherwise > 3e-4:
+        if abs((g.centre - s.anchor) @ s.wall) > p.wall_clearance or s.path - s.otherwise > 1e-3:
             s.ambiguous = s.head = 0.0
     else:
         find_jump(g, p, s, normal, sigma)

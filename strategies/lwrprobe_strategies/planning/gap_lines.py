@@ -54,7 +54,8 @@ def lines_across(
     pitch : m, between two lines across
     floor : m, lowest height of the sphere's centre: where a line touched nothing
     lowest : m, height at which a line that begins in free space may be driven
-    radius : m, of the sphere: on its way down it may still touch above where it passed below, by as much farther out
+    radius : m, of the sphere: on its way down it may still touch above where it passed below, by as much farther out;
+        and on its way up a wall may stand where the line above touched, which ends by as much behind it
     """
     if not len(contacts):
         return []
@@ -74,7 +75,8 @@ def lines_across(
             low, high = sorted(ends, key=lambda end: end.height)
             past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
             down = replace(high, end=low.begin + past) if high.on_surface else None
-            line = replace(low, end=high.begin, fallback=down, free_end=down is None)
+            behind = past if high.on_surface else 0.0
+            line = replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
             lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
 

@@ -24,7 +24,7 @@ def reorient(tip: Tip, frame: TrackingFrame, touching: bool) -> Procedure:
         velocity = np.zeros(3)
         if touching:
             seen, control = tip.seen, tip.control
-            normal = tip.normal() if seen.contact is not None else control.normal
+            normal = tip.normal()
             force = max(float(seen.force @ normal), 0.0)
             velocity = control.velocity(normal, force, frame.binormal, 0.0, seen.pose[:3, :3], tip.period)
         yield VelocityCommand(velocity, reason=reorient.name, pose=tip.turn())
