@@ -22,7 +22,9 @@ from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
 from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
-from lwrprobe.exploration.procedures.explore import explore
+from lwrprobe.exploration.procedures.explore import Exploration, RunOptions, explore
+from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
+from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD
 from lwrprobe.kinematics import robot_by_name
 from lwrprobe.kinematics.path import rotations
@@ -144,6 +146,25 @@ def test_a_run_with_another_table_than_stated_is_in_the_world_of_its_scene(calib
     scene = load_scene("block", settings)
     assert not is_world_of(actual_scene(scene), calibrated(scene)), "its objects rise with the table"
     assert ANOTHER_WORLD not in explore(scene)["warnings"]
+
+
+@pytest.mark.slow
+def test_a_calibrated_run_is_replayed_as_it_was(calibration, tmp_path):
+    write_calibration(changed(calibration, "joint_stiffness", [1.3e4] * 7), tmp_path / "c.toml")
+    settings = [
+        f'calibration="{tmp_path / "c.toml"}"', "truth.profile=ideal", "strategy.step=0.02",
+        "area.lower=[-0.012, 0.0, 0.020]", "area.upper=[0.012, 0.045, 0.06]",
+    ]  # fmt: skip
+    out = tmp_path / "run"
+    with Exploration(load_scene("block", settings), RunOptions(out=out, record=True)) as exploration:
+        for _ in exploration:
+            pass
+    exploration.finish()
+    recording = read_recording(out)
+    again = Replay(recording, recorded_scene(recording), tmp_path / "again")
+    assert again.run().status == "done"
+    assert again.scene.contact.stiffness == exploration.scene.contact.stiffness != 2e4
+    assert (tmp_path / "again" / "contacts.csv").read_bytes() == (out / "contacts.csv").read_bytes()
 
 
 def test_sensor_is_read_with_its_matrix_and_clock(calibration):

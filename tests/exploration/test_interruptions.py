@@ -5,6 +5,7 @@ import pytest
 
 from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
 from lwrprobe.exploration.loop.devices import Devices
+from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
 from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import read_recording
@@ -185,6 +186,31 @@ def test_run_survives_bursts_of_lost_samples(tmp_path, milliseconds, per_minute)
     assert summary.reentries == 0
     assert summary.contact_error_mm["median"] < 0.06
     assert_replayed(tmp_path)
+
+
+def test_where_samples_are_missing_the_tip_goes_to_where_the_last_force_is_gone(monkeypatch):
+    """By what stick, arm and object give under that force: nowhere near as far along the stick as across it."""
+    given = []
+
+    def give_way(self):
+        original(self)
+        given.append((self.observation, self._request.current))
+
+    original = SampleStep.give_way
+    monkeypatch.setattr(SampleStep, "give_way", give_way)
+    scene = load_scene("block", [*SMALL, "truth.loss_burst_ms=60", "truth.loss_bursts_per_min=60"])
+    with Exploration(scene) as exploration:
+        for _ in exploration:
+            pass
+    pressed = [(seen, motion) for seen, motion in given if seen.contact is not None]
+    assert len(pressed) > 3
+    for seen, motion in pressed:
+        turn = seen.pose[:3, :3]
+        gives = turn @ np.diag(exploration.pipeline.probe.compliance) @ turn.T + np.eye(3) / scene.contact.stiffness
+        way = 1.5 * gives @ seen.force
+        length = np.linalg.norm(way)
+        assert motion.velocity * motion.hold == pytest.approx(way * min(1.0, 1e-3 / length), abs=1e-9)
+    assert all(not motion.velocity.any() for seen, motion in given if seen.contact is None)
 
 
 def test_tip_waits_for_one_lost_sample_and_gives_way_at_two():

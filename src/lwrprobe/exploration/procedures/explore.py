@@ -31,7 +31,7 @@ from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
 from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
-from lwrprobe.exploration.procedures.start_posture import start_posture, unreachable_part
+from lwrprobe.exploration.procedures.start_posture import scene_at_start, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.error_sources import recorded_budget
@@ -53,8 +53,6 @@ from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, comp
 from lwrprobe.exploration.stages.touch_law import softer_than_along, stiffness_slope
 from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene, write_scene
-from lwrprobe.scene.calibrated_scene import calibrated, calibration_of, stiff_as_calibrated
-from lwrprobe.scene.scene_robot import robot_of
 
 BIAS_SECONDS = 0.8
 """s at rest, over which the sensor's bias is averaged."""
@@ -110,7 +108,7 @@ class Exploration:
     """
 
     def __init__(self, scene: Scene, options: RunOptions | None = None) -> None:
-        self._stated, self.scene = scene, calibrated(scene)
+        self._stated = scene
         self._options = options or RunOptions()
         self.out, self._message, self._earlier = self._options.out, self._options.message, self._options.earlier
         self._ahead = CompileAhead.where_it_pays(scene)
@@ -129,14 +127,13 @@ class Exploration:
 
     def _prepare(self) -> None:
         begin = perf_counter()
-        scene, out, message, earlier = self.scene, self.out, self._message, self._earlier
+        scene, robot, pose, q = scene_at_start(self._stated)
+        self.scene, self._start = scene, (pose, q)
+        out, message, earlier = self.out, self._message, self._earlier
         options, record = self._options, self._options.record
         choices = options.choices or choose(scene)
         if record:
             _check_recording(out)
-        robot = robot_of(scene)
-        self._start = pose, q = start_posture(scene, robot)
-        scene = self.scene = stiff_as_calibrated(scene, calibration_of(self._stated), robot, q)
         self._beyond = unreachable_part(scene, robot, pose, q)
         if self._beyond:
             message(self._beyond)

@@ -40,7 +40,7 @@ from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
-from lwrprobe.exploration.procedures.start_posture import start_posture
+from lwrprobe.exploration.procedures.start_posture import scene_at_start
 from lwrprobe.exploration.recording.gear_waves import take_waves_off
 from lwrprobe.exploration.recording.give import take_give_off
 from lwrprobe.exploration.recording.neighbour_normals import turn_to_neighbours
@@ -196,6 +196,7 @@ class Replay:
     """
 
     def __init__(self, recording: Recording, scene: Scene, out: Path | None = None, same: bool = True) -> None:
+        stated, (scene, _, *self._start) = scene, scene_at_start(scene)
         self.scene, self._recording, self._out, self._same = scene, recording, out, same
         pipeline = self.pipeline = compose(scene, choose(scene), recording.cycle, recording.rate)
         joints = recording.joints.shape[1]
@@ -203,7 +204,7 @@ class Replay:
             raise FormatError(f"{recording.path}: {joints} joints; {pipeline.robot.name} has {pipeline.robot.n}")
         self.recorder = Recorder(out)
         if out is not None:
-            write_scene(scene, out / "scene.toml")
+            write_scene(stated, out / "scene.toml")
         self._arm = RecordedArm(recording, pipeline.robot)
         self._clock = StageClock(STAGES)
         self._record = RunRecord(scene, pipeline, self.recorder)
@@ -273,7 +274,7 @@ class Replay:
         if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
             recorder.withhold(pipeline.object_motion.moved_since)
         table = leave_table_out(recorder, scene, pipeline)
-        give = take_give_off(recorder, scene, pipeline, start_posture(scene, pipeline.robot)[1])
+        give = take_give_off(recorder, scene, pipeline, self._start[1])
         waves = take_waves_off(recorder, scene, pipeline.robot)
         turn_to_path(recorder, scene.probe.radius)
         aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
@@ -315,7 +316,7 @@ class Replay:
             tip.pose = recording.start.copy()
         pipeline.trajectory = cast(Any, tip)
         self._take_bias(tip.pose[:3, :3].copy())
-        pose, q = start_posture(scene, pipeline.robot)
+        pose, q = self._start
         slope, softer = stiffness_slope(pipeline.robot, q), softer_than_along(scene, pipeline.robot, q)
         pipeline.force.expect(pose[:3, 3], slope, softer)
         task = self._task(tip)

@@ -8,8 +8,21 @@ from lwrprobe.contracts import InputError
 from lwrprobe.exploration.stages.touch_law import tip_mass
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
 from lwrprobe.scene import Scene
+from lwrprobe.scene.calibrated_scene import calibrated, calibration_of, stiff_as_calibrated
 from lwrprobe.scene.scene_robot import robot_of
 from lwrprobe.scene.table import Pose
+
+
+def scene_at_start(stated: Scene) -> tuple[Scene, Robot, np.ndarray, np.ndarray]:
+    """A scene as a run uses it, its arm, and there tip pose (4, 4) and joint values (n,) at the start.
+
+    Where the scene refers to a calibration, it has what that measured, and the arm's stiffness in this posture.
+    Raises what `calibration_of` and `start_posture` raise.
+    """
+    scene = calibrated(stated)
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    return stiff_as_calibrated(scene, calibration_of(stated), robot, q), robot, pose, q
 
 
 def start_posture(scene: Scene, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
