@@ -266,6 +266,20 @@ def test_a_lost_contact_is_given_up_after_its_distance():
     assert strategy.end is Ended.NOTHING_FOUND
 
 
+def test_a_contact_that_is_gone_when_a_contour_goes_on_was_where_the_tracked_normal_says():
+    """As after a release that has left the surface: what is left of the force is noise, in any direction."""
+
+    def body(tip):
+        tip.control.begin(np.array([0.0, 0.0, 1.0]))
+        return (yield from follow_contour(tip, FRAME, nothing))
+
+    surface = over(plane(-1.0), [0.0, 0.0, 0.05])
+    surface.noise = 0.02
+    strategy, _ = run(body, surface)
+    assert isinstance(strategy.end, Lost)
+    assert strategy.end.point == pytest.approx([0.0, 0.0, 0.05 - RADIUS], abs=1e-6)
+
+
 def test_an_overlarge_force_is_released_and_the_contour_goes_on():
     def push(k, surface):
         if k == 300:
