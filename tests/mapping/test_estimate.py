@@ -18,7 +18,8 @@ UP = np.array([0.0, 0.0, 1.0])
 def naive_nearest(grid, places, weights):
     """Squared distances of grid points (n, 3) to the nearest of all places, and which that is."""
     step = grid[:, None] - places
-    square = weights[:, 0] * (step[..., 0] ** 2 + step[..., 1] ** 2) + weights[:, 1] * step[..., 2] ** 2
+    upright = np.where(step[..., 2] > 0.0, weights[:, 1], weights[:, 2])
+    square = weights[:, 0] * (step[..., 0] ** 2 + step[..., 1] ** 2) + upright * step[..., 2] ** 2
     return square.min(axis=1), square.argmin(axis=1)
 
 
@@ -40,7 +41,7 @@ def test_nearest_places_are_those_of_a_full_search(seed):
     rng = np.random.default_rng(seed)
     shape, edge, origin = (5, 7, 6), 0.003, np.array([-0.01, 0.02, 0.0])
     grid = origin + edge * np.argwhere(np.ones(shape))
-    places, weights = rng.uniform(-0.02, 0.04, (30, 3)), rng.choice([0.16, 1.0, 2.25], (30, 2))
+    places, weights = rng.uniform(-0.02, 0.04, (30, 3)), rng.choice([0.16, 1.0, 2.25], (30, 3))
     square, owner = np.full(shape, np.inf), np.full(shape, -1, np.int64)
     for first in range(0, 30, 10):  # as strokes come in
         part = slice(first, first + 10)
@@ -125,6 +126,21 @@ def test_the_expected_error_covers_what_the_prediction_misses_on_a_curved_surfac
     assert near.any()
     off = np.abs(np.hypot(faces.centres[near, 0], faces.centres[near, 2] - centre) - radius)
     assert off.mean() < faces.expected()[near].mean() + 0.5 * known.edge
+
+
+def test_a_wall_below_its_lowest_contact_is_known_less_well_than_one_between_two():
+    """An outline alone says more of the wall over it, up to the top, than of the wall under it."""
+    known = table([(x, y) for x in np.arange(-0.03, 0.0301, 0.002) for y in np.arange(-0.03, 0.0301, 0.004)])
+    for y in np.arange(-0.03, 0.0301, 0.002):
+        known.touch(np.array([0.03, y, 0.023]), np.array([1.0, 0.0, 0.0]))
+    known.update()
+    faces = known.faces()
+    wall = (faces.axes == 0) & (faces.centres[:, 0] > 0.025) & (np.abs(faces.centres[:, 1]) < 0.02)
+    height = faces.centres[wall, 2] - 0.023
+    above, below = (np.abs(height - away) < 0.6 * known.edge for away in (0.009, -0.009))
+    assert above.any()
+    assert below.any()
+    assert faces.distances[wall][above].max() < 0.7 * faces.distances[wall][below].min()
 
 
 def test_where_the_sphere_passed_nothing_is():

@@ -6,7 +6,7 @@ The estimate is coarse and quick. It serves to plan strokes and to decide when t
   sphere passed without a contact is nearer, the point is outside. Nothing is taken to stand at the area's sides.
 - Faces between points of different sides are the surface.
 - The expected error of a face is (s + s0) (d / D)^2 + g max(d - D, 0) with d its distance to the nearest contact, at
-  most D in the first term, and s the surprise about it. A difference in height counts less where that is on a wall.
+  most D in the first term, and s the surprise about it. A difference in height counts less above one on a wall.
 - Surprise is how far new contacts were from where the contacts before them predicted the surface, by a local Gaussian
   process on values and gradients. It is brought to the distance D in the same way in which the expected error grows.
 """
@@ -46,7 +46,8 @@ NOISE = 0.0001
 UNKNOWN = 0.25
 """Growth of the expected error with the distance beyond D, in m/m: nothing is known there but by extrapolation."""
 EXTRUDED = 0.6
-"""Weight of a difference in height from a contact of an upright wall: walls mostly go straight up."""
+"""Weight of a difference in height up from a contact of an upright wall: walls mostly go straight up. Downwards it is 1:
+below the lowest contact a wall is only extrapolated."""
 WALL = 0.17
 """Share of the normal along z, up to which a wall is upright (10 degrees)."""
 LEVEL = 0.97
@@ -172,7 +173,7 @@ class SurfaceEstimate:
         """Take in what was noted since the last update."""
         if self._new_free:
             places = np.array(self._new_free)
-            ones = np.ones((len(places), 2))
+            ones = np.ones((len(places), 3))
             lower_to_nearest(self._free_square, self._free_owner, self._origin, self.edge, places, ones, 0)
             self._new_free.clear()
         if not self._new:
@@ -335,10 +336,14 @@ def predicted_height(queries: np.ndarray, centres: np.ndarray, normals: np.ndarr
 
 
 def _weights(normals: np.ndarray) -> np.ndarray:
-    """(n, 2) weights of squared differences in x and y, and in z, from contacts with these normals (n, 3)."""
+    """(n, 3) weights of squared differences in x and y, upwards, and downwards, from contacts with normals (n, 3).
+
+    Above a wall stands what was touched higher up, or the top: in between it is interpolated. Below its lowest contact
+    a wall is only extrapolated; where a lower one was touched, the place between is near that one.
+    """
     wall, level = np.abs(normals[:, 2]) < WALL, normals[:, 2] > LEVEL
     across = np.where(wall | level, 1.0, ROUNDED**2)
-    return np.stack([across, np.where(wall, EXTRUDED**2, across)], axis=1)
+    return np.stack([across, np.where(wall, EXTRUDED**2, across), across], axis=1)
 
 
 def _thinned(points: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from lwrprobe.compiled import kernel
 def lower_to_nearest(square, owner, origin, edge, places, weights, first):
     """Lower squared distances (nx, ny, nz) of grid points to those from `places` (n, 3) where these are nearer.
 
-    `weights` (n, 2) are those of a squared difference in x or y, and in z, from each place. `owner` becomes the number
-    of the place, counted from `first`. Grid points lie at origin + edge * (i, j, k).
+    `weights` (n, 3) are those of a squared difference in x or y, of one upwards, and of one downwards from each place.
+    `owner` becomes the number of the place, counted from `first`. Grid points lie at origin + edge * (i, j, k).
     """
     nx, ny, nz = square.shape
     count = places.shape[0]
@@ -24,7 +24,7 @@ def lower_to_nearest(square, owner, origin, edge, places, weights, first):
                 nearest = -1
                 for row in range(count):
                     u, v, w = x - places[row, 0], y - places[row, 1], z - places[row, 2]
-                    distance = weights[row, 0] * (u * u + v * v) + weights[row, 1] * w * w
+                    distance = weights[row, 0] * (u * u + v * v) + weights[row, 1 if w > 0.0 else 2] * w * w
                     if distance < least:
                         least = distance
                         nearest = row
