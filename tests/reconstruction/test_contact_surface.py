@@ -1,6 +1,7 @@
 """The default method's promises: closed, true to the object, honest about what it does not know."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import naive_reconstruction as naive
 import numpy as np
@@ -10,11 +11,12 @@ from scipy.spatial import cKDTree
 from lwrprobe.bench.sampled_lines import NOISE, NORMAL_NOISE, sample_lines, voxelised
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation import mesh_error, reach
+from lwrprobe.reconstruction import contact_surface
 from lwrprobe.reconstruction.clusters import cluster, supported
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
-from lwrprobe.reconstruction.touches import line_pitch, prepare
+from lwrprobe.reconstruction.touches import line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.mesh_distance import MeshDistance
@@ -47,6 +49,49 @@ def surface(record, **options):
 
 def error(mesh, solid):
     return mesh_error(mesh, solid, ABOVE, samples=4000)
+
+
+def strokes(name):
+    """Every eighth contact and free place of the first 120 s (`bridge`) and 200 s (`combination`) of a run.
+
+    `lwrprobe explore NAME --strategy active --set truth.profile=ideal`, seed 1. Columns: contact, normal; the sphere's
+    centre.
+    """
+    file = np.load(Path(__file__).parent / "strokes" / f"{name}.npz")
+    contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
+    return TouchRecord(
+        contacts[:, :3],
+        normals=contacts[:, 3:],
+        free_path=free,
+        probe_radius=0.005,
+        table=0.0,
+        lowest=0.006,
+        pitch=0.025,
+    )
+
+
+@pytest.mark.parametrize("name", ["bridge", "combination"])
+def test_walls_between_strokes_keep_a_wide_field_out_of_what_the_sphere_passed(name, monkeypatch):
+    solid, record = load_scene(name).solid(), strokes(name)
+    close = error(surface(record).mesh, solid)
+    monkeypatch.setattr(contact_surface, "_WALLS_APART", np.inf)
+    assert close.mean < 0.75 * error(surface(record).mesh, solid).mean
+
+
+def test_walls_are_as_far_apart_as_stated_between_regular_lines_or_where_no_path_is_known(scenes, monkeypatch):
+    lines, unknown = scenes("bridge", 0.02)[1], replace(strokes("bridge"), free_path=None)
+    found = [surface(record).mesh.vertices for record in (lines, unknown)]
+    monkeypatch.setattr(contact_surface, "_WALLS_APART", np.inf)
+    for record, vertices in zip((lines, unknown), found):
+        assert np.array_equal(surface(record).mesh.vertices, vertices)
+
+
+def test_regular_lines_are_told_from_strokes(scenes):
+    centres = prepare(scenes("bridge", 0.02)[1], 0.002).centres
+    assert regular_lines(centres, 0.02)
+    assert not regular_lines(centres, 0.03)
+    for name in ("bridge", "combination"):
+        assert not regular_lines(prepare(strokes(name), 0.002).centres, 0.025)
 
 
 @pytest.mark.parametrize(

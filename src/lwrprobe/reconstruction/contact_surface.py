@@ -35,7 +35,7 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides
-from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
+from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
 
 _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, and of those that bear it out
@@ -47,7 +47,8 @@ _NEAR = 0.9  # of the pitch: how far from data the field is taken
 _NEAR_OVERHANG = 2.5  # the same under data that lean down and beside lower sides, where nothing else is known
 _STEEPER = 4.0  # times the difference of values over a part of a cell, as what they count over all of it at most
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
-_CLOSER = 0.8  # of the stated pitch: lines that are closer together than that count as what they are
+_WALLS_APART = 3.0  # radii at most between guessed walls, and to contacts, where these lie in no regular lines
+_CLOSER = 0.65  # of the stated pitch: lines that are closer together than that count as what they are
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
@@ -129,7 +130,8 @@ class ContactSurface:
         clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
         touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
-        settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise)
+        apart = _walls_apart(touches, pitch)
+        settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise, apart)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
         lower = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
@@ -208,6 +210,18 @@ class _Work:
             "unreachable_share": float(np.mean(unreachable)),
             "stages": self.stages,
         }
+
+
+def _walls_apart(touches: Touches, pitch: float) -> float:
+    """m between guessed walls, and from them to contacts.
+
+    Between regular lines the field is right half a pitch away from them. Strokes that go where they teach most may end
+    on the arc of the sphere's radius around an edge: a few radii farther a wide field still goes on in that bend, into
+    space that the sphere passed. Where nobody knows where it passed, closer guesses are no better than the field.
+    """
+    if not len(touches.visited) or regular_lines(touches.centres, pitch):
+        return pitch
+    return min(pitch, _WALLS_APART * touches.radius)
 
 
 def _without_lone_undersides(touches: Touches) -> Touches:

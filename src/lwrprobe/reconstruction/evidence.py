@@ -32,7 +32,8 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 _CURVATURE_NOISE = 1.2e-4  # m, of the drop between two lines
 _EVIDENCE_FLOOR = 3e-4  # m, no extrapolation is better than this
 _WALL_NORMAL_SD = 0.2  # rad
-_THIN = 0.8  # of the pitch: guesses are that far apart
+_THIN = 0.8  # of the distance wanted between guesses: edge of the cells that hold one each
+_SUPPORTED = 0.7  # of the same: nearer than that to a contact nothing has to be guessed
 _TOGETHER = 2.5
 """Times the deviation of a guess: that squared, as many lie within a correlation length of the field and err alike."""
 _BESIDE = 1.0  # of the reach: contacts on the lines on either side of a guess are that near
@@ -119,7 +120,7 @@ def find_walls(evidence: Evidence, known: HermiteField, contacts: np.ndarray, se
     """
     centres, normals = known.data.points, known.data.normals
     start, direction, gap, contact = _unsupported(evidence, centres, settings)
-    start, direction, gap, contact = _thin(start, direction, gap, contact, _THIN * settings.pitch)
+    start, direction, gap, contact = _thin(start, direction, gap, contact, _THIN * settings.apart)
     place, facing = start + 0.5 * gap[:, None] * direction, direction.copy()
     deviation = gap / np.sqrt(12.0)
     for rows, arcs in _arcs(direction, centres, normals, settings):
@@ -181,18 +182,23 @@ def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> n
 
 @dataclass(slots=True, frozen=True)
 class WallSettings:
-    """Line pitch, sphere radius, lowest height of the sphere's centre and noise of a contact point, m."""
+    """Line pitch, sphere radius, lowest height of the sphere's centre and noise of a contact point, m.
+
+    Guesses are `apart` [m] from one another and from contacts: the pitch, or less where contacts lie in no regular
+    lines.
+    """
 
     pitch: float
     radius: float
     lowest: float
     noise: float
+    apart: float
 
 
 def _unsupported(evidence: Evidence, centres: np.ndarray, settings: WallSettings) -> tuple[np.ndarray, ...]:
     """Segments from solid to free evidence, through the half-way surface, away from contacts."""
     grid = evidence.grid
-    supported = grid.nearest(centres, 0.7 * settings.pitch) >= 0
+    supported = grid.nearest(centres, _SUPPORTED * settings.apart) >= 0
     wanted = (np.abs(evidence.bound) < grid.step) & ~supported
     wanted[:, :, : max(0, int(np.ceil((settings.lowest - grid.origin[2]) / grid.step)))] = False
     node = grid.origin + grid.step * np.argwhere(wanted)

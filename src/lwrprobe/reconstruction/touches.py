@@ -14,6 +14,7 @@ _RAW_NOISE = 1e-4  # m, of a contact point, one standard deviation along the nor
 _NORMAL_NOISE = np.radians(2.0)
 _GUESSED_NORMAL_NOISE = np.radians(10.0)  # where normals had to be estimated
 _IN_LINES = 0.35  # of the points, or there are no lines
+_AS_STATED = 0.2  # share by which lines may be closer or farther apart than stated
 _UNDERSIDE = -0.7  # normals pointing down more than this are contacts from below
 
 
@@ -135,6 +136,12 @@ def line_pitch(centres: np.ndarray, resolution: float = 0.0) -> float:
     """
     found = [pitch for axis in (0, 1) if (pitch := _heap_distance(centres[:, axis], resolution)) is not None]
     return max(found) if found else _beside_distance(centres, resolution)
+
+
+def regular_lines(centres: np.ndarray, pitch: float) -> bool:
+    """Whether most of the centres (n, 3) lie on parallel lines that are `pitch` [m] apart along x or y."""
+    found = (_heap_distance(centres[:, axis], 0.0) for axis in (0, 1))
+    return any(apart is not None and abs(apart - pitch) < _AS_STATED * pitch for apart in found)
 
 
 def _heap_distance(values: np.ndarray, resolution: float) -> float | None:
