@@ -46,8 +46,8 @@ NOISE = 0.0001
 UNKNOWN = 0.25
 """Growth of the expected error with the distance beyond D, in m/m: nothing is known there but by extrapolation."""
 EXTRUDED = 0.6
-"""Weight of a difference in height up from a contact of an upright wall: walls mostly go straight up. Downwards it is 1:
-below the lowest contact a wall is only extrapolated."""
+"""Weight of a difference in height above a contact of an upright wall: walls mostly go straight up. Below such a
+contact it is 1: under the lowest one a wall is only extrapolated."""
 WALL = 0.17
 """Share of the normal along z, up to which a wall is upright (10 degrees)."""
 LEVEL = 0.97
