@@ -39,6 +39,27 @@ def test_sliding_to_and_fro_over_a_plane_says_nothing(tilt):
     assert monitor.report()["pushed_mm"] < 0.1
 
 
+@pytest.mark.parametrize(("confidence", "moved"), [(0.55, False), (1.0, True)])
+def test_a_normal_of_low_confidence_that_is_wrong_is_no_surface(confidence, moved):
+    """Where friction turns at an edge, normals were wrong by 45 degrees for some samples; the contour then goes on."""
+    monitor, wrong = watch(), np.array([0.0, -1.0, -1.0]) / np.sqrt(2.0)
+
+    def round_an_edge():
+        for k, z in enumerate(np.arange(0.0, 0.002, 0.0006)):
+            place = np.array([0.0, 0.0, z])
+            contact = Contact(0.1 * k, place - RADIUS * wrong, wrong, 0.8 * wrong, place, confidence)
+            monitor.see(0.1 * k, place, 0.8 * wrong, contact)
+        for k, z in enumerate(np.arange(0.002, 0.006, 0.0006)):
+            touch(monitor, 1.0 + 0.1 * k, np.array([0.0, 0.3 * z, z]), np.array([0.0, -1.0, 0.0]))
+
+    if moved:
+        with pytest.raises(ObjectMoved, match="contradict"):
+            round_an_edge()
+    else:
+        round_an_edge()
+        assert monitor.moved_since is None
+
+
 def test_an_object_that_is_pushed_by_the_touch_is_noticed_within_two_millimetres():
     monitor = watch()
     gone = []

@@ -32,6 +32,9 @@ ASIDE = 0.001
 """m off the line of a touch's normal, up to which a place tells something about it."""
 REACH = 1.5
 """Radii along that line; at two the sphere may be on the other side of something thin."""
+SURE = 0.8
+"""Confidence from which on a touch is compared: where friction turns at an edge the normal may be wrong by 40 degrees
+for some samples, whose confidence is low."""
 AGREED = 3
 """Contradictions in a row, a place each, that make a movement."""
 GIVES_WAY = 0.0006
@@ -126,7 +129,11 @@ class ObjectMotionMonitor:
         if contact is None:
             if self._is_further(place):
                 self._compare(time, place, _NOT_TOUCHING, indentation)
-        elif trusted and hypot(*force.tolist()) > TOUCHED * zero and self._is_further(contact.centre):
+        elif (
+            contact.confidence_score >= SURE
+            and hypot(*force.tolist()) > TOUCHED * zero
+            and self._is_further(contact.centre)
+        ):
             # The contact point is corrected for the surface's deformation, the place is not.
             self._compare(time, contact.point + self._radius * contact.normal, contact.normal, indentation)
 
@@ -135,7 +142,7 @@ class ObjectMotionMonitor:
         self._stick_held = stick
         if contact is None:
             centre, normal = place, _NOT_TOUCHING
-        elif contact.confidence_score >= RELIABLE_FROM:
+        elif contact.confidence_score >= SURE:
             centre, normal = contact.point + self._radius * contact.normal, contact.normal
         else:
             return
