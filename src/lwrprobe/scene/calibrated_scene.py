@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lwrprobe.calibration import Calibration, read_calibration
 from lwrprobe.contracts import SceneError
-from lwrprobe.kinematics import Robot
 from lwrprobe.scene.scene import Scene
 from lwrprobe.scene.table import Pose
 from lwrprobe.scene.uncertainty import UncertaintyTable
+
+if TYPE_CHECKING:
+    from lwrprobe.kinematics import Robot
 
 _STATED: dict[str, tuple[str, ...]] = {
     "arm": ("robot", "base", "tool", "correction", "gear_waves"),
