@@ -196,7 +196,8 @@ class Replay:
     """
 
     def __init__(self, recording: Recording, scene: Scene, out: Path | None = None, same: bool = True) -> None:
-        stated, (scene, _, *self._start) = scene, scene_at_start(scene)
+        stated = scene
+        scene, _, *self._start = scene_at_start(stated)
         self.scene, self._recording, self._out, self._same = scene, recording, out, same
         pipeline = self.pipeline = compose(scene, choose(scene), recording.cycle, recording.rate)
         joints = recording.joints.shape[1]
