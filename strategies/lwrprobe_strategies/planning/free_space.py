@@ -77,7 +77,7 @@ class FreeSpace:
         # the sphere came down just there, and it is on the border.
         self._places = GrowingTable(13)
         self._turns: list[np.ndarray] = []
-        self._before_touch: set[int] = set()  # indices of places so near to the next one that who comes back may touch
+        self._next_to_touch: set[int] = set()  # indices of places next to a touch, where who comes back may touch again
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
 
@@ -102,7 +102,9 @@ class FreeSpace:
             if near and (normal is None or last[3:6] != last[:3]):
                 return
             if near:
-                self._before_touch.add(len(self._places) - 1)
+                self._next_to_touch.add(len(self._places) - 1)
+            elif normal is None and last[3:6] != last[:3]:  # a contact that was lost may be no more than a light one
+                self._next_to_touch.add(len(self._places))
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
         upright = -az > UPRIGHT
         if z >= self._top - SPACING:  # a little lower where the arm lags behind
@@ -272,7 +274,7 @@ class FreeSpace:
     def _along(self, places: list[int]) -> list[Pose]:
         """The places with these indices, in this order; those that lie straight between others are left out."""
         rows = self._places.rows()
-        places = [k for k in places if k not in self._before_touch]
+        places = [k for k in places if k not in self._next_to_touch]
         kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 

@@ -15,6 +15,9 @@ LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
 STRIDE, STRIDE_TURN = 0.02, 0.1
 """m and rad between the poses at which a straight path is checked."""
+OFF_LIMITS = 0.01
+"""rad that a joint keeps from the ends of its range on a path that is planned. At an end, the other joints would have
+to do what only this one can: the least bit beyond it they leap."""
 
 
 class MotionRequest:
@@ -64,10 +67,12 @@ class MotionRequest:
     def reachable(self, poses: Sequence[np.ndarray]) -> bool:
         """Whether the arm can take the tip straight through these poses (4, 4) in turn; see `Task.reachable`."""
         begin, q, solver = self._pipeline.trajectory.pose.copy(), self._arm.q, self._pipeline.solver
+        margin = self._pipeline.robot.limit_margin
+        least = min(OFF_LIMITS, margin(q))
         for end in poses:
             line = straight_line(begin, end, STRIDE, STRIDE_TURN)
             found = follow(self._pipeline.robot, line, q, solver=solver)
-            if not found.complete:
+            if not found.complete or min(map(margin, found.q)) < least:
                 return False
             if any(sensitivity(solver, *at) > self._pipeline.sensitivity for at in zip(line, found.q)):
                 return False
