@@ -224,6 +224,19 @@ def test_the_way_back_leads_off_what_was_touched_before_its_normal_was_sure():
     assert touched[:, 2].min() >= 0.006 + LIFT - 1e-9
 
 
+def test_the_way_back_passes_a_place_where_a_contact_was_lost():
+    """There the sphere may still touch the wall by less than a contact."""
+    free, wall = FreeSpace(AREA), np.array([0.0, 1.0, 0.0])
+    stand(free, *([0.0, 0.06, z] for z in np.arange(0.06, 0.0119, -0.0012)))
+    stand(free, *([0.0, y, 0.012] for y in np.arange(0.0588, 0.0301, -0.0012)))
+    stand(free, [0.0, 0.03, 0.012], [0.0, 0.03, 0.0132], normal=wall)
+    stand(free, [0.0, 0.03, 0.0144], [0.0, 0.0306, 0.0156])
+    stand(free, *([0.0, 0.03, z] for z in np.arange(0.0168, 0.03, 0.0012)), normal=wall)
+    places = np.array([piece.place for piece in return_path(seen([0.0, 0.03, 0.0288], 1.0), free)])
+    assert np.abs(places - [0.0, 0.03, 0.0144]).max(axis=1).min() > 1e-6
+    assert np.hypot(places[:, 1] - 0.0306, places[:, 2] - 0.0156).min() < 1e-9, "where it was off the wall"
+
+
 def test_a_detour_is_left_out_on_the_way_back():
     """Back and forth along a wall, as after a touch on the way back: the way to the open end stays as it was."""
     normal, leaning = np.array([0.0, -1.0, 0.0]), turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
