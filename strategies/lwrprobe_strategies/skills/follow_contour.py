@@ -17,6 +17,9 @@ from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
 DOWN = np.array([0.0, 0.0, -1.0])
+PRESSED = 1.4
+"""Times the wanted force along the stick, from which on the tip goes no farther along it: there the probe is stiff, and a
+normal that is wrong by ten degrees leads into the surface faster than the force law leads off it."""
 
 
 @skill(Overload, CollisionThreat, Blocked, Jammed)
@@ -67,7 +70,21 @@ def follow_contour(tip: Tip, frame: TrackingFrame, until: Callable[[], Outcome |
         if outcome is not None:
             return outcome
         if tip.seen.contact is None:
-            return Lost(here - tip.task.probe.radius * normal)
+            return Lost(last_touched(tip, here, normal, met is not None))
+
+
+def last_touched(tip: Tip, here: np.ndarray, normal: np.ndarray, met: bool) -> np.ndarray:
+    """(3,) m, on the surface that the sphere at a place `here` (3,) touched with its normal (3,) before it was lost.
+
+    A surface that was `met` beside another one, and is lost before it was touched alone, may have been none: then it is
+    the contact before that.
+    """
+    radius = tip.task.probe.radius
+    if met and len(tip.memory):
+        before = tip.memory.contacts()[-1, 3:6]
+        if np.abs(before - here).max() < 2.0 * radius:
+            return before.copy()
+    return here - radius * normal
 
 
 def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> bool:
@@ -96,4 +113,8 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity = frame.guided(here, velocity, tip.control.normal)
+    back = -held[:, Z]
+    inwards = float(velocity @ back)
+    if inwards < 0.0 and float(seen.force @ back) > PRESSED * task.force_target:
+        velocity = velocity - inwards * back
     return VelocityCommand(velocity, reason=reason, pose=tip.turn())
