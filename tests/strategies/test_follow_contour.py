@@ -6,7 +6,7 @@ import pytest
 from lwrprobe.contracts import Contact, Observation
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills.follow_contour import PRESSED, last_touched, slide
+from lwrprobe_strategies.skills.follow_contour import HELD_BACK, PRESSED, last_touched, slide
 from lwrprobe_strategies.tip import Tip
 from strategy_task import AREA, DOWN, task
 
@@ -36,7 +36,7 @@ def sliding(force, normal=TILTED):
 def test_a_tip_that_presses_goes_no_farther_along_its_stick():
     """The sphere sticks on a level face whose normal is found eleven degrees off."""
     wanted = task().force_target
-    light, hard = sliding([0.0, -0.2, 0.8 * wanted]), sliding([0.0, -0.5, 1.05 * PRESSED * wanted])
+    light, hard = sliding([0.0, -0.2, 0.8 * wanted]), sliding([0.0, -0.5, 1.01 * (PRESSED + HELD_BACK) * wanted])
     assert light[2] < -0.001, "down the slope that it believes in"
     assert hard[2] >= 0.0
     assert hard[1] == pytest.approx(light[1], rel=0.2), "it slides on"
@@ -56,5 +56,5 @@ def test_after_a_false_wall_the_contact_before_it_is_sought():
     tip.memory.add(HERE, before, TILTED, 0.0)
     assert last_touched(tip, HERE, wall, met=True) == pytest.approx(before)
     assert last_touched(tip, HERE, TILTED, met=False) == pytest.approx(before)
-    far = HERE + [0.0, 0.03, 0.0]
+    far = HERE + np.array([0.0, 0.03, 0.0])
     assert last_touched(tip, far, wall, met=True) == pytest.approx(far - RADIUS * wall), "that was elsewhere"

@@ -17,9 +17,10 @@ from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
 DOWN = np.array([0.0, 0.0, -1.0])
-PRESSED = 1.4
-"""Times the wanted force along the stick, from which on the tip goes no farther along it: there the probe is stiff, and a
-normal that is wrong by ten degrees leads into the surface faster than the force law leads off it."""
+PRESSED, HELD_BACK = 1.25, 0.5
+"""Times the wanted force along the stick, from which on the tip goes along it more slowly, and how much more until it goes
+no farther: there the probe is stiff, and a normal that is wrong by ten degrees leads into the surface faster than the
+force law leads off it."""
 
 
 @skill(Overload, CollisionThreat, Blocked, Jammed)
@@ -113,8 +114,18 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     force = max(float(seen.force.dot(normal)), 0.0)
     velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
     velocity = frame.guided(here, velocity, tip.control.normal)
-    back = -held[:, Z]
-    inwards = float(velocity @ back)
-    if inwards < 0.0 and float(seen.force @ back) > PRESSED * task.force_target:
-        velocity = velocity - inwards * back
-    return VelocityCommand(velocity, reason=reason, pose=tip.turn())
+    return VelocityCommand(held_back(tip, velocity), reason=reason, pose=tip.turn())
+
+
+def held_back(tip: Tip, velocity: np.ndarray) -> np.ndarray:
+    """(3,) m/s, of which what leads along the stick is slower the more the tip presses along it.
+
+    It begins at what a first touch allows: a loop that reacts late is held back earlier.
+    """
+    held, wanted = tip.seen.pose[:3, :3], tip.task.force_target
+    ahead = held[:, Z]
+    inwards, over = float(velocity @ ahead), -float(tip.seen.force @ ahead) / wanted - PRESSED
+    if inwards <= 0.0 or over <= 0.0:
+        return velocity
+    most = tip.control.approach_speed(ahead, held) * max(1.0 - over / HELD_BACK, 0.0)
+    return velocity - max(inwards - most, 0.0) * ahead
