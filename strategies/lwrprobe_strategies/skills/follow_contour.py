@@ -18,9 +18,9 @@ from lwrprobe_strategies.tip import Tip
 
 DOWN = np.array([0.0, 0.0, -1.0])
 PRESSED, HELD_BACK = 1.25, 0.5
-"""Times the wanted force along the stick, from which on the tip goes along it more slowly, and how much more until it goes
-no farther: there the probe is stiff, and a normal that is wrong by ten degrees leads into the surface faster than the
-force law leads off it."""
+"""Times the wanted force along the stick, from which on the tip goes along it more slowly, and how much more until it
+goes no farther: there the probe is stiff, and a normal that is wrong by ten degrees leads into the surface faster than
+the force law leads off it."""
 
 
 @skill(Overload, CollisionThreat, Blocked, Jammed)
