@@ -92,6 +92,23 @@ def test_way_back_leads_off_the_surface_and_back_where_it_came_from():
     assert places[-1][0] == pytest.approx(0.0)
 
 
+def test_who_has_gone_back_and_goes_back_once_more_does_not_touch_again():
+    """A sensor that stayed silent after the retreat had led the sphere back to the wall that it had left."""
+    way, wall = Retreat(0.002), np.array([0.0, -1.0, 0.0])
+    for y in np.arange(0.0, 0.05, 0.0005):
+        way.note(np.array([0.0, y, 0.006]), None)
+    for z in np.arange(0.006, 0.012, 0.0005):
+        way.note(np.array([0.0, 0.05, z]), wall)
+    back = way.places(np.array([0.0, 0.05, 0.0115]), 0.02)
+    assert way.gone
+    farther = np.array(way.places(back[-1], 0.02))
+    assert (np.diff(np.vstack([back[-1:], farther])[:, 1]) <= 1e-9).all()
+    assert farther[-1] == pytest.approx(back[-1] - [0.0, 0.02, 0.0])
+    way.note(np.array([0.0, 0.05, 0.0115]), wall)
+    assert not way.gone
+    assert way.places(np.array([0.0, 0.05, 0.0115]), 0.02)[0] == pytest.approx([0.0, 0.048, 0.0115])
+
+
 def test_way_back_of_free_motion_is_its_own_way():
     way = Retreat(0.002)
     for k in range(100):

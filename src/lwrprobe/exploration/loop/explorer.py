@@ -308,9 +308,10 @@ class Explorer:
                 return
             trajectory.stop()
             self.arm.finish_plan(1.0)
-            if isinstance(cause, SensorLost | ObjectMoved):
+            retreat = self._sample.retreat
+            if isinstance(cause, SensorLost | ObjectMoved) and not retreat.gone:
                 # Without a sensor: off the surface and back on the tip's own path, which was free a moment ago.
-                for place in self._sample.retreat.places(trajectory.pose[:3, 3], safety.retreat):
+                for place in retreat.places(trajectory.pose[:3, 3], safety.retreat):
                     pose = trajectory.pose.copy()
                     pose[:3, 3] = place
                     trajectory.set_goal(pose, self._scene.motion.approach_speed)

@@ -163,6 +163,7 @@ class Recovery:
         self._release()
         self._check_zero()
         self._return(seen.pose)
+        self._sample.retreat.note(self._tip, self._sample.retreat.normal)
         pause = self._arm.time - begin
         self._paused.resume(pause)
         self._silence.forget()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import islice
 from math import dist, inf
 
 import numpy as np
@@ -21,6 +22,10 @@ class Retreat:
     ----------
     lift : m off the surface, along its outward normal
     floor : m, the tip is nowhere led lower, but where it was lower itself
+
+    Attributes
+    ----------
+    gone : the tip has gone back since it was noted last
     """
 
     def __init__(self, lift: float, floor: float = -inf) -> None:
@@ -28,10 +33,11 @@ class Retreat:
         self._places: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
         self._last: list[float] | None = None
         self._normal: Vector | None = None
+        self.gone, self._passed = False, 0
 
     def note(self, tip: Vector, normal: Vector | None) -> None:
         """The tip (3,) is here, and touches a surface with this outward normal, or nothing."""
-        self._normal = normal
+        self._normal, self.gone, self._passed = normal, False, 0
         here, last = tip.tolist(), self._last
         if last is not None and dist(here, last) < _SPACING:
             return
@@ -54,20 +60,22 @@ class Retreat:
     def places(self, tip: Vector, length: float) -> list[np.ndarray]:
         """Places (3,) to go to, one after the other, from `tip`: off the surface first, then back for `length` m.
 
-        The tip stops at each, so they are a few millimetres apart.
+        The tip stops at each, so they are a few millimetres apart. It counts as gone there: the next call leads farther
+        back, and not once more over what it left.
         """
         if length <= 0.0:
             return []
         path, here, left = [], tip, length
-        if self._normal is not None:
+        if self._normal is not None and not self.gone:
             here = self._off(tip)
             path.append(here)
-        since = 0.0
-        for place in reversed(self._places):
+        self.gone, since = True, 0.0
+        for place in islice(reversed(self._places), self._passed, None):
             step = float(np.linalg.norm(place - here))
             if step >= left:
                 path.append(here + (left / step) * (place - here))
                 return path
+            self._passed += 1
             here, left, since = place, left - step, since + step
             if since >= _STRIDE:
                 path.append(place)
