@@ -1,12 +1,14 @@
 """The bench of whole runs: what it runs, compares and requires. The runs themselves have other tests."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lwrprobe.bench import error_curves, exploration
 from lwrprobe.bench.stroke_pictures import stroke_ends
 from lwrprobe.bench.threat_pictures import touches_of
-from lwrprobe.contracts import InputError, UnknownNameError
+from lwrprobe.contracts import Area, InputError, TriangleMesh, UnknownNameError
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
 from lwrprobe.scene import load_scene, write_scene
 
@@ -141,6 +143,21 @@ def test_seconds_count_from_when_the_error_stays_small():
         "seconds_1": 60.0, "seconds_0.3": 120.0, "seconds_0.1": None, "seconds_goal": 120.0,
         "p95_60": 0.9, "p95_120": 0.7, "p95_240": 0.7,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("world", "least", "most"), [("ideal", 0.5, 1.1), ("lab", 0.0, 0.05)])
+def test_only_where_the_world_differs_from_its_scene_is_the_mesh_moved_onto_the_object(world, least, most):
+    scene = load_scene("block", ['truth.profile="ideal"'])
+    solid = scene.solid().mesh()
+    moved = TriangleMesh(solid.vertices + [0.001, 0.001, 0.0], solid.faces)
+    pipeline = SimpleNamespace(
+        area=Area(np.array(scene.area.lower), np.array(scene.area.upper)),
+        reconstructor=SimpleNamespace(reconstruct=lambda record: SimpleNamespace(mesh=moved)),
+    )
+    truth = SimpleNamespace(scene=scene, differences={"profile": world})
+    touched = SimpleNamespace(points=np.zeros((5, 3)))
+    mean, _ = error_curves._error(touched, pipeline, truth)
+    assert least <= mean <= most
 
 
 def test_a_lift_is_a_way_through_free_space_and_no_edge():

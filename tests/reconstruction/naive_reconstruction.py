@@ -67,3 +67,45 @@ def weighted_median(values, weights):
     order = np.argsort(values)
     reached = np.cumsum(np.asarray(weights)[order])
     return float(np.asarray(values)[order][np.argmax(reached >= 0.5 * reached[-1])])
+
+
+def best_rulings(centres, normals, shortest, longest, cosine, offset, grow, lower, cell):
+    """Score of the best ruling through each cell that has one."""
+    found = {}
+    for i in range(len(centres)):
+        for j in range(len(centres)):
+            across = centres[j] - centres[i]
+            length, alike = np.linalg.norm(across), normals[i] @ normals[j]
+            if i == j or not shortest <= length <= longest or alike < cosine:
+                continue
+            if abs(0.5 * (normals[i] + normals[j]) @ across) > offset + grow * length:
+                continue
+            pieces = int(np.ceil(2.0 * length / cell))
+            for piece in range(1, pieces):
+                place = centres[i] + piece / pieces * across
+                key = tuple(((place - lower) / cell).astype(int))
+                score = length * (1.0 + (1.0 - alike) / (1.0 - cosine))
+                found[key] = min(score, found.get(key, np.inf))
+    return found
+
+
+def refuted(begin, finish, normals, points, facing, width, tolerance, radius, deep):
+    """Which rulings a point beside them speaks against."""
+    out = []
+    for a, b, n, depth in zip(begin, finish, normals, deep):
+        length = np.linalg.norm(b - a)
+        unit = (b - a) / length
+        wrong = False
+        for k, point in enumerate(points):
+            along, height = (point - a) @ unit, (point - a) @ n
+            beside = np.linalg.norm(point - a - along * unit - height * n)
+            if beside > min(width, along, length - along):
+                continue
+            if len(facing):
+                alike = facing[k] @ n
+                over_edge = -tolerance - 2.0 * radius * (1.0 - alike) <= height < 0.0
+                wrong |= alike > 0.3 and abs(height) > tolerance and not over_edge
+            else:
+                wrong |= -depth < height < -tolerance
+        out.append(wrong)
+    return np.array(out)

@@ -156,7 +156,7 @@ def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene]) -
     solid, lowest = actual.solid(), float(pipeline.area.lower[2])
     try:
         mesh = pipeline.reconstructor.reconstruct(record).mesh
-        if actual.truth.profile != IDEAL:
+        if truth.differences["profile"] != IDEAL:
             moved = align(sample_mesh(mesh, lowest, ALIGNED)[0], solid).points(mesh.vertices)
             mesh = TriangleMesh(moved, mesh.faces)
         error = mesh_error(mesh, solid, lowest, samples=SAMPLES)

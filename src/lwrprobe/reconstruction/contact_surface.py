@@ -35,6 +35,7 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides
+from lwrprobe.reconstruction.rulings import find_rulings
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -127,16 +128,21 @@ class ContactSurface:
         pitch = max(pitch, touches.radius)
         given = len(touches.points)
         touches = _without_lone_undersides(touches)
-        clusters = work.run("cluster", lambda: work.cluster(touches, pitch))
+        lines = not len(touches.visited) or regular_lines(touches.centres, pitch)
+        clusters = work.run("cluster", lambda: work.cluster(touches, pitch / 3.0 if lines else 0.0))
         touches, clusters = _consistent(touches, clusters, pitch)
         grid = work.grid(touches, clusters, pitch)
-        apart = _walls_apart(touches, pitch)
+        # Strokes that go where they teach most may end on the arc of the sphere's radius around an edge: a few radii
+        # farther a wide field still goes on in that bend, into space that the sphere passed.
+        apart = pitch if lines else min(pitch, _WALLS_APART * touches.radius)
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise, apart)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
         lower = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
         known = touched.data + below + lower
+        if not lines:
+            known += work.run("rulings", lambda: find_rulings(touches))
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
@@ -166,8 +172,8 @@ class _Work:
         self.progress(stage, 1.0)
         return result
 
-    def cluster(self, touches: Touches, pitch: float) -> Clusters:
-        size = max(pitch / 3.0, 0.6 * touches.radius)
+    def cluster(self, touches: Touches, size: float) -> Clusters:
+        size = max(size, 0.6 * touches.radius)
         return cluster(
             touches.centres, touches.normals, touches.confidence, size, lambda share: self.progress("cluster", share)
         )
@@ -210,18 +216,6 @@ class _Work:
             "unreachable_share": float(np.mean(unreachable)),
             "stages": self.stages,
         }
-
-
-def _walls_apart(touches: Touches, pitch: float) -> float:
-    """m between guessed walls, and from them to contacts.
-
-    Between regular lines the field is right half a pitch away from them. Strokes that go where they teach most may end
-    on the arc of the sphere's radius around an edge: a few radii farther a wide field still goes on in that bend, into
-    space that the sphere passed. Where nobody knows where it passed, closer guesses are no better than the field.
-    """
-    if not len(touches.visited) or regular_lines(touches.centres, pitch):
-        return pitch
-    return min(pitch, _WALLS_APART * touches.radius)
 
 
 def _without_lone_undersides(touches: Touches) -> Touches:

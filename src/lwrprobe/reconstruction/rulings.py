@@ -1,0 +1,78 @@
+"""Rulings: straight lines that are taken to lie on the surface between two contacts that face the same way.
+
+On a plane, a cylinder, a cone, or along the edge of a prism, the normal is the same all along each straight line on
+the surface, a ruling (do Carmo, Differential Geometry of Curves and Surfaces, 1976, section 3-5). So two contacts with
+one normal, each in the tangent plane of the other, are taken to be the ends of a ruling, as long as nothing that was
+touched or passed speaks against it. A surface that bends both ways has few such pairs, and they are close together.
+
+All of it is about the surface on which the sphere's centre moves in contact. There an edge is an arc of the sphere's
+radius, so that the edges of a prism have rulings as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.ruling_kernels import best_rulings, refuted
+from lwrprobe.reconstruction.touches import Touches
+
+_FINE = 0.4
+"""Radii: size of the clusters whose normals are compared; the sphere rolls over an edge on an arc of one radius."""
+_ALIKE = 0.07
+"""rad between two normals at most."""
+_SHORTEST, _LONGEST = 2.8, 14.0
+"""Radii, of a ruling: a shorter one has no place that is far from contacts."""
+_CELL = 1.2
+"""Radii: edge of the cells that hold one ruling each."""
+_STEP, _BEND = 2e-4, 0.02
+"""m, and share of the length, between the mean tangent planes of the two contacts at most."""
+_FAR = 1.4
+"""Radii from contacts, from which on a ruling says more than they do."""
+_SAG = 0.004
+"""Of the distance to the nearer end: how sure the place is."""
+_BESIDE = 2.0
+"""Radii beside a ruling, within which what was touched or passed may speak against it."""
+_OFF = 1e-3
+"""m off the surface, from which on it does."""
+_LEVEL = 0.7
+"""Share of the normal along z, from which on a surface faces up: nothing passes under it with an upright stick."""
+_DEEP, _DEEP_LEVEL = 2.0, 12.0
+"""Radii below a ruling, down to which a passing sphere speaks against it: farther on it may be behind the object; and
+on a surface that faces up."""
+
+
+def find_rulings(touches: Touches) -> HermiteData:
+    """Places of the sphere's centre on rulings, far from contacts."""
+    from scipy.spatial import cKDTree
+
+    radius = touches.radius
+    fine = cluster(touches.centres, touches.normals, touches.confidence, _FINE * radius)
+    one, other, share = _through_cells(fine.points, fine.normals, radius)
+    begin, finish = fine.points[one], fine.points[other]
+    places = begin + share[:, None] * (finish - begin)
+    normals = (1.0 - share)[:, None] * fine.normals[one] + share[:, None] * fine.normals[other]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    kept = cKDTree(fine.points).query(places)[0] > _FAR * radius
+    deep = radius * np.where(normals[:, 2] > _LEVEL, _DEEP_LEVEL, _DEEP)
+    wrong = np.zeros(len(places), dtype=bool)
+    for points, facing in ((fine.points, fine.normals), (touches.visited, np.empty((0, 3)))):
+        refuted(begin, finish, normals, points, facing, _BESIDE * radius, _OFF, radius, deep, wrong)
+    kept &= ~wrong
+    apart = np.minimum(share, 1.0 - share) * np.linalg.norm(finish - begin, axis=1)
+    deviation = np.hypot(touches.noise, _SAG * apart[kept])
+    return HermiteData(places[kept], normals[kept], deviation, np.full(len(deviation), touches.normal_noise))
+
+
+def _through_cells(centres: np.ndarray, normals: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
+    """Both ends (n,) and (n,) of the best ruling through each cell, and the share (n,) of it at which it is there."""
+    cell = _CELL * radius
+    lower, upper = centres.min(axis=0), centres.max(axis=0)
+    shape = tuple(np.maximum(np.ceil((upper - lower) / cell), 1).astype(np.int64))
+    worth, ends, share = np.full(shape, np.inf), np.zeros((*shape, 2), np.int64), np.zeros(shape)
+    lengths = _SHORTEST * radius, _LONGEST * radius
+    best_rulings(centres, normals, *lengths, np.cos(_ALIKE), _STEP, _BEND, lower, cell, worth, ends, share)
+    there = np.isfinite(worth)
+    one, other = ends[there].T
+    return one, other, share[there]

@@ -1,0 +1,147 @@
+"""Rulings between contacts: where they are taken to be, and what speaks against them."""
+
+from pathlib import Path
+
+import naive_reconstruction as naive
+import numpy as np
+import pytest
+
+from lwrprobe.contracts import TouchRecord
+from lwrprobe.evaluation import mesh_error
+from lwrprobe.reconstruction import contact_surface
+from lwrprobe.reconstruction.contact_surface import ContactSurface
+from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.ruling_kernels import best_rulings, refuted
+from lwrprobe.reconstruction.rulings import find_rulings
+from lwrprobe.reconstruction.touches import prepare
+from lwrprobe.scene import load_scene
+
+RADIUS = 0.005
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def touched(points, normals, path=((0.2, 0.2, 0.2), (0.2, 0.2, 0.21))):
+    """Touches of a sphere that has passed along a path."""
+    return prepare(
+        TouchRecord(
+            np.asarray(points, dtype=float),
+            normals=np.asarray(normals, dtype=float),
+            free_path=np.asarray(path, dtype=float),
+            probe_radius=RADIUS,
+            table=0.0,
+        ),
+        0.002,
+    )
+
+
+def level_lines(height, ys, xs):
+    """Contacts every millimetre along x on a level surface, and one far below: they have to span a solid."""
+    points = np.array([*((x, y, height) for y in ys for x in np.arange(*xs, 0.001)), (0.1, 0.1, 0.0)])
+    return points, np.vstack([np.tile(UP, (len(points) - 1, 1)), [1.0, 0.0, 0.0]])
+
+
+def circles(radius, heights):
+    angles = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
+    normals = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+    return (
+        np.vstack([radius * normals + [0.0, 0.0, height] for height in heights]),
+        np.vstack([normals for _ in heights]),
+    )
+
+
+def test_a_plane_between_two_lines():
+    found = find_rulings(touched(*level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))))
+    assert len(found.points) > 50
+    assert np.allclose(found.points[:, 2], 0.05 + RADIUS, atol=1e-9)
+    assert np.allclose(found.normals, UP)
+    assert np.abs(found.points[:, 1]).max() < 0.02
+
+
+def test_the_wall_of_a_cylinder_between_two_circles():
+    found = find_rulings(touched(*circles(0.024, (0.006, 0.046))))
+    assert len(found.points) > 50
+    assert np.allclose(np.linalg.norm(found.points[:, :2], axis=1), 0.024 + RADIUS, atol=1e-4)
+
+
+def test_circles_of_different_size_are_joined_along_a_cone_alone():
+    points, normals = circles(0.024, (0.006,))
+    small, alike = circles(0.014, (0.046,))
+    assert not len(find_rulings(touched(np.vstack([points, small]), np.vstack([normals, alike]))).points)
+    lean = np.array([0.0, 0.0, 0.25])  # the normals of the cone through both circles
+    normals, alike = ((n + lean) / np.hypot(1.0, 0.25) for n in (normals, alike))
+    found = find_rulings(touched(np.vstack([points, small]), np.vstack([normals, alike])))
+    feet = found.points - RADIUS * found.normals
+    assert len(feet) > 50
+    assert np.allclose(np.linalg.norm(feet[:, :2], axis=1), 0.024 - 0.25 * (feet[:, 2] - 0.006), atol=2e-4)
+
+
+def test_a_ball_has_none():
+    angles = np.linspace(0.1, np.pi / 2, 60)
+    normals = np.array(
+        [(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in angles for b in np.arange(0, 6.28, 0.7)]
+    )
+    assert not len(find_rulings(touched(0.04 * normals + [0.0, 0.0, 0.05], normals)).points)
+
+
+def test_a_gap_that_the_sphere_went_into_ends_the_plane():
+    points, normals = level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))
+    slot = [(0.0, 0.0, 0.08), (0.0, 0.0, 0.03)]
+    near = np.linalg.norm(find_rulings(touched(points, normals, slot)).points[:, :2], axis=1)
+    everywhere = np.linalg.norm(find_rulings(touched(points, normals)).points[:, :2], axis=1)
+    assert near.min() > 0.008 > everywhere.min()
+
+
+def test_what_stands_on_a_plane_and_what_is_sunk_into_it_end_it():
+    points, normals = level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))
+    for height in (0.06, 0.04):
+        line, up = level_lines(height, (0.0,), (-0.04, 0.04))
+        found = find_rulings(touched(np.vstack([points, line]), np.vstack([normals, up])))
+        assert not (np.abs(found.points[:, 2] - 0.05 - RADIUS) < 1e-6).any()
+
+
+def test_few_strokes_over_flat_faces_make_a_better_mesh(monkeypatch):
+    file = np.load(Path(__file__).parent / "strokes" / "bridge.npz")
+    contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
+    record = TouchRecord(
+        contacts[:, :3], normals=contacts[:, 3:], free_path=free, probe_radius=RADIUS, table=0.0, lowest=0.006,
+        pitch=0.025,
+    )  # fmt: skip
+    solid = load_scene("bridge").solid()
+    found = mesh_error(ContactSurface().reconstruct(record).mesh, solid, 0.007, samples=4000)
+    none = HermiteData(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0))
+    monkeypatch.setattr(contact_surface, "find_rulings", lambda touches: none)
+    without = mesh_error(ContactSurface().reconstruct(record).mesh, solid, 0.007, samples=4000)
+    assert found.mean < 0.9 * without.mean
+
+
+def test_best_rulings_are_those_of_all_pairs():
+    random = np.random.default_rng(3)
+    centres = random.uniform(0.0, 0.05, (40, 3))
+    normals = UP + random.normal(0.0, 0.02, (40, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    limits = 0.01, 0.04, np.cos(0.07), 0.002, 0.02
+    lower, cell, shape = np.zeros(3), 0.006, (9, 9, 9)
+    worth, ends, share = np.full(shape, np.inf), np.zeros((*shape, 2), np.int64), np.zeros(shape)
+    best_rulings(centres, normals, *limits, lower, cell, worth, ends, share)
+    wanted = naive.best_rulings(centres, normals, *limits, lower, cell)
+    assert 10 < len(wanted) == np.isfinite(worth).sum()
+    for key, score in wanted.items():
+        assert worth[key] == pytest.approx(score)
+        place = centres[ends[key][0]] + share[key] * (centres[ends[key][1]] - centres[ends[key][0]])
+        assert tuple((place / cell).astype(int)) == key
+
+
+@pytest.mark.parametrize("touching", [True, False])
+def test_what_refutes_a_ruling(touching):
+    random = np.random.default_rng(4)
+    begin = random.uniform(0.0, 0.05, (60, 3))
+    finish = begin + random.uniform(-0.03, 0.03, (60, 3)) * [1.0, 1.0, 0.0]
+    normals = np.tile(UP, (60, 1))
+    points = random.uniform(0.0, 0.05, (12, 3))
+    facing = random.normal(size=(12, 3)) if touching else np.empty((0, 3))
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    deep, found = random.uniform(0.005, 0.05, 60), np.zeros(60, dtype=bool)
+    refuted(begin, finish, normals, points, facing, 0.01, 0.001, RADIUS, deep, found)
+    wanted = naive.refuted(begin, finish, normals, points, facing, 0.01, 0.001, RADIUS, deep)
+    assert np.array_equal(found, wanted)
+    assert 5 < wanted.sum() < 55
