@@ -149,7 +149,7 @@ def test_seconds_count_from_when_the_error_stays_small():
 def test_only_where_the_world_differs_from_its_scene_is_the_mesh_moved_onto_the_object(world, least, most):
     scene = load_scene("block", ['truth.profile="ideal"'])
     solid = scene.solid().mesh()
-    moved = TriangleMesh(solid.vertices + [0.001, 0.001, 0.0], solid.faces)
+    moved = TriangleMesh(solid.vertices + np.array([0.001, 0.001, 0.0]), solid.faces)
     pipeline = SimpleNamespace(
         area=Area(np.array(scene.area.lower), np.array(scene.area.upper)),
         reconstructor=SimpleNamespace(reconstruct=lambda record: SimpleNamespace(mesh=moved)),

@@ -56,7 +56,8 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
     They run from `begin` to `finish` (n, 3) on a surface with `normals` (n, 3). A point (k, 3) within `width` m of one
     counts when it is off the surface by more than `tolerance` m; near the ends the width is less. With `facing` (k, 3)
     it was touched, and counts where it faces about the same way; the sphere rolling over an edge, on an arc of its
-    `radius`, does not. Without, (0, 3), the sphere has passed it, and it counts below the surface, down to `deep` (n,) m.
+    `radius`, does not. Without, (0, 3), the sphere has passed it, and it counts below the surface, down to `deep` (n,)
+    m.
     """
     touched = facing.shape[0] > 0
     for i in range(begin.shape[0]):
