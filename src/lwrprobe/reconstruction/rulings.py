@@ -54,13 +54,14 @@ def find_rulings(touches: Touches) -> HermiteData:
     places = begin + share[:, None] * (finish - begin)
     normals = (1.0 - share)[:, None] * fine.normals[one] + share[:, None] * fine.normals[other]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    kept = cKDTree(fine.points).query(places)[0] > _FAR * radius
+    apart = np.minimum(share, 1.0 - share) * np.linalg.norm(finish - begin, axis=1)
+    far = cKDTree(fine.points).query(places)[0] > _FAR * radius
+    begin, finish, places, normals, apart = (rows[far] for rows in (begin, finish, places, normals, apart))
     deep = radius * np.where(normals[:, 2] > _LEVEL, _DEEP_LEVEL, _DEEP)
     wrong = np.zeros(len(places), dtype=bool)
     for points, facing in ((fine.points, fine.normals), (touches.visited, np.empty((0, 3)))):
         refuted(begin, finish, normals, points, facing, _BESIDE * radius, _OFF, radius, deep, wrong)
-    kept &= ~wrong
-    apart = np.minimum(share, 1.0 - share) * np.linalg.norm(finish - begin, axis=1)
+    kept = ~wrong
     deviation = np.hypot(touches.noise, _SAG * apart[kept])
     return HermiteData(places[kept], normals[kept], deviation, np.full(len(deviation), touches.normal_noise))
 
