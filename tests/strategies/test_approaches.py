@@ -251,6 +251,19 @@ def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():
     assert free.back_to(line.start, 0.02) is None, "it leaned on the way"
 
 
+def test_no_way_back_leads_to_a_place_next_to_a_light_touch():
+    """An exploration had ended with an IndexError where that was the only place near the start of the next line."""
+    free = stand(nowhere(), [0.0, 0.0, 0.02], normal=[0.0, -1.0, 0.0])
+    lost = np.array([0.0, -0.002, 0.02])
+    stand(free, lost)
+    assert free.back_to(lost, 0.0005) is None
+    beside = lost - [0.0, 0.002, 0.0]
+    stand(free, beside)
+    assert free.back_to(lost, 0.0005) is None
+    ((end, _),) = free.back_to(beside, 0.0005)
+    assert end == pytest.approx(beside)
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     x=st.floats(-0.09, 0.09), y=st.sampled_from([-BORDER, BORDER]), z=st.floats(0.006, 0.06),

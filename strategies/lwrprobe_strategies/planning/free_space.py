@@ -198,10 +198,10 @@ class FreeSpace:
         if len(rows) < 2:
             return None
         whole = np.ones(len(rows), dtype=bool)
-        open_places = np.flatnonzero(self._open(rows, whole, JUST_THERE)) if all_back else np.zeros(1, dtype=int)
-        if not len(open_places):
+        open_places = self._off_touches(self._open(rows, whole, JUST_THERE)) if all_back else [0]
+        if not open_places:
             return None
-        end, k, left = int(open_places[-1]), len(rows) - 1, distance
+        end, k, left = open_places[-1], len(rows) - 1, distance
         places = [k]
         while k > end and left > 0.0:
             if len(places) == FARTHEST_BACK:
@@ -241,8 +241,8 @@ class FreeSpace:
 
     def _back_to_one_of(self, wanted: np.ndarray, farthest: float) -> list[Pose] | None:
         """Back to the latest of the `wanted` (n,) of the last n places, `farthest` m at most; None as in `back_to`."""
-        rows, found = self._places.rows()[-FARTHEST_BACK:], np.flatnonzero(wanted)
-        if not len(found):
+        rows, found = self._places.rows()[-FARTHEST_BACK:], self._off_touches(wanted)
+        if not found:
             return None
         path = rows[found[-1] :]
         steps = np.diff(path[:, :3], axis=0)
@@ -251,8 +251,13 @@ class FreeSpace:
         kept = _around_inner_edges(path)
         if kept is None:
             return None
-        first = len(self._places) - len(rows) + int(found[-1])
+        first = len(self._places) - len(rows) + found[-1]
         return self._along((first + kept[::-1]).tolist())
+
+    def _off_touches(self, wanted: np.ndarray) -> list[int]:
+        """Which of the `wanted` (n,) of the last n places are not next to a touch."""
+        before = len(self._places) - len(wanted)
+        return [k for k in np.flatnonzero(wanted).tolist() if before + k not in self._next_to_touch]
 
     @staticmethod
     def _open(rows: np.ndarray, wanted: np.ndarray, came_down: int) -> np.ndarray:
@@ -271,10 +276,15 @@ class FreeSpace:
             border[places[apart < CUT]] = False
         return border | (wanted & (rows[:, came_down] > 0.0))
 
-    def _along(self, places: list[int]) -> list[Pose]:
-        """The places with these indices, in this order; those that lie straight between others are left out."""
+    def _along(self, places: list[int]) -> list[Pose] | None:
+        """The places with these indices, in this order; those that lie straight between others are left out.
+
+        None where a light touch is next to all of them.
+        """
         rows = self._places.rows()
         places = [k for k in places if k not in self._next_to_touch]
+        if not places:
+            return None
         kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
         return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
 
