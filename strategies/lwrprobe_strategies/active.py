@@ -69,7 +69,7 @@ class Active(GridVersion):
 
     def program(self) -> Program:
         """Stroke after stroke, until the expected error is small; what bounded the object is known from the start."""
-        self.estimate = SurfaceEstimate(self.task.area, (self.task.options or self.Config()).step)
+        self.estimate = SurfaceEstimate(self.task.area, self.options.step)
         for contact in self.found:
             self.estimate.touch(contact.centre, contact.normal)
         for place in self.untouched_heights():
@@ -140,9 +140,9 @@ class Active(GridVersion):
         return self.outline.ends(self.tip.here, self.tip.control.normal, self.tip.reliable)
 
     @property
-    def line_spacing(self) -> float | None:
+    def line_spacing(self) -> float:
         """m between two strokes, about."""
-        return SPACING * float((self.task.options or self.Config()).step)
+        return SPACING * super().line_spacing
 
     def progress(self) -> Progress:
         """The skill that runs, and how near the expected error is to the aim."""

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import hypot
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -99,7 +99,6 @@ class Coverage(SkillStrategy):
 
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
-        self.options = self.task.options or self.Config()
         self.upright = self.tip.rotation
         self.tip.body = BodySpace(self.task, self.options.step) if BodySpace.needed(self.task) else None
         self.lines = self.scheduler()
@@ -513,9 +512,15 @@ class Coverage(SkillStrategy):
         return poses
 
     @property
-    def line_spacing(self) -> float | None:
+    def options(self) -> Any:
+        """The task's options, or the defaults, with lines no farther apart than the task's detail is wide."""
+        options, detail = self.task.options or self.Config(), self.task.detail
+        return options if detail is None else replace(options, step=min(options.step, detail))
+
+    @property
+    def line_spacing(self) -> float:
         """m between two lines."""
-        return float((self.task.options or self.Config()).step)
+        return float(self.options.step)
 
     def progress(self) -> Progress:
         """The line, the skill, and the share of the lines done."""

@@ -1,5 +1,7 @@
 """The lines that cover an area, and where a line leads."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +10,8 @@ from hypothesis import strategies as st
 from lwrprobe.contracts import Area, InputError
 from lwrprobe_strategies.planning.lines import Grid, Line
 from lwrprobe_strategies.planning.tracking_frame import MAX_RETURN, Plane, TrackingFrame
+from lwrprobe_strategies.surface_contour import SurfaceContour
+from strategy_task import task
 
 AREA = Area(np.array([-0.085, -0.06, 0.006]), np.array([0.085, 0.06, 0.058]))
 
@@ -90,3 +94,10 @@ def test_no_velocity_leads_out_of_the_area():
     assert frame.bounded(np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.01, -0.02]))[2] == 0.0
     assert frame.bounded(np.array([0.086, 0.0, 0.02]), np.array([0.01, 0.0, 0.0]))[0] == 0.0
     assert frame.bounded(np.array([0.086, 0.0, 0.02]), np.array([-0.01, 0.0, 0.0]))[0] == -0.01
+
+
+@pytest.mark.parametrize(("detail", "spacing"), [(None, 0.015), (0.008, 0.008), (0.04, 0.015)])
+def test_lines_are_no_farther_apart_than_the_detail_that_is_to_be_seen_is_wide(detail, spacing):
+    strategy = SurfaceContour()
+    strategy.start(replace(task(), detail=detail))
+    assert strategy.line_spacing == strategy.options.step == spacing

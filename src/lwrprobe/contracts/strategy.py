@@ -74,6 +74,7 @@ class Task:
     arm_stiffness : N/m, of the arm at its tip, where `arm_mass` counts; part of `stiffness`, inf = rigid
     search_for : m, diameter of the smallest object that is to be found; where it is in the area is not known. None =
         the area is around the object
+    detail : m, width of the narrowest part that is to be seen; lines are no farther apart. None = as the options say
     headroom : m by which the strategy may raise the area's upper end where the object reaches up to that
     tallest : m, nothing is known to be taller, inf = as tall as the area allows
     options : the strategy's own configuration, an instance of its `Config`
@@ -100,6 +101,7 @@ class Task:
     arm_mass: float = 0.0
     arm_stiffness: float = np.inf
     search_for: float | None = None
+    detail: float | None = None
     headroom: float = 0.0
     tallest: float = np.inf
     options: Any = None

@@ -383,6 +383,7 @@ def make_task(
         arm_mass=arm_mass,
         arm_stiffness=arm_stiffness(scene),
         search_for=scene.area.search_for,
+        detail=scene.area.detail,
         headroom=max(scene.safety.margin - OVERSHOOT, 0.0),
         options=pipeline.options,
         reachable=reachable,
