@@ -87,3 +87,24 @@ def test_a_side_that_recedes_goes_on_inwards_and_not_straight_down():
     off, straight_off = (np.abs(ball.signed_distance(rows) - RADIUS).mean() for rows in (low, straight))
     assert off < 0.3 * straight_off
     assert (walls.normals[walls.points[:, 2] < 0.02, 2] < -0.3).all()
+
+
+def test_a_wrong_normal_at_the_lower_end_of_a_wall_leaves_no_part_of_it_without_places():
+    """Such an end had stood for 30 mm of a wall and was refused: the mesh was off by 7 mm there."""
+    solid = tall()
+    record = upper_part(sample_lines(solid, PITCH, 0.25))
+    x = np.arange(-0.025, 0.0251, 0.0005)
+    level = np.column_stack([x, np.full(len(x), 0.02), np.full(len(x), DEPTH)])  # along the wall at its lower end
+    lowest, facing = slice(40, 60), [0.0, np.cos(0.6), -np.sin(0.6)]
+    level[lowest, 2] -= 1e-4
+    record = replace(
+        record,
+        points=np.vstack([record.points, level, level[lowest] + np.array([0.0, 0.0, 0.0012])]),
+        normals=np.vstack([record.normals, np.tile([0.0, 1.0, 0.0], (len(x), 1)), np.tile(facing, (20, 1))]),
+        confidence=None,
+    )
+    places = found(record).points
+    on_wall = places[(np.abs(places[:, 1] - 0.02 - RADIUS) < 1e-3) & (places[:, 2] < 0.03), 0]
+    assert on_wall.min() < -0.02
+    assert on_wall.max() > 0.02
+    assert np.diff(np.sort(on_wall)).max() < 1.5 * PITCH

@@ -19,10 +19,13 @@ from lwrprobe.reconstruction.touches import Touches
 _OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a top
 _BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the side there
 _LOOKED_UP = 2.0, 1.5  # of the pitch: so far above its end a side is looked at; the less where it does not bend evenly
+_AS_LOW = 0.5  # radii: so much higher than the lowest contact nearby one still ends a side
 _SHOWN = 2.0  # radii: over so much of that at least it has been touched
 _FEWEST = 4  # contacts that show how a side bends
 _ALIKE = 0.5  # cosine between the normals of one side
+_SAME = 0.9  # the same between those of places that a side's end nearby tells of
 _EVENLY = 0.1  # rad, root mean square: so far normals lie off an even bend
+_STRAY = 0.05  # share of the normals that may be wrong
 _SURE = 2.5  # standard deviations from which on a side bends or leans
 _CLOSEST = 2.0  # radii of the sphere: what the centres' surface bends around more closely is an edge
 _STEP = 0.5  # of the pitch, between places
@@ -138,17 +141,26 @@ def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> 
 
 
 def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
-    """Where each line's contacts with a side end below, of those that show how it bends."""
+    """Where each line's contacts with a side end below, of those that show how it bends; the lowest first.
+
+    An upright wall ends in other contacts as well that are about as low: the lowest may not show how it goes on, and
+    between rows that are far apart the field leaves the wall.
+    """
     from scipy.spatial import cKDTree
 
     points, normals = clusters.points, clusters.normals
     ends = np.flatnonzero((normals[:, 2] > _OF_A_SIDE[0]) & (normals[:, 2] < _OF_A_SIDE[1]))
+    ends = ends[np.argsort(points[ends, 2], kind="stable")]
     beside = max(_BESIDE * pitch, touches.radius)
-    same_line = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], beside)
+    neighbours = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], max(pitch, beside))
     around = cKDTree(points).query_ball_point(points[ends], 1.5 * _LOOKED_UP[0] * pitch)
-    found = []
-    for i, line, near in zip(ends, same_line, around):
-        if ((points[line, 2] < points[i, 2] - 1e-9) & (normals[line] @ normals[i] > 0.0)).any():
+    found, taken = [], np.zeros(len(points), dtype=bool)
+    for i, others, near in zip(ends, neighbours, around):
+        alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
+        close = np.linalg.norm(points[others, :2] - points[i, :2], axis=1) < beside
+        lowest = not (close & (above > 1e-9) & (alike > 0.0)).any()
+        told = close & taken[others] & (alike > _SAME) | (above > _AS_LOW * touches.radius) & (alike > 0.0)
+        if not lowest and told.any():
             continue
         down = _down(normals[i])
         offset = points[near] - points[i]
@@ -158,8 +170,9 @@ def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
         facing = normals[near][of_it]
         turn = np.arctan2(-facing @ down, facing @ normals[i])
         side = _side(points[i], normals[i], above, turn, touches, pitch)
-        if side is not None:
+        if side is not None and (lowest or side.straight):
             found.append(side)
+            taken[i] = True
     return found
 
 
@@ -197,11 +210,12 @@ def _side(
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """Slope, value at 0 and root mean square residual of the line through (n,) values that single ones do not sway.
 
-    Theil and Sen: the median of the slopes between all pairs.
+    Theil and Sen: the median of the slopes between all pairs. The residual is that without the share of stray values.
     """
     one, other = np.triu_indices(len(x), 1)
     apart = x[other] - x[one]
     kept = np.abs(apart) > 1e-9
     slope = float(np.median((y[other] - y[one])[kept] / apart[kept])) if kept.any() else 0.0
     start = float(np.median(y - slope * x))
-    return slope, start, float(np.sqrt(np.mean((y - start - slope * x) ** 2)))
+    squares = np.sort((y - start - slope * x) ** 2)
+    return slope, start, float(np.sqrt(np.mean(squares[: len(x) - int(_STRAY * len(x))])))
