@@ -35,6 +35,8 @@ SEEN = 1e-3
 """m, standard deviation of a shift from which on nothing is known of it."""
 EXPLAINED = 0.6
 """Share of the touches' residuals that is left where the sphere really moved. Four numbers more leave 0.95 of 45."""
+TELLING = 25.0
+"""Square of the standard deviations that such a motion must be from none: few touches that fit say nothing of it."""
 GEARS = 5e-5
 """m, by which gears move a touch; what is more may be a sphere that moved."""
 LOST = 3.0
@@ -158,7 +160,7 @@ def refuse_moved(model: Model, x: Vector) -> None:
                 best, since, shift = float(found @ information @ found), touch, found
                 step = -covariance @ (jacobian.T @ (left + rows @ found))
     moved = float(np.linalg.norm(shift))
-    if moved <= MAX_RESIDUAL:
+    if moved <= MAX_RESIDUAL or best < TELLING:
         return
     after = float(np.sqrt(np.mean(model.per_touch(x + step, shift, since) ** 2)))
     if after < EXPLAINED * before:

@@ -4,6 +4,7 @@ from lwrprobe.contact.agreed_bias import AgreedBias, agreed_bias
 from lwrprobe.contact.conditioner import BiasOutcome, Counters, WrenchConditioner
 from lwrprobe.contact.deflection import Deflection
 from lwrprobe.contact.drift import BiasChange, DriftWatch
+from lwrprobe.contact.drift_rate import DriftRate
 from lwrprobe.contact.estimator import (
     ESTIMATORS,
     REASONS,
@@ -33,6 +34,7 @@ __all__ = [
     "BiasOutcome",
     "Counters",
     "Deflection",
+    "DriftRate",
     "DriftWatch",
     "Estimator",
     "LimitCycle",

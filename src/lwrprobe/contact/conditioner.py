@@ -94,6 +94,8 @@ class WrenchConditioner:
         self.probe = probe
         self.rate = float(rate)
         self._zeroing = 0
+        self._drift: Vector | None = None
+        self._drifted = 0.0  # s, until when the bias is what it has drifted to
 
         self._params = np.zeros(k.PARAMS)
         ranges = np.concatenate([probe.force_range, probe.torque_range])
@@ -126,6 +128,10 @@ class WrenchConditioner:
         except (TypeError, ValueError):
             self._raw[:] = np.nan
         self._rotation[:] = rotation
+        if self._drift is not None:
+            now = float(self._state[k.S_TIME])  # of the reading before, which has been found good
+            self._params[k.P_BIAS : k.P_BIAS + 6] += (now - self._drifted) * self._drift
+            self._drifted = now
         stamp = self._stamp
         stamp[0], stamp[1], stamp[2] = sample.time, sample.sequence, sample.status
         out = np.empty(9)
@@ -179,6 +185,13 @@ class WrenchConditioner:
         for at in (k.S_GOOD, k.S_SUSPECT, k.S_OUT):
             self._state[at : at + 6] -= change
         self._zeroing += 1
+
+    def set_drift(self, rate: Vector) -> None:
+        """From the next reading on, the bias moves by (6,) N/s and N·m/s; zero = it stays."""
+        rate = np.asarray(rate, dtype=np.float64)
+        if rate.shape != (6,) or not np.isfinite(rate).all():
+            raise InputError("bias.drift", rate.tolist(), "six finite numbers")
+        self._drift, self._drifted = (rate.copy() if rate.any() else None), float(self._state[k.S_TIME])
 
     def take_bias(
         self,

@@ -1,4 +1,4 @@
-"""The sensor's zero wanders: watched, and corrected, in free space only."""
+"""The sensor's zero wanders: watched, and corrected, in free space; in between it goes on as it was seen to drift."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lwrprobe.contact.conditioner import WrenchConditioner
+from lwrprobe.contact.drift_rate import DriftRate
 from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import InputError
 from lwrprobe.contracts.samples import Vector
@@ -16,6 +17,7 @@ PUSHED = 0.005
 """m along a constant force, after which it is no surface's: one at rest does no work on the probe."""
 CONSTANT = 0.5
 """Of `touch_force`, by which such a force may change."""
+DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(slots=True, frozen=True)
@@ -25,11 +27,13 @@ class BiasChange:
     Attributes
     ----------
     time : s; change : (6,) N and N·m added to the bias; rate : N/min of the force part since the last correction
+    unknown : share of the stated drift by which the zero may move from now on otherwise than is known
     """
 
     time: float
     change: Vector
     rate: float
+    unknown: float
 
 
 class DriftWatch:
@@ -47,6 +51,7 @@ class DriftWatch:
     window : s of free space needed for a correction
     guard : s before a contact that are not trusted
     max_rate : N/min, faster than any sensor drifts (0.05 N/min is much; a warm-up may reach ten times that)
+    drift : what is known of how fast the zero moves, None = it stays where it was taken
     """
 
     def __init__(
@@ -57,12 +62,14 @@ class DriftWatch:
         window: float = 1.0,
         guard: float = 0.25,
         max_rate: float = 0.5,
+        drift: DriftRate | None = None,
     ) -> None:
         for name, value in (("touch_force", touch_force), ("window", window), ("max_rate", max_rate)):
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"drift.{name}", value, "a positive number")
         self._conditioner = conditioner
         self._touch_force, self._window, self._guard, self._max_rate = touch_force, window, guard, max_rate
+        self._rate, self._axis = drift or DriftRate(0.0, 0.0, 0.0), DOWN
         self._begin: float | None = None
         self._recent: deque[tuple[float, Vector]] = deque()
         self._sum, self._count = np.zeros(6), 0
@@ -72,10 +79,12 @@ class DriftWatch:
         self.changes: list[BiasChange] = []
         self.suspicious = False
 
-    def observe(self, wrench: Wrench, free: bool, place: Vector, lifted: bool = False) -> None:
-        """One conditioned wrench with the tip at `place` (3,) m; `free` is what the caller knows of the motion (away
-        from any surface), `lifted` that the tip was just taken off a surface, so that any force is the zero's.
+    def observe(self, wrench: Wrench, free: bool, place: Vector, lifted: bool = False, axis: Vector = DOWN) -> None:
+        """One conditioned wrench with the tip at `place` (3,) m and the stick along `axis` (3,); `free` is what the
+        caller knows of the motion (away from any surface), `lifted` that the tip was just taken off a surface, so that
+        any force is the zero's.
         """
+        self._axis = axis
         small = lifted or wrench.magnitude <= self._touch_force
         if small or not free or not wrench.usable:
             self._held = None  # the next force begins anew, however alike it is
@@ -86,6 +95,7 @@ class DriftWatch:
             self._begin = wrench.time
         if self._last_time is None:
             self._last_time = wrench.time
+            self._rate.add(wrench.time, self._conditioner.bias, axis)
         self._recent.append((wrench.time, np.concatenate([wrench.force, wrench.torque])))
         while self._recent and self._recent[0][0] < wrench.time - self._guard:
             self._sum += self._recent.popleft()[1]
@@ -125,7 +135,9 @@ class DriftWatch:
             return None
         self._conditioner.shift_bias(change)
         self._last_time = now
-        self.changes.append(BiasChange(now, change, rate))
+        self._rate.add(now, self._conditioner.bias, self._axis)
+        self._conditioner.set_drift(self._rate.value)
+        self.changes.append(BiasChange(now, change, rate, self._rate.unknown))
         return self.changes[-1]
 
     def _forget(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lwrprobe.contact import (
     Deflection,
+    DriftRate,
     DriftWatch,
     Estimator,
     LimitCycle,
@@ -90,10 +91,14 @@ class ForceStage:
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
         self._bend = Deflection(probe)
         self._axial = float(probe.compliance[2])
-        self._drift = DriftWatch(
-            conditioner, touch_force=0.5 * scene.contact.threshold, window=FREE_WINDOW, guard=GUARD
-        )
         self._drifting = drift = 1e-3 / 60.0 * scene.uncertainty.sigma("drift_mn_per_min")  # N/s
+        self._drift = DriftWatch(
+            conditioner,
+            touch_force=0.5 * scene.contact.threshold,
+            window=FREE_WINDOW,
+            guard=GUARD,
+            drift=DriftRate(drift, *zero_errors(scene, probe)),
+        )
         threshold = scene.contact.threshold
         self._lift = LiftOff(
             self._drift,
@@ -107,7 +112,7 @@ class ForceStage:
         self._press = PressCompliance(self._bend, rate)
         self.rises = TouchRises(scene.contact.threshold)
         """Of all touches, for what is learnt of the stiffness after the run."""
-        self._taken = [0.0]  # s of the run; at rest, before it
+        self._taken = [(0.0, 1.0)]  # s of the run, and share of the drift that is unknown; at rest, before it
         self._zero = math.sqrt(2.0) * zero_errors(scene, probe)[0]  # now, and when the bias was taken
         # Before it is measured, arm and object may be stiffer than stated.
         self._arm_sigma = 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
@@ -192,15 +197,18 @@ class ForceStage:
 
     def zero_error(self, time: float) -> float:
         """N, one standard deviation of an axis of the force's zero at a time [s]: it drifts until it is taken anew."""
-        return math.hypot(self._zero, self._drifting * (time - self._taken[-1]))
+        taken, unknown = self._taken[-1]
+        return math.hypot(self._zero, self._drifting * unknown * (time - taken))
 
     def since_zero(self, times: np.ndarray) -> np.ndarray:
         """(n,) s from the last time the sensor's zero was taken to each of times (n,) s of the run.
 
-        At 0 s it was taken at rest.
+        At 0 s it was taken at rest. Where the zeros have shown how fast it drifts, it is the shorter time in which the
+        stated drift makes it as wrong as what of it is still unknown.
         """
-        taken = np.array(self._taken)
-        return np.asarray(times - taken[np.maximum(np.searchsorted(taken, times) - 1, 0)])
+        taken, unknown = np.array(self._taken).T
+        last = np.maximum(np.searchsorted(taken, times) - 1, 0)
+        return np.asarray((times - taken[last]) * unknown[last])
 
     def update(
         self,
@@ -218,7 +226,8 @@ class ForceStage:
         stiff for the damping that was chosen.
         """
         ahead = 0.0 if time is None else wrench.time - time
-        self._taken += [change.time - ahead for change in self._drift.changes[len(self._taken) - 1 :]]
+        changes = self._drift.changes[len(self._taken) - 1 :]
+        self._taken += [(change.time - ahead, change.unknown) for change in changes]
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
@@ -253,10 +262,11 @@ class ForceStage:
         A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
         touch on the path is found by the force.
         """
-        lift = self._lift.motion(motion, wrench, self._place, self._normal, self._gives, acceleration)
+        lift = self._lift.motion(motion, wrench, self._place, self._normal, self._gives, acceleration, self._axis)
         if lift is not None:
             return lift
-        self._drift.observe(wrench, isinstance(motion, Goal) and acceleration < STEADY, self._place)
+        free = isinstance(motion, Goal) and acceleration < STEADY
+        self._drift.observe(wrench, free, self._place, axis=self._axis)
         if self._drift.ready:
             self._drift.rezero()
         motion = self._slowed(motion)

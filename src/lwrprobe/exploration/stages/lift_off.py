@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from lwrprobe.contact import DriftWatch, Wrench
+from lwrprobe.contact.drift import DOWN
 from lwrprobe.contracts import Motion, VelocityCommand
 
 LIFT = 0.0004
@@ -31,7 +32,7 @@ class LiftOff:
     Parameters
     ----------
     drift : takes the zero
-    due : s since the zero was taken, after which a contact is interrupted
+    due : s since the zero was taken, after which a contact is interrupted; longer where it is known how fast it drifts
     gentle : N, above it the force law comes first
     unchanged : N, by which the force may change in free space
     speed : m/s, of the lift
@@ -56,6 +57,7 @@ class LiftOff:
         normal: np.ndarray | None,
         compliance: float,
         acceleration: float,
+        axis: np.ndarray = DOWN,
     ) -> VelocityCommand | None:
         """What to do in place of the strategy's motion, None while that counts.
 
@@ -63,14 +65,15 @@ class LiftOff:
         ----------
         place : (3,) m, of the tip; normal : (3,) of what is touched, None where nothing is
         compliance : m/N of all that gives way along it
-        acceleration : m/s^2, of the tip
+        acceleration : m/s^2, of the tip; axis : (3,) unit, of its stick
         """
         now = wrench.time
         if self._begin is None:
             if math.isnan(self._next):
                 self._next = now + self._due
             if self._drift.changes:
-                self._next = max(self._next, self._drift.changes[-1].time + self._due)
+                last = self._drift.changes[-1]
+                self._next = max(self._next, last.time + self._due / last.unknown)
             touching = normal is not None and wrench.magnitude < self._gentle
             if now < self._next or not touching or not isinstance(asked, VelocityCommand):
                 return None
@@ -86,10 +89,10 @@ class LiftOff:
         if pressed or now - begun > PATIENCE:
             self._begin, self._next = None, now + AGAIN
             return None
-        self._drift.observe(wrench, lifted and acceleration < STEADY, place, lifted)
+        self._drift.observe(wrench, lifted and acceleration < STEADY, place, lifted, axis)
         if self._drift.ready:
-            self._drift.rezero()
-            self._begin, self._next = None, now + self._due
+            change = self._drift.rezero()
+            self._begin, self._next = None, now + self._due / (change.unknown if change is not None else 1.0)
             self.taken += 1
             return None
         return VelocityCommand(np.zeros(3) if lifted else self._speed * away, reason="zero of the sensor")
