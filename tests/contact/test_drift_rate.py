@@ -102,3 +102,17 @@ def test_in_a_long_contact_the_zero_goes_on_as_it_drifted(known):
         off = RATE[:3] * time - conditioner.bias[:3]
     assert len(watch.changes) > 4
     assert (np.abs(off).max() < 0.03) == known
+
+
+def test_a_clock_that_is_set_moves_no_zero():
+    conditioner = WrenchConditioner(Probe(), 125.0)
+    conditioner.set_drift(RATE)
+    for k, time in enumerate([0.0, 0.008, 86_400.0, 86_400.008, 86_400.016]):
+        conditioner.condition(WrenchSample(time, np.zeros(3), np.zeros(3), k), np.eye(3))
+    assert conditioner.bias == pytest.approx(0.016 * RATE, rel=1e-3)
+
+
+def test_bad_rates_are_refused_by_name():
+    for rate in ([0.0, 0.0, 0.0], [np.nan, *[0.0] * 5]):
+        with pytest.raises(InputError, match=r"bias\.drift"):
+            WrenchConditioner(Probe(), 125.0).set_drift(np.array(rate))

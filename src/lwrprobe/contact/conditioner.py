@@ -15,6 +15,7 @@ from lwrprobe.contracts import InputError, Probe, WrenchSample
 from lwrprobe.contracts.samples import Vector
 
 _BAD_RUN_LIMIT = 3
+_CLOCK_JUMP = 10.0  # s between two readings: the clock was set, a stream that pauses for so long ends the run
 _GOOD_SHARE = 0.8
 _SPIKE_SPREAD = 16.0  # standard deviations off the median
 _STILL_SPREAD = 4.0  # standard deviations; a still sensor has one
@@ -130,7 +131,8 @@ class WrenchConditioner:
         self._rotation[:] = rotation
         if self._drift is not None:
             now = float(self._state[k.S_TIME])  # of the reading before, which has been found good
-            self._params[k.P_BIAS : k.P_BIAS + 6] += (now - self._drifted) * self._drift
+            if 0.0 < now - self._drifted < _CLOCK_JUMP:
+                self._params[k.P_BIAS : k.P_BIAS + 6] += (now - self._drifted) * self._drift
             self._drifted = now
         stamp = self._stamp
         stamp[0], stamp[1], stamp[2] = sample.time, sample.sequence, sample.status
