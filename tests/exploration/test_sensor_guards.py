@@ -130,3 +130,16 @@ def test_a_spike_is_not_yielded_to_and_a_confirmed_overload_is():
     assert not guard.check(0.016, push, np.zeros(3), confirmed=False).velocity.any()
     assert guard.check(0.024, push, np.zeros(3)).velocity == pytest.approx([0.0, 0.0, 0.04])
     assert guard.interventions == 1
+
+
+@pytest.mark.parametrize(
+    ("force", "down"),
+    [((1.8, 0.0, -0.6), 0.0), ((1.8, 0.0, 0.6), -0.3162), ((0.3, 0.0, -1.8), 0.9864)],
+    ids=["off a wall", "off a slope", "off a ceiling"],
+)
+def test_a_torque_that_is_too_large_is_not_released_down_the_stick(force, down):
+    """At 40 mm/s along the force on a wall, which leant down by 20 degrees, the sphere had met a step with 7 N."""
+    guard, axis = ForceGuard(3.0, 0.8, 0.04, np.full(3, 0.09)), np.array([0.0, 0.0, -1.0])
+    motion = guard.check(1.0, np.array(force), np.array([0.0, 0.1, 0.0]), True, axis)
+    assert motion.velocity @ axis == pytest.approx(0.04 * down, abs=1e-5)
+    assert motion.velocity[0] == pytest.approx(0.04 * force[0] / np.linalg.norm(force))

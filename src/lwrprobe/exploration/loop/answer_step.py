@@ -30,7 +30,7 @@ class AnswerStep:
         """
         arm, force = self._arm, self._pipeline.force
         force.excess = arm.excess.seconds
-        override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed)
+        override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed, seen.pose[:3, 2])
         motion: Motion
         if confirmed or override is None:
             self._request.asked = self._ask(seen)

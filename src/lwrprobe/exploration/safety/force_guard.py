@@ -9,6 +9,10 @@ import numpy as np
 from lwrprobe.contracts import SafetyStop, VelocityCommand
 from lwrprobe.contracts.samples import Vector
 
+CEILING = 0.5
+"""Share of a force down the stick, from which on something above the sphere presses it. Less of it is friction, or what
+the load aside shifts in a sensor that is not quite known: there the sphere may stand on something else."""
+
 
 class ForceGuard:
     """Moves the tip along the acting force as soon as force or torque is above its limit, until it is released.
@@ -43,12 +47,18 @@ class ForceGuard:
         self._since = None
 
     def check(
-        self, time: float, force: Vector, torque: Vector | None = None, confirmed: bool = True
+        self,
+        time: float,
+        force: Vector,
+        torque: Vector | None = None,
+        confirmed: bool = True,
+        axis: Vector | None = None,
     ) -> VelocityCommand | None:
         """A motion that overrides the strategy's, or None; raises SafetyStop when releasing does not help.
 
         An overload that one sample alone tells of may be a spike, and yielding to a spike may be pushing: the tip
-        stops, and the next sample says in which direction to yield, if at all.
+        stops, and the next sample says in which direction to yield, if at all. Off a wall it does not yield down the
+        stick, which gives way least, along `axis` (3,), a unit vector.
         """
         size = hypot(*force.tolist())
         twisted = False
@@ -68,4 +78,7 @@ class ForceGuard:
         elif time - self._since > self.patience:
             raise SafetyStop(f"force {size:.2f} N stays above {self.release_below:.2f} N for {self.patience:.1f} s")
         reason = "torque limit" if twisted else "force limit"
-        return VelocityCommand(force * (self.speed / max(size, 1e-9)), reason=reason)
+        away = force / max(size, 1e-9)
+        if axis is not None and 0.0 < (down := float(away @ axis)) < CEILING:
+            away = away - down * axis
+        return VelocityCommand(self.speed * away, reason=reason)
