@@ -273,4 +273,7 @@ def test_speed_towards_a_surface_follows_the_measured_reaction():
     )
     force.update(wrench, np.eye(4), Contact(1.0, np.zeros(3), up, 0.8 * up, 0.005 * up))
     leaving = VelocityCommand(np.array([0.02, 0.0, 0.03]))
+    assert force.limit(leaving, wrench, 0.0).velocity == pytest.approx([0.01, 0.0, 0.015])
+    pressing = (1.1 * scene.contact.target) * up
+    wrench = Wrench(1.0, pressing, np.zeros(3), pressing)
     assert force.limit(leaving, wrench, 0.0).velocity == pytest.approx([0.01, 0.0, 0.03])

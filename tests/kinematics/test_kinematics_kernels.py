@@ -96,6 +96,27 @@ def test_the_wish_is_the_descent_of_the_potential():
         assert largest == pytest.approx(np.abs(push).max())
 
 
+def test_a_preference_is_as_steep_as_its_wish_falls_in_weights_that_fall():
+    robot = lwr4(tool=TOOL)
+    solver, rng, h = IKSolver(robot, preference=Preference(off_limits=0.7, zone=0.5)), np.random.default_rng(7), 1e-6
+    chain, settings, work, _, _ = ik.parts.py_func(solver._table, 7)
+    places = ik.places_of.py_func(solver._table, 7)
+
+    def along(q, way):
+        work[dls.WEIGHT] = 1.0
+        preference.ease(chain, places, q, work)
+        preference.wish(settings, places, q, work)
+        return float(np.sum(way * work[dls.PUSH, :7] / work[dls.WEIGHT, :7]))
+
+    for q in rng.uniform(robot.lower + 0.05, robot.upper - 0.05, (50, 7)):
+        way = rng.normal(size=7)
+        falls = -(along(q + h * way, way) - along(q - h * way, way)) / (2 * h)
+        along(q, way)
+        work[dls.PUSH, :7] = way
+        found = preference.steepness(chain, settings, places, q, work)
+        assert found == pytest.approx(falls / np.sum(way**2 / work[dls.WEIGHT, :7]), rel=1e-4, abs=1e-6)
+
+
 def test_roots_are_where_the_line_meets_the_circle():
     rng, cuts = np.random.default_rng(5), np.empty(8)
     for a, b, c in rng.normal(size=(200, 3)):

@@ -292,3 +292,18 @@ def test_a_joint_slows_down_before_its_limit_and_the_others_take_over():
     joints = np.array(rows)
     assert joints[:, 0].max() > robot.upper[0] - 0.15
     assert np.abs(np.diff(joints, 2, axis=0)).max() / cycle**2 < 10.0
+
+
+def test_a_free_motion_comes_to_rest_between_two_limits_without_a_jerk():
+    """Joints 1 and 6 both near an end, each of which moves away only towards the other's: joint 3 swung to and fro."""
+    robot, cycle = lwr4(tool=TOOL), 0.001
+    solver = IKSolver(robot, preference=Preference(null_space_step=2e-5))
+    q = np.array([2.93491, 1.47878, 1.38658, -0.80837, 1.79741, -2.02386, 0.59312])
+    pose, rows = robot.fk(q).A, [q]
+    for _ in range(300):
+        pose[2, 3] -= 0.00416 * cycle * min(1.0, len(rows) / 100)
+        rows.append(np.empty(robot.n))
+        assert solver.track(pose, rows[-2], rows[-1]) == IKStatus.CONVERGED
+    joints = np.array(rows)
+    assert np.abs(joints[-1] - q).max() > 1e-4
+    assert np.abs(np.diff(joints, 3, axis=0)).max() / cycle**3 < 8000.0

@@ -11,7 +11,15 @@ from lwrprobe.kinematics import dls_kernels as dls
 from lwrprobe.kinematics import srs_kernels as srs
 from lwrprobe.kinematics.chain_kernels import LOWER, UNIT, UPPER
 from lwrprobe.kinematics.dls_kernels import bound, damped_step, descend, look, move, project
-from lwrprobe.kinematics.preference_kernels import NULL_SPACE_STEP, OFF_SINGULARITY, POSTURE, ease, potential, wish
+from lwrprobe.kinematics.preference_kernels import (
+    NULL_SPACE_STEP,
+    OFF_SINGULARITY,
+    POSTURE,
+    ease,
+    potential,
+    steepness,
+    wish,
+)
 
 CONVERGED, UNREACHABLE, LIMITED, BUDGET, JUMP, INVALID = range(6)
 
@@ -23,6 +31,8 @@ WIDTH = 32
 # columns of the settings row, behind those of dls_kernels and preference_kernels
 SPHERICAL, STEPS = 11, 12
 FOREVER = 1e300
+# of the way to what is preferred, what one call of `track` goes: several cycles, so that no joint stops at once there
+NEARER = 0.25
 # the largest and the smallest joint step of `settle`
 STRIDE, MIN_STRIDE = 0.3, 1e-6
 # places from which `_nearest` is sought, and how a radian weighs there against the arm's length, squared in the end
@@ -92,9 +102,12 @@ def _into_reach(chain, settings, shape, work, arm_work):
 
 
 @kernel
-def _drift(chain, settings, places, target, q, work):
+def _drift(chain, settings, places, target, way, q, work):
     """One step of q, in place, towards target, and by at most NULL_SPACE_STEP towards what is preferred;
-    False, and no step, when nothing is."""
+    False, and no step, when nothing is.
+
+    `way` is the share of the way there that it goes at once. Past it, it would swing about it from cycle to cycle.
+    """
     n = chain.shape[0] - 2
     if settings[OFF_SINGULARITY] > 0.0:
         look(chain, settings, target, q, work)
@@ -104,8 +117,9 @@ def _drift(chain, settings, places, target, q, work):
     largest = project(n, work)
     damped_step(n, q, settings[dls.DAMPING] * error + dls.MIN_DAMPING, work)
     push, step = work[dls.PUSH], work[dls.STEP]
-    allowed = settings[NULL_SPACE_STEP]
-    share = allowed / largest if largest > allowed else 1.0
+    share = way / max(steepness(chain, settings, places, q, work), 1.0)
+    if share * largest > settings[NULL_SPACE_STEP]:
+        share = settings[NULL_SPACE_STEP] / largest
     for i in range(n):
         step[i] += share * push[i]
     move(n, q, work, q)
@@ -134,7 +148,7 @@ def track(table, pose, seed, out):
     preferring = settings[NULL_SPACE_STEP] > 0.0
     if preferring:
         ease(chain, places_of(table, n), out, work)
-        _drift(chain, settings, places_of(table, n), target, out, work)
+        _drift(chain, settings, places_of(table, n), target, NEARER, out, work)
     arrived, steps = descend(chain, settings, target, out, work)
     if preferring and not arrived:
         bound(chain, seed, jump, work)
@@ -306,7 +320,7 @@ def settle(table, pose, q):
     while left > 0 and settings[NULL_SPACE_STEP] > MIN_STRIDE:
         left -= 1
         _copy(q, trial, n)
-        if not _drift(chain, settings, places, target, trial, work):
+        if not _drift(chain, settings, places, target, 1.0, trial, work):
             break
         arrived, _ = descend(chain, settings, target, trial, work)
         look(chain, settings, target, trial, work)

@@ -58,6 +58,32 @@ def wish(settings, places, q, work):
 
 
 @kernel
+def steepness(chain, settings, places, q, work):
+    """How many times the PUSH left by `project` passes the place, along itself, where nothing is left of it.
+
+    With e of joint i that is sum(e_i^2 h_i / w_i) / sum(e_i^2 / w_i): h_i is by how much its wish falls for each rad,
+    and in the zone beside a limit its weight w_i falls too. Where singularities count their part is left out.
+    """
+    push, weight = work[PUSH], work[WEIGHT]
+    posture, low, high = places[POSTURE], places[EASE_LOW], places[EASE_HIGH]
+    near, off = settings[NEAR_POSTURE], settings[OFF_LIMITS]
+    steep = whole = 0.0
+    for i in range(q.shape[0]):
+        row, falls = chain[i + 1], near
+        into, zone = low[i] - q[i], low[i] - row[LOWER]
+        if q[i] > high[i]:
+            into, zone = q[i] - high[i], row[UPPER] - high[i]
+        if 0.0 < into < zone:
+            share = 1.0 - into / zone
+            wanted = near * abs(posture[i] - q[i]) + off * into
+            falls += off + wanted * 6.0 * (1.0 - share) / (zone * share * (3.0 - 2.0 * share))
+        part = push[i] * push[i] / weight[i]
+        steep += part * falls
+        whole += part
+    return steep / whole if whole > 0.0 else 0.0
+
+
+@kernel
 def potential(settings, places, q, work):
     """What `wish` descends; JAC has to hold the Jacobian at q where singularities count."""
     n = q.shape[0]

@@ -269,7 +269,7 @@ class ForceStage:
         self._drift.observe(wrench, free, self._place, axis=self._axis)
         if self._drift.ready:
             self._drift.rezero()
-        motion = self._slowed(motion)
+        motion = self._slowed(motion, wrench)
         if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
         return VelocityCommand(motion.velocity * self._cycle.scale, motion.hold, motion.reason, motion.pose)
@@ -300,8 +300,11 @@ class ForceStage:
             return 1.0
         return max(1.0, math.floor(SPEED_STEPS * self._delay / (self._delay + self.excess))) / SPEED_STEPS
 
-    def _slowed(self, motion: Motion) -> Motion:
-        """The motion at the speed that measured delay and stiffness allow; what leaves a surface is not slowed."""
+    def _slowed(self, motion: Motion, wrench: Wrench) -> Motion:
+        """The motion at the speed that measured delay and stiffness allow; what leaves too large a force is not slowed.
+
+        With less force it is: where the tip presses slowly and leaves fast, a flat surface is lost again and again.
+        """
         late = self._share
         if isinstance(motion, Goal) and motion.speed <= self._approach:
             share = late * self._share_along(motion.pose[:3, 3] - self._place)
@@ -311,7 +314,7 @@ class ForceStage:
             if share == 1.0:
                 return motion
             leaving = np.zeros(3)
-            if self._normal is not None:
+            if self._normal is not None and float(self._normal @ wrench.world_force) > self._contact.target:
                 leaving = max(0.0, float(motion.velocity @ self._normal)) * self._normal
             return replace(motion, velocity=leaving + share * (motion.velocity - leaving))
         return motion
