@@ -27,6 +27,7 @@ PARAMS = {
     "speed_noise": (fk.P_SPEED_NOISE, ()), "slip_angle": (fk.P_SLIP_ANGLE, ()), "min_speed": (fk.P_MIN_SPEED, ()),
     "hidden_compliance": (fk.P_HIDDEN_COMPLIANCE, ()), "memory": (fk.P_MEMORY, ()),
     "wall_clearance": (fk.P_WALL_CLEARANCE, ()), "zero_time": (fk.P_ZERO_TIME, ()),
+    "lag": (fk.P_LAG, ()),
 }  # fmt: skip
 MEMORY = {
     "begun": (fk.S_BEGUN, ()), "time": (fk.S_TIME, ()), "force": (fk.S_FORCE, ()), "centre": (fk.S_CENTRE, (3,)),
@@ -38,6 +39,7 @@ MEMORY = {
     "zeroing": (fk.S_ZEROING, ()), "velocity": (fk.S_VELOCITY, (3,)), "speed_var": (fk.S_SPEED_VAR, ()),
     "turn_way": (fk.S_TURN_PATH, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
     "otherwise": (fk.S_OTHERWISE, ()),
+    "load": (fk.S_LOAD, (2,)), "lag": (fk.S_LAG, (2,)), "lag_learnt": (fk.S_LAG_LEARNT, (2,)),
     "ring": (fk.S_RING, (fk.RING, fk.ROW)),
 }  # fmt: skip
 
@@ -177,9 +179,22 @@ def first_offset_cov(p):
 def age_offset(g, p, s):
     if s.offset_cov[0, 0] <= 0.0 or s.zeroing != g.zeroing:
         s.offset, s.offset_cov, s.zeroing = np.zeros(3), first_offset_cov(p), g.zeroing
+        s.lag, s.lag_learnt = np.zeros(2), np.zeros(2)
     else:
         loosen_offset(p, s, np.clip((g.time - s.offset_time) / p.zero_time, 0.0, 1.0))
-    s.offset_time = g.time
+        turn_load(g, p, s)
+    s.load, s.offset_time = g.force[:2], g.time
+
+
+def turn_load(g, p, s):
+    """A play operator of width `lag`; the covariance is at least the first one's share that it has turned by."""
+    if p.lag == 0.0:
+        return
+    s.lag = np.clip(s.lag + g.force[:2] - s.load, -0.5 * p.lag, 0.5 * p.lag)
+    least = min(np.sum(((s.lag - s.lag_learnt) / p.lag) ** 2), 1.0)
+    known = np.trace(s.offset_cov[:2, :2]) / np.trace(first_offset_cov(p)[:2, :2])
+    if least > known:
+        loosen_offset(p, s, (least - known) / (1.0 - known))
 
 
 def loosen_offset(p, s, share):
@@ -204,7 +219,9 @@ def learn_offset(g, p, s, raw, cov, force):
     if innovation @ precision @ innovation > 16.3 or offset @ inverse(first_offset_cov(p)) @ offset > 16.3:
         return
     s.offset = offset
-    s.offset_cov = s.offset_cov - gain @ s.offset_cov
+    before, s.offset_cov = s.offset_cov, s.offset_cov - gain @ s.offset_cov
+    fresh = 1.0 - np.trace(s.offset_cov[:2, :2]) / max(np.trace(before[:2, :2]), 1e-300)
+    s.lag_learnt = s.lag_learnt + fresh * (s.lag - s.lag_learnt)
 
 
 # --- what moves on from sample to sample

@@ -322,6 +322,7 @@ def test_unknown_names_and_bad_settings_are_refused():
         "trusted_error",
         "lever_error",
         "zero_time",
+        "lag",
         "indentation",
         "speed_noise",
     ):

@@ -4,7 +4,7 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import RELIABLE_FROM, make_estimator
+from lwrprobe.contact import RELIABLE_FROM, Settings, make_estimator
 from lwrprobe.contracts import Probe
 
 PROBE = Probe()
@@ -254,6 +254,31 @@ def test_a_wandered_zero_is_learnt_while_sliding_and_forgotten_when_it_is_moved(
     forgotten = naive.angle(fused.estimate(last, *resting).normal, Z)
     assert learnt < 0.3 * forgotten
     assert forgotten > 0.5 * naive.angle(axis.estimate(last, *resting).normal, Z)
+
+
+def test_an_offset_that_was_learnt_while_the_load_fell_is_doubted_once_it_rises():
+    """A sensor with 36 mN of hysteresis: what was learnt of its zero at one end of the loop is wrong at the other."""
+    width, lever = 0.036, PROBE.sensor_distance
+    settings = {"zero_error": 0.5 * width, "zero_time": 15.0}
+    known, blind = (make_estimator("fused", PROBE, Settings(**settings, lag=lag)) for lag in (width, 0.0))
+    errors = {}
+
+    def wrench(force, k, end):
+        made = naive.contact_wrench(PROBE, DOWN, [(Z, force)], k * PERIOD)
+        made.force[1] += end * 0.5 * width
+        made.torque[0] -= end * 0.5 * width * lever
+        return made
+
+    for name, fused in (("known", known), ("blind", blind)):
+        for k in range(100):  # a slide along y whose force falls: the readings across stay above it
+            push = 1.2 - 0.008 * k
+            centre, velocity = PROBE.radius * Z + 0.02 * PERIOD * k * Y, 0.02 * Y
+            fused.estimate(wrench(push * (Z - 0.3 * Y), k, 1.0), centre, DOWN, velocity)
+        for k in range(100, 130):  # at rest, and pressed again
+            push = 0.4 + 0.02 * (k - 100)
+            contact = fused.estimate(wrench(push * (Z - 0.25 * Y), k, -1.0), centre, DOWN, np.zeros(3))
+        errors[name] = naive.angle(contact.normal, Z)
+    assert errors["known"] < 1.0 < 0.6 * errors["blind"]
 
 
 def test_a_noisy_velocity_is_noticed():

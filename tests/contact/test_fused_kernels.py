@@ -18,7 +18,7 @@ PARAMS = shared_params(PROBE, Settings(indentation=2e-5), fused_kernels.PARAMS)
 for _at, _value in {
     fused_kernels.P_SPEED_NOISE: 5e-4, fused_kernels.P_SLIP_ANGLE: 0.003, fused_kernels.P_MIN_SPEED: 2e-3,
     fused_kernels.P_HIDDEN_COMPLIANCE: 1e-4, fused_kernels.P_MEMORY: 0.25, fused_kernels.P_WALL_CLEARANCE: 1.5e-4,
-    fused_kernels.P_ZERO_TIME: 20.0,
+    fused_kernels.P_ZERO_TIME: 20.0, fused_kernels.P_LAG: 0.04,
 }.items():  # fmt: skip
     PARAMS[_at] = _value
 P = naive.unpack(PARAMS, naive.PARAMS)
@@ -79,6 +79,8 @@ class Case:
         root = rng.normal(size=(3, 3))
         s.offset_cov = rng.choice([0.0, 1e-4]) * root @ root.T
         s.offset_time, s.zeroing = 10.0 - rng.choice([dt, 30.0, 500.0]), rng.choice([0.0, 0.0, 1.0])
+        s.load = self.given.force[:2] + rng.choice([0.0, 0.01, 0.3]) * rng.normal(size=2)
+        s.lag, s.lag_learnt = rng.uniform(-0.02, 0.02, (2, 2))
         s.velocity, s.speed_var = velocity + 1e-3 * rng.normal(size=3), 10.0 ** rng.uniform(-8.0, -5.0)
         s.turn_way, s.ring_time = rng.uniform(0.0, 1e-3), 10.0 - rng.choice([dt, 0.0, -1.0])
         s.head = float(rng.integers(0, 40))
@@ -180,6 +182,15 @@ def test_spread(case):
 def test_age_offset(case):
     fused_kernels.age_offset(case.row, PARAMS, case.state)
     naive.age_offset(case.given, P, case.memory)
+    case.check_memory()
+
+
+@pytest.mark.parametrize("width", [0.0, 0.04])
+def test_turn_load(case, width):
+    params = PARAMS.copy()
+    params[fused_kernels.P_LAG] = width
+    fused_kernels.turn_load(case.row, params, case.state)
+    naive.turn_load(case.given, naive.unpack(params, naive.PARAMS), case.memory)
     case.check_memory()
 
 

@@ -39,6 +39,7 @@ class Settings:
     zero_error : N, how far the zero of a force axis may have drifted since the bias was taken; torque axes in
         proportion to the resolutions
     zero_time : s within which the zero wanders by that much (`fused`)
+    lag : N, width of the hysteresis of a force axis; torque axes in proportion to their ranges (`fused`)
     indentation : m/N, of the object under the sphere; the point is given where the surface lies without force
     speed_noise : m/s, standard deviation of the velocity's components at least; changes from sample to sample show
         whether it is more (`fused`)
@@ -52,6 +53,7 @@ class Settings:
     lever_error: float = 5e-5
     zero_error: float = 0.003
     zero_time: float = 120.0
+    lag: float = 0.0
     indentation: float = 0.0
     speed_noise: float = 5e-4
     hidden_compliance: float = 1e-4
@@ -61,7 +63,7 @@ class Settings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"contact.{name}", value, "a positive number")
-        for name in ("lever_error", "zero_error", "indentation", "speed_noise", "hidden_compliance"):
+        for name in ("lever_error", "zero_error", "lag", "indentation", "speed_noise", "hidden_compliance"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise InputError(f"contact.{name}", value, "a finite number, zero or more")
@@ -217,6 +219,7 @@ class FusedEstimator:
         self._params[fused_kernels.P_MEMORY] = 0.25
         self._params[fused_kernels.P_WALL_CLEARANCE] = 1.5e-4
         self._params[fused_kernels.P_ZERO_TIME] = settings.zero_time
+        self._params[fused_kernels.P_LAG] = settings.lag
         self._state = np.zeros(fused_kernels.STATE)
         self._state[fused_kernels.S_FRICTION] = 0.3
         self._state[fused_kernels.S_FRICTION_VAR] = 0.3**2

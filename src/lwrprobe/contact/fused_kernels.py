@@ -60,7 +60,8 @@ P_HIDDEN_COMPLIANCE = P_OWN + 3  # m/N, compliance that velocities do not contai
 P_MEMORY = P_OWN + 4  # s without contact after which the memory is reset
 P_WALL_CLEARANCE = P_OWN + 5  # m by which a wall must be left to count as left
 P_ZERO_TIME = P_OWN + 6  # s, time constant with which the zero wanders
-PARAMS = P_OWN + 7
+P_LAG = P_OWN + 7  # N, width of the force's hysteresis
+PARAMS = P_OWN + 8
 
 # state
 S_BEGUN = 0
@@ -90,7 +91,10 @@ S_TURN_PATH = 65
 S_RING_TIME = 66
 S_HEAD = 67
 S_OTHERWISE = 68  # m, path at which the normal was last another one than before the jump
-S_RING = 69  # RING rows: path, normal (3), sigma
+S_LOAD = 69  # 2, N, the last force across the stick, sensor frame
+S_LAG = 71  # 2, N, by which the reading stands off the middle of its hysteresis
+S_LAG_LEARNT = 73  # 2, the same where the offset was learnt
+S_RING = 75  # RING rows: path, normal (3), sigma
 RING = 16
 ROW = 5
 STATE = S_RING + RING * ROW
@@ -175,10 +179,36 @@ def age_offset(given, params, state):
             state[S_OFFSET + i] = 0.0
         state[at], state[at + 4], state[at + 8] = across, across, along
         state[S_ZEROING] = given[I_ZEROING]
+        for i in range(2):
+            state[S_LAG + i] = state[S_LAG_LEARNT + i] = 0.0
     else:
         share = min(max(given[I_TIME] - state[S_OFFSET_TIME], 0.0) / params[P_ZERO_TIME], 1.0)
         loosen_offset(params, state, share)
+        turn_load(given, params, state)
+    for i in range(2):
+        state[S_LOAD + i] = given[I_FORCE + i]
     state[S_OFFSET_TIME] = given[I_TIME]
+
+
+@kernel
+def turn_load(given, params, state):
+    """Follow the sensor's hysteresis; where a load that turns back moves it, the offset is not the one that was learnt.
+
+    A reading lags behind a load that rises and stays above one that falls, at most by half the hysteresis' width. By
+    the square of what that has changed by since, over the width, the offset is as uncertain as it was at first.
+    """
+    width = params[P_LAG]
+    if width <= 0.0:
+        return
+    turned = 0.0
+    for i in range(2):
+        lag = state[S_LAG + i] + given[I_FORCE + i] - state[S_LOAD + i]
+        state[S_LAG + i] = lag = min(max(lag, -0.5 * width), 0.5 * width)
+        turned += ((lag - state[S_LAG_LEARNT + i]) / width) ** 2
+    least = min(turned, 1.0)
+    known = 0.5 * (state[S_OFFSET_COV] + state[S_OFFSET_COV + 4]) / params[P_ZERO_ACROSS]
+    if least > known:
+        loosen_offset(params, state, (least - known) / (1.0 - known))
 
 
 @kernel
@@ -248,6 +278,9 @@ def learn_offset(given, params, state, raw, cov, out):
         w2 = inv[2] * b0 + inv[4] * b1 + inv[5] * b2
         for i in range(3):
             p[i, j] -= before[i, 0] * w0 + before[i, 1] * w1 + before[i, 2] * w2
+    fresh = 1.0 - (p[0, 0] + p[1, 1]) / max(before[0, 0] + before[1, 1], 1e-300)
+    for i in range(2):
+        state[S_LAG_LEARNT + i] += fresh * (state[S_LAG + i] - state[S_LAG_LEARNT + i])
 
 
 @kernel

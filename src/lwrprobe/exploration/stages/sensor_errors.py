@@ -26,7 +26,8 @@ def estimator_settings(scene: Scene) -> Settings:
     """Settings of the estimators; without any uncertainty the estimators' own."""
     if scene.uncertainty.profile == "ideal":
         return Settings()
-    return Settings(zero_error=max(zero_errors(scene, scene.probe.as_probe())[0], 1e-3), zero_time=WANDER)
+    probe = scene.probe.as_probe()
+    return Settings(zero_error=max(zero_errors(scene, probe)[0], 1e-3), zero_time=WANDER, lag=lag(scene, probe))
 
 
 def torque_agreement(scene: Scene, probe: Probe) -> TorqueAgreement | None:
@@ -61,10 +62,15 @@ def zero_errors(scene: Scene, probe: Probe) -> tuple[float, float]:
     It wanders, and it lags behind the load by half the width of the hysteresis: the load changes by more than that, so
     that the reading stands at an end of the loop nearly always.
     """
-    table = scene.uncertainty
-    lag = 0.5 * 0.01 * table.sigma("sensor_hysteresis_percent")
-    force = hypot(1e-3 * table.sigma("zero_force_mn"), lag * float(probe.force_range[0]))
-    return force, hypot(1e-6 * table.sigma("zero_torque_unm"), lag * float(probe.torque_range[0]))
+    table, behind = scene.uncertainty, 0.5 * lag(scene, probe)
+    force = hypot(1e-3 * table.sigma("zero_force_mn"), behind)
+    torque = behind * float(probe.torque_range[0]) / float(probe.force_range[0])
+    return force, hypot(1e-6 * table.sigma("zero_torque_unm"), torque)
+
+
+def lag(scene: Scene, probe: Probe) -> float:
+    """N, width of the hysteresis of a force axis across the stick: one standard deviation."""
+    return 0.01 * scene.uncertainty.sigma("sensor_hysteresis_percent") * float(probe.force_range[0])
 
 
 def zero_torque(scene: Scene, probe: Probe) -> float:
