@@ -138,11 +138,12 @@ class ContactSurface:
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise, apart)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
-        lower = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
+        lower, common = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
-        known = touched.data + below + lower
+        inferred, known = below + lower, touched.data
         if not lines:
             known += work.run("rulings", lambda: find_rulings(touches))
+        known += inferred
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
@@ -150,7 +151,8 @@ class ContactSurface:
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         work.run("inner edges", lambda: body.sharpen(clusters, pitch))
-        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, below + lower, walls, touches))
+        common = np.concatenate([np.zeros(len(below.points)), common, walls.deviation])
+        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, inferred, common, touches))
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
         return Reconstruction(mesh, report, unreachable)
 
@@ -376,22 +378,32 @@ class _Shrunk:
 
 
 def _judge(
-    body: _Shrunk, hull: TriangleMesh, process: HermiteField, inferred: HermiteData, walls: Walls, touches: Touches
+    body: _Shrunk,
+    hull: TriangleMesh,
+    process: HermiteField,
+    inferred: HermiteData,
+    common: np.ndarray,
+    touches: Touches,
 ) -> tuple[TriangleMesh, np.ndarray]:
-    """Expected error of each vertex, and which vertices no sphere of this size could have touched."""
+    """Expected error of each vertex, and which vertices no sphere of this size could have touched.
+
+    `common` (m,) m is the deviation of the last m places of the process that they have in common with their neighbours:
+    those that are `inferred`, and the walls.
+    """
     from scipy.spatial import cKDTree
 
     vertices, foot = body.mesh.vertices, body.nearest
     sample = hull.vertices[::_EVERY]
     deviation = process.deviations(sample)[cKDTree(sample).query(hull.vertices)[1]]
-    common = np.concatenate([np.zeros(len(process.data.points) - len(walls)), walls.deviation])
+    touched = len(process.data.points) - len(common)
+    common = np.concatenate([np.zeros(touched), common])
     apart, source = cKDTree(process.data.points).query(hull.vertices)
     deviation = np.hypot(deviation, common[source])[foot]
     # A concave arc of radius R has its feet closer together by (R - r) / R: in an inner edge they coincide.
     fillet = body.crowd < _CROWDED
     low = np.zeros(len(vertices), dtype=bool) if touches.table is None else vertices[:, 2] < touches.lowest - 1e-9
     guessed = np.zeros(len(process.data.points), dtype=bool)
-    guessed[len(guessed) - len(walls) - len(inferred.points) : len(guessed) - len(walls)] = True
+    guessed[touched : touched + len(inferred.points)] = True
     # Between two lines no place is farther than half a pitch from one; under data that lean down the surface is led on.
     led_on = (process.data.normals[source, 2] < LEANING) & (apart > 0.25 * process.reach)
     unreachable = fillet | low | (guessed[source] | led_on)[foot]

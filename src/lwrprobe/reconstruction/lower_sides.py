@@ -19,11 +19,12 @@ from lwrprobe.reconstruction.touches import Touches
 _OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a top
 _BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the side there
 _LOOKED_UP = 2.0, 1.5  # of the pitch: so far above its end a side is looked at; the less where it does not bend evenly
-_AS_LOW = 0.5  # radii: so much higher than the lowest contact nearby one still ends a side
+_AS_LOW = 0.3  # of the pitch: so much higher than the lowest contact nearby one still ends a side
 _SHOWN = 2.0  # radii: over so much of that at least it has been touched
 _FEWEST = 4  # contacts that show how a side bends
 _ALIKE = 0.5  # cosine between the normals of one side
 _SAME = 0.9  # the same between those of places that a side's end nearby tells of
+_APART = 0.3  # of the pitch: rows of one side closer than that tell the same
 _EVENLY = 0.1  # rad, root mean square: so far normals lie off an even bend
 _STRAY = 0.05  # share of the normals that may be wrong
 _SURE = 2.5  # standard deviations from which on a side bends or leans
@@ -34,7 +35,8 @@ _ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell o
 _PASSED = 0.8  # radii: so near to a place that was passed freely nothing is
 _UNDER = -0.97  # z of the normal at which a side has become an underside
 _OPPOSITE = 0.5  # cosine between a side's direction inwards and the normals on the object's other side
-_GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an upright wall
+_GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an upright wall as a whole
+_APIECE = 0.005  # the same of the wall's places beside each other: what was wrong of it is so everywhere
 _GROWTH_BENT = 0.15  # the same of a side that leans or bends, seen on random solids
 _NORMAL_SD = 0.1  # rad
 _FINE = 1e-3  # m, steps in which a bend is followed
@@ -85,8 +87,10 @@ class _Side:
         return at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)
 
 
-def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> HermiteData:
+def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> tuple[HermiteData, np.ndarray]:
     """Where the sphere's centre would be if it touched the sides lower down, and the surface's normals there.
+
+    With them the standard deviation (n,) m that each place has in common with those beside it.
 
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines. Each row goes down from the
     lowest contacts of a side to where its foot is as low as the sphere's centre may come, to a floor, to where the
@@ -95,9 +99,9 @@ def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> Herm
     from scipy.spatial import cKDTree
 
     if touches.table is None:
-        return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+        return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)), np.empty(0)
     passed = cKDTree(touches.visited)
-    places, normals, deviations = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
     for side in _sides(touches, clusters, pitch):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
@@ -111,9 +115,10 @@ def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> Herm
         kept = ~np.logical_or.accumulate(ended)
         places.append(row[kept])
         normals.append(facing[kept])
-        growth = _GROWTH if side.straight else _GROWTH_BENT
-        deviations.append(np.hypot(touches.noise, growth * down[kept]))
-    return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(deviations))
+        growth, shared = (_APIECE, _GROWTH) if side.straight else (_GROWTH_BENT, 0.0)
+        apiece.append(np.hypot(touches.noise, growth * down[kept]))
+        common.append(shared * down[kept])
+    return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(apiece)), np.concatenate(common)
 
 
 def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:
@@ -157,9 +162,10 @@ def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
     found, taken = [], np.zeros(len(points), dtype=bool)
     for i, others, near in zip(ends, neighbours, around):
         alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
-        close = np.linalg.norm(points[others, :2] - points[i, :2], axis=1) < beside
+        gap = np.linalg.norm(points[others, :2] - points[i, :2], axis=1)
+        close = gap < beside
         lowest = not (close & (above > 1e-9) & (alike > 0.0)).any()
-        told = close & taken[others] & (alike > _SAME) | (above > _AS_LOW * touches.radius) & (alike > 0.0)
+        told = (gap < _APART * pitch) & taken[others] & (alike > _SAME) | (above > _AS_LOW * pitch) & (alike > 0.0)
         if not lowest and told.any():
             continue
         down = _down(normals[i])
