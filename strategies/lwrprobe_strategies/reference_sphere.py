@@ -15,7 +15,7 @@ from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.sphere_touches import (
-    KEPT,
+    WORTH,
     SphereTouch,
     angle_between,
     path_around,
@@ -164,19 +164,21 @@ class ReferenceSphere(SkillStrategy):
     def _press_all(self, plan: list[SphereTouch]) -> Procedure:
         """One orientation after another; while the time does not suffice, presses are left out of each.
 
-        One is, once they are late by less than half an orientation takes, then two, and so on: those that tell least
-        for the time they take (`KEPT`). The table takes about as long as the search has, at the same speed.
+        One is, once they are late by less than half an orientation takes, then two, and so on, so that of each kind as
+        many are made as it tells for the time it takes (`WORTH`). The table takes about as long as the search has, at
+        the same speed.
         """
         options, begin, before = self.task.options, self.tip.seen.time, self._count
-        left = max(options.time - 2.0 * (begin - self._begun), PRESSING)
-        needed = sorted(range(options.touches), key=lambda k: (k // len(KEPT), KEPT.index(k % len(KEPT))))
+        left, made = max(options.time - 2.0 * (begin - self._begun), PRESSING), np.zeros(options.touches)
+        worth = np.resize(WORTH, options.touches)
         for first in range(0, len(plan), options.touches):
             late = (self.tip.seen.time - begin) / left - first / len(plan)
             spared = int(np.clip(np.ceil(2.0 * late * len(plan) / options.touches), 0, options.touches - 1))
-            for k in sorted(needed[: options.touches - spared]):
-                if first + k < len(plan):
-                    self._count = before + first + k
-                    yield from self._press(plan[first + k])
+            kept = np.sort(np.argsort(made / worth, kind="stable")[: options.touches - spared])
+            for k in kept[kept < len(plan) - first].tolist():
+                self._count = before + first + k
+                yield from self._press(plan[first + k])
+                made[k] += 1.0
         self._count = before + len(plan)
         return Ended.RELEASED
 

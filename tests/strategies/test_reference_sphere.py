@@ -38,11 +38,14 @@ def test_a_quick_loop_makes_all_presses():
 
 
 @pytest.mark.parametrize("seconds", [3.3, 3.8, 4.4, 5.1, 6.0, 7.5, 9.0])
-def test_a_slow_loop_makes_fewer_of_each_kind_and_keeps_to_the_time(seconds):
+def test_a_slow_loop_makes_fewer_of_what_tells_least_and_keeps_to_the_time(seconds):
     made, planned = pressed(seconds)
     assert len(made) * seconds < 275.0 - 2.0 * 40.0 + 4.0 * seconds
     kinds = np.bincount([k % 4 for k in made], minlength=4)
-    assert kinds.min() > 0.6 * kinds.max(), "across the stick, along it, and between"
+    across, between, along = kinds[[0, 2]], kinds[1], kinds[3]
+    assert across.min() >= along >= between
+    assert between >= 0.15 * across.max(), "of each kind some"
+    assert along >= 0.3 * across.max()
     orientations = np.bincount([k // 4 for k in made], minlength=planned // 4)
     assert orientations.min() >= 1
 

@@ -14,8 +14,8 @@ Lean = tuple[float, float, float]
 LEANS = (1.45, 0.8, 1.45, 0.0)
 """rad between the normals that are touched and the stick, in turn: across it, between, and along it. Across it the
 approach is fast: those show where the sphere is, and the slow one along the stick begins near it."""
-KEPT = (0, 2, 3, 1)
-"""Of these, which are kept first where the time does not suffice: those across the stick, which are quick and tell of
+WORTH = (1.0, 0.3, 1.0, 0.5)
+"""How many of each of these are made where the time does not suffice: those across the stick are quick and tell of
 offset, length and torque; along it an approach takes several times as long.
 """
 LOWEST = 0.08
