@@ -39,7 +39,7 @@ MEMORY = {
     "zeroing": (fk.S_ZEROING, ()), "velocity": (fk.S_VELOCITY, (3,)), "speed_var": (fk.S_SPEED_VAR, ()),
     "turn_way": (fk.S_TURN_PATH, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
     "otherwise": (fk.S_OTHERWISE, ()),
-    "load": (fk.S_LOAD, (2,)), "lag": (fk.S_LAG, (2,)), "lag_learnt": (fk.S_LAG_LEARNT, (2,)),
+    "slip": (fk.S_SLIP, (3,)), "load": (fk.S_LOAD, (2,)), "lag": (fk.S_LAG, (2,)), "lag_learnt": (fk.S_LAG_LEARNT, (2,)),
     "ring": (fk.S_RING, (fk.RING, fk.ROW)),
 }  # fmt: skip
 
@@ -325,7 +325,8 @@ def add_sliding(g, p, s, normal, total, force, travel, common):
             s.info = np.zeros((3, 3))
         s.streak = 0.0
         return False, total, slip
-    s.streak += 1.0
+    s.streak = s.streak + 1.0 if slip @ s.slip > 0.87 else 1.0
+    s.slip = slip.copy()
     if speed >= p.min_speed:
         v = unit(g.velocity)
         total = total + np.outer(v, v) / ((noise / speed) ** 2 + p.slip_angle**2)

@@ -73,6 +73,7 @@ class Case:
         s.ambiguous, s.anchor = float(rng.random() < 0.3), self.given.centre + 1.5e-4 * rng.normal(size=3)
         s.wall, s.before = naive_contact.unit(rng.normal(size=3)), naive_contact.unit(n + 0.1 * rng.normal(size=3))
         s.path, s.streak = rng.uniform(0.0, 0.1), float(rng.integers(0, 12))
+        s.slip = naive_contact.unit(velocity + 0.3 * speed * rng.normal(size=3) + 1e-9)
         s.otherwise = s.path - rng.choice([0.0, 5e-4, 2e-3])
         s.wall = s.wall if rng.random() < 0.5 else n
         s.offset = 0.02 * rng.normal(size=3)

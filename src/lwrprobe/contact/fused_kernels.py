@@ -94,7 +94,8 @@ S_OTHERWISE = 68  # m, path at which the normal was last another one than before
 S_LOAD = 69  # 2, N, the last force across the stick, sensor frame
 S_LAG = 71  # 2, N, by which the reading stands off the middle of its hysteresis
 S_LAG_LEARNT = 73  # 2, the same where the offset was learnt
-S_RING = 75  # RING rows: path, normal (3), sigma
+S_SLIP = 75  # 3, direction of the last sample that slid
+S_RING = 78  # RING rows: path, normal (3), sigma
 RING = 16
 ROW = 5
 STATE = S_RING + RING * ROW
@@ -117,6 +118,7 @@ _STREAK = 8.0  # samples of sliding before friction is estimated: the running mi
 _FRICTION_STREAK = 4.0  # the same before a known friction tells the normal's angle to the force
 _OFFSET_STREAK = 4.0  # the same before the sensor's zero is
 _REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that contradicts sliding
+_SAME_SLIP = 0.87  # cosine between the slips of two samples in a row: a sphere that turns back sticks first
 _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
 _MIN_SINE = 0.4  # least sine between force and slip for sliding
@@ -453,7 +455,10 @@ def add_sliding(given, params, state, normal, total, out, slip, travel, common):
             forget_normal(state)
         state[S_STREAK] = 0.0
         return False
-    state[S_STREAK] += 1.0
+    same = slip[0] * state[S_SLIP] + slip[1] * state[S_SLIP + 1] + slip[2] * state[S_SLIP + 2]
+    state[S_STREAK] = state[S_STREAK] + 1.0 if same > _SAME_SLIP else 1.0
+    for i in range(3):
+        state[S_SLIP + i] = slip[i]
     if speed >= params[P_MIN_SPEED]:
         angle = (noise / speed) ** 2 + params[P_SLIP_ANGLE] ** 2
         v = I_VELOCITY
