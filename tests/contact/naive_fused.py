@@ -39,7 +39,8 @@ MEMORY = {
     "zeroing": (fk.S_ZEROING, ()), "velocity": (fk.S_VELOCITY, (3,)), "speed_var": (fk.S_SPEED_VAR, ()),
     "turn_way": (fk.S_TURN_PATH, ()), "ring_time": (fk.S_RING_TIME, ()), "head": (fk.S_HEAD, ()),
     "otherwise": (fk.S_OTHERWISE, ()),
-    "slip": (fk.S_SLIP, (3,)), "load": (fk.S_LOAD, (2,)), "lag": (fk.S_LAG, (2,)), "lag_learnt": (fk.S_LAG_LEARNT, (2,)),
+    "slip": (fk.S_SLIP, (3,)), "axis": (fk.S_AXIS, ()),
+    "load": (fk.S_LOAD, (2,)), "lag": (fk.S_LAG, (2,)), "lag_learnt": (fk.S_LAG_LEARNT, (2,)),
     "ring": (fk.S_RING, (fk.RING, fk.ROW)),
 }  # fmt: skip
 
@@ -206,6 +207,30 @@ def add_offset(s, raw, cov):
     return raw - s.offset, whole, np.trace(s.offset_cov) / (np.trace(whole) + 1e-300)
 
 
+def common_share(p, total, common):
+    return min(1.0, common + 0.5 * np.trace(total) * (p.lever_error / p.radius) ** 2)
+
+
+def shared_error(axis, sigma, known, common):
+    """N samples of variance axis², of which the share `common` is one and the same number, weigh `known` sigma²."""
+    count = max(known * axis**2, 1.0)
+    together = common + (1.0 - common) / count
+    return min(known * sigma**2, 1.0) * axis * np.sqrt(together - 1.0 / count)
+
+
+def doubt_memory(s, axis, common):
+    error = shared_error(axis, tangent_spread(s.info, s.normal), s.axis, common)
+    spread_memory(s, 0.5 * error**2)
+
+
+def spread_memory(s, variance):
+    """The part of the information that came from axes falls as the mean square error grows."""
+    before = tangent_spread(s.info, s.normal) ** 2
+    s.info = spread(s.info, s.normal, variance)
+    if s.info.any():
+        s.axis *= before / tangent_spread(s.info, s.normal) ** 2
+
+
 def learn_offset(g, p, s, raw, cov, force):
     """Kalman filter of a constant: measurement raw - u x f, covariance S, gain P S⁻¹."""
     speed = np.linalg.norm(g.velocity)
@@ -235,7 +260,7 @@ def advance(g, p, s):
         s.begun = 0.0
         return 0.0
     predict(s, travel)
-    s.info = spread(s.info, s.normal, (0.5 * travel / p.radius) ** 2 + 0.019**2 * dt)
+    spread_memory(s, (0.5 * travel / p.radius) ** 2 + 0.019**2 * dt)
     s.path += travel
     s.friction_var += (0.05 * travel / 0.01) ** 2
     return travel
@@ -299,7 +324,6 @@ def sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
     s.mismatch = 0.85 * s.mismatch + 0.15 * d
     if chi_squared(d, total, 1.0, v, aim) > GATE:
         return False
-    common = min(1.0, common + 0.5 * np.trace(total) * (p.lever_error / p.radius) ** 2)
     # an exponential mean of weight a has a / (2 - a) of the variance of one independent sample
     gain = 1.0 / (common + (1.0 - common) * 0.15 / (2.0 - 0.15))
     return chi_squared(s.mismatch, total, gain, v, aim) < GATE
@@ -322,6 +346,7 @@ def add_sliding(g, p, s, normal, total, force, travel, common):
     if sine < 0.4 or not sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
         loosen_offset(p, s, 0.02)
         if s.streak > 0.0:
+            s.axis = 0.0
             s.info = np.zeros((3, 3))
         s.streak = 0.0
         return False, total, slip
@@ -361,12 +386,13 @@ def learn_friction(p, s, normal, total, slip, force):
 
 def add_memory(s, normal, total):
     if s.begun == 0.0:
+        s.axis = 0.0
         return total
     d = smallest_direction(total, normal) - s.normal
     own, kept = d @ total @ d, d @ s.info @ d
-    if own * kept > GATE * (own + kept):
-        return total + (GATE * (own + kept) / (own * kept)) ** 2 * s.info
-    return total + s.info
+    weight = (GATE * (own + kept) / (own * kept)) ** 2 if own * kept > GATE * (own + kept) else 1.0
+    s.axis *= weight
+    return total + weight * s.info
 
 
 def remember(g, p, s, normal, total, travel):
@@ -438,13 +464,16 @@ def fused(g, p, s):
     u = meet_sphere(g, p, m)
     _, cov, common = add_offset(s, raw, torque_covariance(g, u, p))
     normal, total = to_world(g, u, axis_information(g, u, cov))
+    axis, common = tangent_spread(total, normal), common_share(p, total, common)
     force = g.rotation @ g.force
     travel = advance(g, p, s)
     watch_velocity(g, p, s)
     sliding, total, slip = add_sliding(g, p, s, normal, total, force, travel, common)
     if sliding:
         learn_offset(g, p, s, raw, cov, force)
+        doubt_memory(s, axis, common)
     total = add_memory(s, normal, total)
+    s.axis += 1.0 / axis**2
     normal = smallest_direction(total, normal)
     total = remember(g, p, s, normal, total, travel)
     mu, mu_var = s.friction, s.friction_var
@@ -453,6 +482,7 @@ def fused(g, p, s):
     total = add_friction(g, p, mu, mu_var, sliding and s.streak >= 4.0, slip, total, force)
     normal = smallest_direction(total, normal)
     sigma = tangent_spread(total, normal)
+    sigma = np.hypot(sigma, shared_error(axis, sigma, s.axis, common))
     reason, row = deliver(g, p, normal, sigma, force)
     if ambiguous(g, p, s, normal, sigma):
         reason, row[k.O_CONFIDENCE] = k.AMBIGUOUS, 0.3

@@ -136,6 +136,29 @@ def test_a_slip_that_has_just_begun_need_not_take_all_of_a_known_friction():
     assert errors[:, 0].max() < 10.0
 
 
+def test_a_sphere_that_turns_back_after_a_slide_sticks_first():
+    """The arm swings back while friction still points against the slide: one normal had been wrong by 37 degrees."""
+    course = list(plane(Z, Y, 0.46))
+    last = course[-1][0]
+    course += [(last - 2e-5 * (k + 1) * Y, -2.5e-3 * Y, [(Z, Z - (0.35 - 0.1 * k) * Y)]) for k in range(3)]
+    errors, _, estimator = follow(course, speed_noise=0.0)
+    assert estimator.friction[1] < 0.03
+    assert errors[150:, 0].max() < 10.0
+
+
+@pytest.mark.parametrize("drift", [0.006, 0.012])
+def test_what_a_zero_does_to_all_normals_of_a_rest_is_in_their_stated_error(drift):
+    """The mean over a hundred samples has little noise, and the zero's whole error: a tenth of it had been stated."""
+    fused = make_estimator("fused", PROBE, Settings(zero_error=0.01, zero_time=2.0))
+    rng = np.random.default_rng(5)
+    for k in range(100):
+        wrench = naive.contact_wrench(PROBE, DOWN, [(Z, 1.0 * Z)], k * PERIOD, rng)
+        wrench.force[1] += drift
+        contact = fused.estimate(wrench, PROBE.radius * Z, DOWN, np.zeros(3))
+    stated = 0.1 * np.sqrt(1.0 / contact.confidence_score - 1.0)
+    assert np.radians(naive.angle(contact.normal, Z)) < 2.5 * stated
+
+
 @pytest.mark.parametrize("degrees", [0, 30, 60, 80])
 def test_an_approach_is_not_taken_for_sliding(degrees):
     """The velocity points into the surface: the normal must not be turned away from it."""

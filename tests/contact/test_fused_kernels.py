@@ -73,20 +73,21 @@ class Case:
         s.ambiguous, s.anchor = float(rng.random() < 0.3), self.given.centre + 1.5e-4 * rng.normal(size=3)
         s.wall, s.before = naive_contact.unit(rng.normal(size=3)), naive_contact.unit(n + 0.1 * rng.normal(size=3))
         s.path, s.streak = rng.uniform(0.0, 0.1), float(rng.integers(0, 12))
-        s.slip = naive_contact.unit(velocity + 0.3 * speed * rng.normal(size=3) + 1e-9)
         s.otherwise = s.path - rng.choice([0.0, 5e-4, 2e-3])
         s.wall = s.wall if rng.random() < 0.5 else n
         s.offset = 0.02 * rng.normal(size=3)
         root = rng.normal(size=(3, 3))
         s.offset_cov = rng.choice([0.0, 1e-4]) * root @ root.T
         s.offset_time, s.zeroing = 10.0 - rng.choice([dt, 30.0, 500.0]), rng.choice([0.0, 0.0, 1.0])
-        s.load = self.given.force[:2] + rng.choice([0.0, 0.01, 0.3]) * rng.normal(size=2)
-        s.lag, s.lag_learnt = rng.uniform(-0.02, 0.02, (2, 2))
         s.velocity, s.speed_var = velocity + 1e-3 * rng.normal(size=3), 10.0 ** rng.uniform(-8.0, -5.0)
         s.turn_way, s.ring_time = rng.uniform(0.0, 1e-3), 10.0 - rng.choice([dt, 0.0, -1.0])
         s.head = float(rng.integers(0, 40))
         for row in s.ring:
             row[:] = [s.path - rng.uniform(0.0, 2e-3), *naive_contact.unit(n + 0.1 * rng.normal(size=3)), 0.01]
+        s.axis = rng.uniform() / naive.tangent_spread(s.info, s.normal) ** 2
+        s.slip = naive_contact.unit(velocity + 0.3 * speed * rng.normal(size=3) + 1e-9)
+        s.load = self.given.force[:2] + rng.choice([0.0, 0.01, 0.3]) * rng.normal(size=2)
+        s.lag, s.lag_learnt = rng.uniform(-0.02, 0.02, (2, 2))
         self.state = naive.pack(s, naive.MEMORY, fused_kernels.STATE)
         self.total = rng.choice([1.0, 100.0]) * information(rng, n, 2.0, 4.0)
         self.cov = np.cov(rng.normal(size=(3, 12))) * 1e-3
@@ -171,7 +172,10 @@ def test_spread(case):
     for variance in (0.0, 1e-6, 1e-2, 10.0):
         s, state = naive.unpack(case.state, naive.MEMORY), case.state.copy()
         fused_kernels.spread(state, variance)
-        close(naive.unpack(state, naive.MEMORY).info, naive.spread(s.info, s.normal, variance))
+        naive.spread_memory(s, variance)
+        after = naive.unpack(state, naive.MEMORY)
+        close(after.info, s.info)
+        close(after.axis, s.axis)
     state[fused_kernels.S_INFO : fused_kernels.S_INFO + 9] = 0.0
     fused_kernels.spread(state, 1.0)
     assert not state[fused_kernels.S_INFO : fused_kernels.S_INFO + 9].any()
@@ -209,6 +213,28 @@ def test_add_offset(case):
     for found, wanted in zip((m, cov, share), expected, strict=True):
         close(found, wanted)
     assert fused_kernels.add_offset(np.zeros(fused_kernels.STATE), raw, m, np.zeros((3, 3))) == 0.0
+
+
+def test_common_share(case):
+    for common in (0.0, 0.4, 1.0):
+        close(fused_kernels.common_share(PARAMS, case.total, common), naive.common_share(P, case.total, common))
+
+
+def test_shared_error_is_what_common_errors_add_to_a_mean(case):
+    axis, common, count = 10.0 ** case.rng.uniform(-2.0, 0.0), case.rng.random(), int(case.rng.integers(1, 50))
+    known = count / axis**2
+    found = fused_kernels.shared_error(axis, axis / np.sqrt(count), known, common)
+    close(found, naive.shared_error(axis, axis / np.sqrt(count), known, common))
+    together = axis * np.sqrt(common + (1.0 - common) / count)
+    close(np.hypot(axis / np.sqrt(count), found), together)
+    assert fused_kernels.shared_error(axis, axis, 0.5 / axis**2, common) == 0.0, "no more than one of them"
+
+
+def test_doubt_memory(case):
+    for axis, common in ((0.02, 0.9), (0.3, 0.5), (0.1, 0.0)):
+        fused_kernels.doubt_memory(case.state, axis, common)
+        naive.doubt_memory(case.memory, axis, common)
+        case.check_memory()
 
 
 def test_learn_offset(case):
@@ -322,7 +348,7 @@ def test_random_samples_take_every_branch_of_sliding():
 
 def test_forget_normal(case):
     fused_kernels.forget_normal(case.state)
-    case.memory.info = np.zeros((3, 3))
+    case.memory.info, case.memory.axis = np.zeros((3, 3)), 0.0
     case.check_memory()
 
 

@@ -95,7 +95,8 @@ S_LOAD = 69  # 2, N, the last force across the stick, sensor frame
 S_LAG = 71  # 2, N, by which the reading stands off the middle of its hysteresis
 S_LAG_LEARNT = 73  # 2, the same where the offset was learnt
 S_SLIP = 75  # 3, direction of the last sample that slid
-S_RING = 78  # RING rows: path, normal (3), sigma
+S_AXIS = 78  # 1/rad², what of the remembered information came from wrench axes
+S_RING = 79  # RING rows: path, normal (3), sigma
 RING = 16
 ROW = 5
 STATE = S_RING + RING * ROW
@@ -144,13 +145,17 @@ def fused(given, params, state, out):
     common = add_offset(state, raw, m, cov)
     axis_information(given, u, cov, info)
     to_world(given, u, info, normal, total)
+    axis = tangent_spread(total, normal)
+    common = common_share(params, total, common)
     rotate(given, given, out, O_FORCE)
     travel = advance(given, params, state)
     watch_velocity(given, params, state)
     sliding = add_sliding(given, params, state, normal, total, out, slip, travel, common)
     if sliding:
         learn_offset(given, params, state, raw, cov, out)
+        doubt_memory(state, axis, common)
     add_memory(state, normal, total)
+    state[S_AXIS] += 1.0 / (axis * axis)
     smallest_direction(total, normal)
     remember(given, params, state, normal, total, travel)
     # The friction angle is the same for many samples: remembered, its error would be averaged as if it were noise.
@@ -162,6 +167,7 @@ def fused(given, params, state, out):
     add_friction(given, params, mu, mu_var, slid, slip, total, out)
     smallest_direction(total, normal)
     sigma = tangent_spread(total, normal)
+    sigma = math.hypot(sigma, shared_error(axis, sigma, state[S_AXIS], common))
     reason = deliver_world(given, normal, sigma, params, out)
     if ambiguous(given, params, state, normal, sigma):
         out[O_CONFIDENCE] = _AMBIGUOUS_CONFIDENCE
@@ -233,6 +239,33 @@ def add_offset(state, raw, m, cov):
         for j in range(3):
             cov[i, j] += state[S_OFFSET_COV + 3 * i + j]
     return added / (cov[0, 0] + cov[1, 1] + cov[2, 2] + 1e-300)
+
+
+@kernel
+def common_share(params, total, common):
+    """Share of the axis' variance that is the same in all samples: the zero's, which is `common`, and the lever's."""
+    mean = 0.5 * (total[0, 0] + total[1, 1] + total[2, 2])
+    return min(1.0, common + mean * (params[P_LEVER_ERROR] / params[P_RADIUS]) ** 2)
+
+
+@kernel
+def shared_error(axis, sigma, known, common):
+    """rad, what the common errors of all axes add to an error `sigma` that took those of each sample for its own.
+
+    `axis` [rad] is the error of one sample's axis, `known` [1/rad²] the sum of what all of them told. Of N samples with
+    a common share c the mean is off by axis² (c + (1 - c) / N), and not by axis² / N.
+    """
+    many = known * axis * axis
+    if many <= 1.0:
+        return 0.0
+    return min(known * sigma * sigma, 1.0) * axis * math.sqrt(common * (1.0 - 1.0 / many))
+
+
+@kernel
+def doubt_memory(state, axis, common):
+    """Make the memory as uncertain as the common errors of its axes make it, before it meets what has none of them."""
+    sigma = tangent_spread(state[S_INFO : S_INFO + 9].reshape((3, 3)), state[S_NORMAL : S_NORMAL + 3])
+    spread(state, 0.5 * shared_error(axis, sigma, state[S_AXIS], common) ** 2)
 
 
 @kernel
@@ -403,7 +436,10 @@ def learn_turn(state, normal, sigma, travel, radius):
 
 @kernel
 def spread(state, variance):
-    """Add a variance in the tangent plane of the remembered normal: J <- (J⁻¹ + q)⁻¹ on that plane."""
+    """Add a variance in the tangent plane of the remembered normal: J <- (J⁻¹ + q)⁻¹ on that plane.
+
+    What of it came from axes falls with the mean square error.
+    """
     n0, n1, n2 = state[S_NORMAL], state[S_NORMAL + 1], state[S_NORMAL + 2]
     if abs(n0) < 0.6:
         a0, a1, a2 = cross(1.0, 0.0, 0.0, n0, n1, n2)
@@ -423,6 +459,8 @@ def spread(state, variance):
     # (J⁻¹ + q)⁻¹ = (J + q det) / (1 + q trace + q² det) for 2 x 2
     det = aa * bb - ab * ab
     scale = 1.0 / (1.0 + variance * (aa + bb) + variance * variance * det)
+    if aa + bb > 0.0:
+        state[S_AXIS] *= (aa + bb) / (aa + bb + 2.0 * variance * det)
     aa, ab, bb = (aa + variance * det) * scale, ab * scale, (bb + variance * det) * scale
     for i in range(3):
         for j in range(3):
@@ -473,6 +511,7 @@ def add_sliding(given, params, state, normal, total, out, slip, travel, common):
 @kernel
 def forget_normal(state):
     """Clear the remembered information: it assumed sliding, which is now refuted."""
+    state[S_AXIS] = 0.0
     for i in range(9):
         state[S_INFO + i] = 0.0
 
@@ -507,7 +546,7 @@ def slip_velocity(given, state, normal, params, slip):
 def sliding_agrees(given, params, state, normal, total, out, speed, noise, common):
     """Whether the normal that sliding would have agrees with the wrench axis, now and in the running mean.
 
-    `common` is the share of the axis' variance that is the same in all samples (the sensor's zero).
+    `common` is the share of the axis' variance that is the same in all samples.
     """
     if speed < params[P_MIN_SPEED]:
         return True
@@ -523,9 +562,7 @@ def sliding_agrees(given, params, state, normal, total, out, speed, noise, commo
         state[S_MISMATCH + i] += _RUN * (guess[i] - state[S_MISMATCH + i])
     if chi_squared(guess, total, 1.0, v, aim) > _GATE:
         return False
-    # the running mean averages the sensor's noise, not the errors of zero and lever
-    mean = 0.5 * (total[0, 0] + total[1, 1] + total[2, 2])
-    common = min(1.0, common + mean * (params[P_LEVER_ERROR] / params[P_RADIUS]) ** 2)
+    # the running mean averages the sensor's noise, not what all samples have in common
     gain = 1.0 / (common + (1.0 - common) * _RUN / (2.0 - _RUN))
     return chi_squared(state[S_MISMATCH : S_MISMATCH + 3], total, gain, v, aim) < _GATE
 
@@ -570,6 +607,7 @@ def add_friction(given, params, mu, mu_var, sliding, slip, total, out):
 def add_memory(state, normal, total):
     """Add the remembered normal, with less weight where this sample contradicts it (an edge, or an outlier)."""
     if state[S_BEGUN] == 0.0:
+        state[S_AXIS] = 0.0
         return
     mean = np.empty(3)
     for i in range(3):
@@ -585,6 +623,7 @@ def add_memory(state, normal, total):
     weight = 1.0
     if own * kept > _GATE * (own + kept):
         weight = (_GATE * (own + kept) / (own * kept)) ** 2
+    state[S_AXIS] *= weight
     for i in range(3):
         for j in range(3):
             total[i, j] += weight * state[S_INFO + 3 * i + j]

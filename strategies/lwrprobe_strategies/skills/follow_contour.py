@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, VelocityCommand
+from lwrprobe.contracts import Confidence, Doubt, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
 from lwrprobe_strategies.planning.corner_watch import CornerWatch
 from lwrprobe_strategies.planning.lines import Z
@@ -21,6 +21,10 @@ PRESSED, HELD_BACK = 1.25, 0.5
 """Times the wanted force along the stick, from which on the tip goes along it more slowly, and how much more until it
 goes no farther: there the probe is stiff, and a normal that is wrong by ten degrees leads into the surface faster than
 the force law leads off it."""
+
+MISLED = 0.4
+"""Sine of the angle by which an imprecise normal may lead the sphere into the surface. Slower than that allows it would
+stay stuck where the normal is imprecise because it sticks."""
 
 
 @skill(Overload, CollisionThreat, Blocked, Jammed)
@@ -101,7 +105,11 @@ def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, caref
     sliding_speed = task.contour_speed
     if not tip.reliable:
         # The stick may be what touches, and above the sphere nothing is known then.
-        sliding_speed = min(sliding_speed, tip.control.approach_speed(DOWN, held))
+        slow, contact = tip.control.approach_speed(DOWN, held), seen.contact
+        imprecise = (
+            contact is not None and contact.reason is Doubt.IMPRECISE and contact.confidence > Confidence.DOUBTFUL
+        )
+        sliding_speed = min(sliding_speed, slow / MISLED if imprecise else slow)
     if frame.level:
         sliding_speed = min(sliding_speed, tip.level_limit(np.array(tip.control.tangent(frame.binormal))))
     if careful:

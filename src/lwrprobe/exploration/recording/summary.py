@@ -155,7 +155,12 @@ def _against_truth(
     if "delay_s" in pipeline.force.report():  # else the run ended before the first touch was planned
         descent = _fastest_descent(scene, pipeline)
         found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, pipeline.explored, descent), 2)
-    share = coverage(points, normals, within, pitch)
+    touches = [truth.contact_at(sequence) for sequence in recorder.sequences]
+    known = np.array([true is not None for true in touches], dtype=bool)
+    true_points = np.array([true.point for true in touches if true is not None]).reshape(-1, 3)
+    # Which side was touched is another question than where it is: a base that is off by a millimetre uncovers nothing.
+    aligned, facing = aligned_points(points[known], true_points), normals[known]
+    share = coverage(aligned, facing, within, pitch)
     found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
     if len(points) == 0:
         return found
@@ -163,25 +168,21 @@ def _against_truth(
     within_upright = _upright(scene, pipeline, few, solid)
     if len(within_upright.points) == len(few.points):
         within_upright = within
-    found["coverage_upright"] = round(coverage(points, normals, within_upright, pitch).share, 4)
+    found["coverage_upright"] = round(coverage(aligned, facing, within_upright, pitch).share, 4)
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
-    shares = coverage_over_time(points, normals, times, at, within, pitch)
+    shares = coverage_over_time(aligned, facing, times[known], at, within, pitch)
     found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
     ends = end_errors(points, normals, everywhere)
     found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]
-    touches = [truth.contact_at(sequence) for sequence in recorder.sequences]
-    known = np.array([true is not None for true in touches])
     if known.any():
-        true_points = np.array([true.point for true in touches if true is not None])
         true_normals = np.array([true.normal for true in touches if true is not None])
         found["contact_error_mm"] = point_error(points[known], true_points).as_dict()
-        aligned = aligned_points(points[known], true_points)
         found["contact_error_aligned_mm"] = point_error(aligned, true_points).as_dict()
         if budget is not None:
             found["claims_within_95"] = budget.claims_within_95(points[known] - true_points, known)
             found["claims_aligned_within_95"] = budget.claims_within_95(aligned - true_points, known, aligned=True)
-        found["normal_error_deg"] = normal_error(normals[known], true_normals).as_dict()
+        found["normal_error_deg"] = normal_error(facing, true_normals).as_dict()
     found["surface_error_mm"] = surface_error(points, solid).as_dict()
     found["voxel_error_mm"] = surface_error(pipeline.voxels.centres(), solid).as_dict()
     if surface is not None:
