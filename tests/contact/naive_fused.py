@@ -481,9 +481,11 @@ def fused(g, p, s):
         learn_friction(p, s, normal, total, slip, force)
     total = add_friction(g, p, mu, mu_var, sliding and s.streak >= 4.0, slip, total, force)
     normal = smallest_direction(total, normal)
-    sigma = tangent_spread(total, normal)
-    sigma = np.hypot(sigma, shared_error(axis, sigma, s.axis, common))
+    own = tangent_spread(total, normal)
+    sigma = np.hypot(own, shared_error(axis, own, s.axis, common))
     reason, row = deliver(g, p, normal, sigma, force)
+    if row[k.O_SIGMA] <= sigma:
+        row[k.O_CONFIDENCE] = max(row[k.O_CONFIDENCE], min(1.0 / (1.0 + (own / p.trusted_error) ** 2), 0.4))
     if ambiguous(g, p, s, normal, sigma):
         reason, row[k.O_CONFIDENCE] = k.AMBIGUOUS, 0.3
     return reason, row

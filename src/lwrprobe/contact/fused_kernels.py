@@ -29,11 +29,13 @@ from lwrprobe.contact.kernels import (
     I_ZEROING,
     O_CONFIDENCE,
     O_FORCE,
+    O_SIGMA,
     P_FORCE_NOISE,
     P_LEVER_ERROR,
     P_MAX_SINE,
     P_OWN,
     P_RADIUS,
+    P_TRUSTED_ERROR,
     P_ZERO_ACROSS,
     P_ZERO_ALONG,
     axis_information,
@@ -124,6 +126,7 @@ _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while slidin
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
 _MIN_SINE = 0.4  # least sine between force and slip for sliding
 _AMBIGUOUS_CONFIDENCE = 0.3
+_SHARED_CONFIDENCE = 0.4  # to which an error that all axes share lowers the confidence, and no farther
 
 
 @kernel
@@ -166,9 +169,13 @@ def fused(given, params, state, out):
     slid = sliding and state[S_STREAK] >= _FRICTION_STREAK
     add_friction(given, params, mu, mu_var, slid, slip, total, out)
     smallest_direction(total, normal)
-    sigma = tangent_spread(total, normal)
-    sigma = math.hypot(sigma, shared_error(axis, sigma, state[S_AXIS], common))
+    own = tangent_spread(total, normal)
+    sigma = math.hypot(own, shared_error(axis, own, state[S_AXIS], common))
     reason = deliver_world(given, normal, sigma, params, out)
+    # Imprecise for what all have in common, it is one of the sphere all the same.
+    alone = 1.0 / (1.0 + (own / params[P_TRUSTED_ERROR]) ** 2)
+    if out[O_SIGMA] <= sigma:  # else the normal was not even outwards
+        out[O_CONFIDENCE] = max(out[O_CONFIDENCE], min(alone, _SHARED_CONFIDENCE))
     if ambiguous(given, params, state, normal, sigma):
         out[O_CONFIDENCE] = _AMBIGUOUS_CONFIDENCE
         return AMBIGUOUS
