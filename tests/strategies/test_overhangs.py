@@ -7,6 +7,8 @@ import pytest
 
 from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
+from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
@@ -279,6 +281,28 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     assert strategy.frame.backward == (not felt)
     assert strategy.raise_line() is None
     assert strategy.lines.next(tip.here).foot_felt
+
+
+def going_in_under(strategy):
+    """A strategy on the way down to the foot of a line that was raised."""
+    strategy.start(task())
+    tip = strategy.tip
+    tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
+    strategy.approach(Line(1, 0.0, -0.05, 0.05, 0.02, raised=True), []).close()
+    tip.control.begin(np.array([0.0, -1.0, 0.0]))
+    tip.trace.ended = guarded_move
+    strategy.along_surface().close()
+    assert strategy.frame.backward
+
+
+@pytest.mark.parametrize("kind", [SurfaceContour, GridVersion, OrientationChange])
+def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind):
+    """Where the body would have come into unknown space `orientation_change` gave the line up, and touched no top."""
+    strategy = kind()
+    going_in_under(strategy)
+    assert strategy.answer_unknown() is not None
+    assert not strategy.frame.backward
+    assert not strategy.frame.level
 
 
 def test_the_stick_is_met_no_higher_than_from_where_it_has_stood(overhangs):
