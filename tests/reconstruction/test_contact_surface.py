@@ -15,6 +15,7 @@ from lwrprobe.reconstruction import contact_surface
 from lwrprobe.reconstruction.clusters import cluster, supported
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
+from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
@@ -518,3 +519,19 @@ def test_an_underside_ends_at_the_wall_that_was_touched_below_it(rim):
     mesh = surface(record, pitch=0.01).mesh
     middle = np.array([[x, y, 0.014] for x in (-0.015, 0.0, 0.015) for y in (-0.01, 0.0, 0.01)])
     assert MeshDistance(mesh).contains(middle[:, :2], middle[:, 2:]).all()
+
+
+def test_a_hollow_that_no_way_leads_into_is_solid():
+    """Contradictory data had left one of 30 mm in a pillar. An open recess stays, and one where the sphere was."""
+    grid = Grid(np.zeros(3), 1.0, (20, 12, 10))
+    values = np.ones(grid.shape)
+    values[2:18, 2:10, 1:8] = -1.0
+    closed, entered = (slice(4, 6), slice(4, 6), slice(1, 5)), (slice(8, 10), slice(4, 6), slice(3, 5))
+    recess = slice(13, 15), slice(4, 6), slice(4, 8)
+    for hollow in (closed, entered, recess):
+        values[hollow] = 0.5
+    before = values.copy()
+    contact_surface._fill_hollows(values, grid, np.array([[8.2, 4.9, 3.4]]), 2)
+    assert (values[closed] < 0.0).all()
+    values[closed] = before[closed]
+    np.testing.assert_array_equal(values, before)

@@ -307,7 +307,28 @@ def _outer_field(
         for end in (0, -1):
             edge[axis] = end
             values[tuple(edge)] = np.maximum(values[tuple(edge)], grid.step)
+    _fill_hollows(values, grid, touches.visited, first)
     return values
+
+
+def _fill_hollows(values: np.ndarray, grid: Grid, visited: np.ndarray, first: int) -> None:
+    """Hollows that no way leads into above the `first` layer come from contradictory data, not from an object.
+
+    `visited` (k, 3) m are places where the sphere was.
+    """
+    from scipy.ndimage import label
+
+    upper = values[:, :, first:]
+    parts, count = label(upper >= 0.0)
+    open_ = np.zeros(count + 1, dtype=bool)
+    for side in (parts[0], parts[-1], parts[:, 0], parts[:, -1], parts[:, :, -1]):
+        open_[side] = True
+    at = np.round((visited - grid.origin) / grid.step).astype(int) - [0, 0, first]
+    inside = ((at >= 0) & (at < upper.shape)).all(axis=1)
+    open_[parts[tuple(at[inside].T)]] = True
+    hollow = ~open_[parts] & (parts > 0)
+    upper[hollow] = -np.maximum(upper[hollow], grid.step)
+    values[hollow[:, :, 0], 1:first] = -grid.step
 
 
 def _below(
