@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
+    Confidence,
     Contact,
     Done,
     Goal,
@@ -142,7 +142,7 @@ class RepeatedTouch:
         direction, speed = self._plan.direction, self._left[0]
         if seen.contact is not None or self._held:
             self._held += 1
-            if seen.contact is not None and seen.contact.confidence_score >= RELIABLE_FROM:
+            if seen.contact is not None and seen.contact.confidence > Confidence.DOUBTFUL:
                 self._felt.append(seen.contact)
             if len(self._felt) < _SAMPLES and self._held < _PATIENCE:
                 return VelocityCommand(np.zeros(3), reason="hold")
