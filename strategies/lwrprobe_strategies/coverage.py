@@ -142,10 +142,8 @@ class Coverage(SkillStrategy):
                 skill = self.following(outcome)
             except Overload:
                 skill = release(self.tip, self.frame)
-            except CollisionThreat:
-                skill = self.answer_threat()
-            except UnknownSpace:
-                skill = self.answer_unknown()
+            except (CollisionThreat, UnknownSpace) as why:
+                skill = self.answer(why)
             except (Blocked, Jammed):
                 skill = self.give_up()
         return outcome
@@ -345,10 +343,14 @@ class Coverage(SkillStrategy):
 
     # Decisions
 
-    def answer_threat(self) -> Procedure | None:
-        """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
+    def answer(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
+        """On the way down to a foot: up again, in every strategy."""
         if self.frame.backward:
             return self.contour_upright()
+        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown()
+
+    def answer_threat(self) -> Procedure | None:
+        """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
         if self._beneath():
             return self.raise_line()
         self.threats += 1
@@ -356,8 +358,6 @@ class Coverage(SkillStrategy):
 
     def answer_unknown(self) -> Procedure | None:
         """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
-        if self.frame.backward:
-            return self.contour_upright()
         self.threats += 1
         return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
 

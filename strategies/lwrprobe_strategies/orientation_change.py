@@ -83,9 +83,7 @@ class OrientationChange(Coverage):
         return self.turn()
 
     def answer_unknown(self) -> Procedure | None:
-        """Leaning does not help where nothing is known of what is there; from a foot that was felt it goes up again."""
-        if self.frame.backward:
-            return super().answer_unknown()
+        """Leaning does not help where nothing is known of what is there."""
         self.threats += 1
         on = self.tip.rotation is self.upright and self.tip.trace.ended is follow_contour
         return self._on_along_line() if on else self.give_up()

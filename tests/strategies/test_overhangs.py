@@ -9,7 +9,7 @@ from lwrprobe.contracts import Clearance, Contact, Doubt, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.orientation_change import OrientationChange
-from lwrprobe_strategies.outcomes import Ended
+from lwrprobe_strategies.outcomes import CollisionThreat, Ended, UnknownSpace
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
@@ -295,12 +295,13 @@ def going_in_under(strategy):
     assert strategy.frame.backward
 
 
+@pytest.mark.parametrize("why", [UnknownSpace, CollisionThreat])
 @pytest.mark.parametrize("kind", [SurfaceContour, GridVersion, OrientationChange])
-def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind):
+def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind, why):
     """Where the body would have come into unknown space `orientation_change` gave the line up, and touched no top."""
     strategy = kind()
     going_in_under(strategy)
-    assert strategy.answer_unknown() is not None
+    assert strategy.answer(why()) is not None
     assert not strategy.frame.backward
     assert not strategy.frame.level
 
