@@ -40,6 +40,7 @@ VALUES = {
 }  # fmt: skip
 
 ARM_ERRORS = tuple(tuple(row) for row in (np.eye(2, 31) * 7e-4).tolist())
+FORCE_ERRORS = tuple(tuple(row) for row in (np.eye(2, 18) * 8e-4).tolist())
 
 
 @pytest.fixture
@@ -57,7 +58,9 @@ def calibration():
             visible[1] = False
         quantities[name] = Quantity("SI", tuple(values), tuple([1e-5] * len(values)), tuple(visible))
     date = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
-    return Calibration(date, "block", stated_hash(scene), "lwr4", 0.03, 75, 3e-6, 240.0, quantities, ARM_ERRORS)
+    return Calibration(
+        date, "block", stated_hash(scene), "lwr4", 0.03, 75, 3e-6, 240.0, quantities, ARM_ERRORS, FORCE_ERRORS
+    )
 
 
 def test_file_holds_all(calibration, tmp_path):
@@ -187,7 +190,7 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format = 2", "format = 9", "format"),
+        ("format = 3", "format = 9", "format"),
         ("touches = 75", 'touches = "many"', "touches"),
         ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
         ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
@@ -195,6 +198,8 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
         ("-6e-05,\n", "", "gear_waves"),
         ("0.0007,\n", "", "arm_errors"),
         ("0.0007,\n", "nan,\n", "arm_errors"),
+        ("0.0008,\n", "", "force_errors"),
+        ("0.0008,\n", "inf,\n", "force_errors"),
     ],
 )
 def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):

@@ -8,7 +8,7 @@ import pytest
 from calibration.synthetic_touches import CENTRE, PROBE, REFERENCE, draw, orientations, robot, touches
 from lwrprobe.calibration import CalibrationRefused, Parameters, Priors, force_to_torque, solve, tool_shift_rows
 from lwrprobe.calibration.model import Model, derivatives_by_table
-from lwrprobe.calibration.quantities import arm_errors, table_share, waves_share
+from lwrprobe.calibration.quantities import arm_errors, force_errors, table_share, waves_share
 from lwrprobe.calibration.solution import refuse_moved
 from lwrprobe.contracts import InputError
 from lwrprobe.evaluation import aligned_points
@@ -83,6 +83,27 @@ def test_a_sphere_at_one_place_does_not_show_where_the_base_has_it(drawn):
         before = by_both * solution.parameters.sigma[both]
         share = np.sqrt((left**2).sum() / (before**2).sum())
         assert share > 1.2 * table_share(solution, arm, around), "what is left of the shape promises too much"
+
+
+@pytest.mark.slow
+def test_the_direction_of_a_force_is_known_to_a_degree_though_no_entry_of_the_matrix_is(drawn):
+    draw = np.random.default_rng(7)
+    normals = draw.normal(size=(500, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[:, 2] = -np.abs(normals[:, 2])
+    paths = np.cross(normals, draw.normal(size=(500, 3)))
+    paths /= np.linalg.norm(paths, axis=1, keepdims=True)
+    forces, aside = normals - 0.3 * paths, np.cross(normals, paths)
+    arms = np.array([0.0, 0.0, PROBE.sensor_distance]) - PROBE.radius * normals
+    wrenches = np.concatenate([forces, np.cross(arms, forces)], axis=1)
+    for world, _, solution in drawn:
+        rows, at = np.array(force_errors(solution)), solution.parameters.slices["sensor"]
+        known = slice(at.start, at.start + 18)
+        assert rows.T @ rows == pytest.approx(solution.covariance[known, known], rel=1e-6, abs=1e-12)
+        left = np.linalg.inv(np.eye(6) + solution.value("sensor").reshape(6, 6)) @ world.sensor - np.eye(6)
+        error = np.einsum("ni,ni->n", (wrenches @ left.T)[:, :3], aside)
+        stated = np.einsum("kij,nj,ni->nk", rows.reshape(-1, 3, 6), wrenches, aside)
+        assert np.sqrt(np.mean(error**2)) < 2.0 * np.sqrt(np.mean((stated**2).sum(axis=1))) < np.radians(2.0)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rig
 from lwrprobe.exploration.recording.error_sources import _of_arm, _of_probe, error_budget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
+from lwrprobe.exploration.recording.neighbour_normals import NeighbourTurn
 from lwrprobe.exploration.recording.path_normals import CHORD, PathTurn
 from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.exploration.stages.sensor_errors import estimator_settings
@@ -74,6 +75,23 @@ def test_what_a_calibration_leaves_of_arm_and_tool_counts_together():
     assert left(longer) == pytest.approx(0.0, abs=1e-12), "a longer last link and a shorter probe are one and the same"
 
 
+def test_a_normal_that_was_turned_to_other_lines_is_as_wrong_aside_as_they_have_shown():
+    """What is left contains the contact's own noise and zero: neither counts again."""
+    scene, single = alone("zero_force_mn=6.0", "zero_torque_unm=28.0"), np.radians(0.5)
+    made = budget(scene, beside=NeighbourTurn(np.full(40, 0.7), np.full(40, single))).covariance()[0]
+    assert made[0, 0] == pytest.approx((0.005 * single) ** 2 + 2e-5**2)
+    assert made[1, 1] == pytest.approx(budget(scene).covariance()[0][1, 1]), "along the path"
+
+
+def test_two_answers_aside_of_the_path_are_not_worse_than_the_better_one():
+    """Force direction and torque are weighed by the errors of their zeros."""
+    noise = budget(alone()).covariance()[0][0, 0]
+    plane = np.sqrt(2.0) * 6e-3 / np.hypot(0.8, 0.0)
+    for torque in (28.0, 1e5):
+        made = budget(alone("zero_force_mn=6.0", f"zero_torque_unm={torque}")).covariance()[0][0, 0] - noise
+        assert 0.98 < made / (0.005 * plane) ** 2 <= 1.0
+
+
 def test_a_base_that_is_turned_moves_what_is_far_from_it():
     scene = alone("base_turn_deg=0.1")
     robot = robot_of(scene)
@@ -82,12 +100,32 @@ def test_a_base_that_is_turned_moves_what_is_far_from_it():
     assert np.trace(found, axis1=1, axis2=2) == pytest.approx(2.0 * np.radians(0.1) ** 2 * (arm**2).sum(axis=1))
 
 
-def budget(scene, count=40, turned=None):
+def test_what_a_calibration_leaves_of_the_force_counts_in_place_of_gain_and_crosstalk():
+    scene = alone("sensor_crosstalk_percent=1.0", "sensor_gain_percent=1.5")
+    probe, draw = scene.probe.as_probe(), np.random.default_rng(3)
+    forces, normals = draw.normal(size=(5, 3)), np.eye(3)[[0, 1, 2, 0, 1]]
+    single = matrix_errors(scene.uncertainty, probe, forces, normals)
+    spans = np.concatenate([probe.force_range, probe.torque_range])
+    sigma = 0.01 * spans[:3, None] / spans
+    np.fill_diagonal(sigma, 0.015)
+
+    def left(rows):
+        known = scene.uncertainty.model_copy(update={"force_errors": tuple(map(tuple, rows.tolist()))})
+        return covariance(matrix_errors(known, probe, forces, normals))
+
+    assert left(np.diag(sigma.ravel())) == pytest.approx(covariance(single)), (
+        "independent errors are the single numbers"
+    )
+    none = np.zeros((1, 18))
+    assert not left(none).any()
+
+
+def budget(scene, count=40, turned=None, beside=None):
     pipeline = compose(scene, choose(scene), 0.001, 125.0)
     up, joints = np.array([0.0, 0.0, 1.0]), np.repeat(Q[:1], count, axis=0)
     contacts = [Contact(0.1 * k, np.zeros(3), up, 0.8 * up, 0.005 * up, 0.95) for k in range(count)]
     paths = np.repeat([[0.0, 0.02, 0.0]], count, axis=0)
-    return error_budget(scene, pipeline, contacts, joints, paths, turned=turned)
+    return error_budget(scene, pipeline, contacts, joints, paths, turned=turned, beside=beside)
 
 
 def test_without_uncertainty_only_noise_and_the_rest_remain():

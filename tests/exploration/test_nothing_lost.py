@@ -113,6 +113,24 @@ def test_folders_that_hold_something_are_not_taken(tmp_path):
     assert done.returncode == 2
 
 
+def test_an_interrupt_that_falls_into_a_finaliser_is_not_dropped():
+    """Compilers and libraries have finalisers; Python drops what is raised there, and shows a traceback."""
+    ends = (
+        "import signal, time, lwrprobe.cli.app as app; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Held:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
+        "def command():\n"
+        "    Held()\n"
+        "    time.sleep(60)\n"
+        "    print('went on')\n"
+        "app.app = command\n"
+        "try: app.main()\n"
+        "except KeyboardInterrupt: print('interrupted')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", ends], capture_output=True, text=True, timeout=120)
+    assert (done.stdout.strip(), done.stderr) == ("interrupted", "")
+
+
 def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
     for times in (1, 2):
         run = tmp_path / str(times)

@@ -21,7 +21,7 @@ from lwrprobe.contracts import Contact, Probe
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
-from lwrprobe.exploration.recording.error_sources import ALONG, ASIDE
+from lwrprobe.exploration.recording.error_sources import ALONG
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 from lwrprobe.scene.table import Pose
@@ -186,7 +186,8 @@ def _of_turned_normals(known: Contacts, probe: Probe, of: Any, random: np.random
     torque = np.hypot(float(of("zero_wander_torque_unm", 1, 1e-6)[0]), lag * float(probe.torque_range[0]))
     axis = np.hypot(torque, force * probe.sensor_distance) / probe.radius
     along = ALONG * wandering(axis) / size
-    aside = ASIDE * wandering(axis) / size + wandering(force) / size
+    of_torque = force**2 / max(force**2 + axis**2, 1e-12)  # both answers weighed by their errors
+    aside = (of_torque * wandering(axis) + (1.0 - of_torque) * wandering(force)) / size
     aside = aside + of("object_friction") * np.radians(of("friction_direction_deg"))
     confidence = np.clip([contact.confidence_score for contact in known.contacts], 0.01, 0.9999)
     noise = 0.1 * np.sqrt(0.5 * (1.0 / confidence - 1.0))

@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import FormatError
 
-FORMAT = 2
+FORMAT = 3
 LENGTHS: dict[str, int | None] = {
     "tool_shift": 3, "sphere_radius": 1, "stick_stiffness": 2, "joint_stiffness": None, "arm_stiffness": 3,
     "sensor_matrix": 36, "force_to_torque": 9, "clock_offset": 1, "arm_delay": 1, "sensor_latency": 1, "table": 3,
@@ -23,6 +23,8 @@ LENGTHS: dict[str, int | None] = {
 """How many numbers each quantity has; None = some for each joint."""
 EACH_JOINT = {"joint_stiffness": 1, "joint_offset": 1, "kinematic_table": 4, "gear_waves": 2}
 """How many."""
+FORCE_ROWS = 18
+"""Numbers in the force's rows of the sensor's matrix."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -80,6 +82,7 @@ class Calibration:
         surface_compliance m/N, of the reference sphere at the contact
     arm_errors : (k, 4 n + 3) m and rad, what is left of kinematic_table and tool together: independent errors of one
         standard deviation each, a row each
+    force_errors : (k, 18) 1 and 1/m, the same of the force's three rows of sensor_matrix
     """
 
     date: datetime
@@ -92,6 +95,7 @@ class Calibration:
     time: float
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
     arm_errors: tuple[tuple[float, ...], ...] = ()
+    force_errors: tuple[tuple[float, ...], ...] = ()
 
     def values(self, name: str) -> np.ndarray:
         """(k,) of a quantity."""
@@ -134,6 +138,7 @@ def write_calibration(calibration: Calibration, path: str | Path) -> None:
             for name, quantity in calibration.quantities.items()
         },
         "arm_errors": [list(row) for row in calibration.arm_errors],
+        "force_errors": [list(row) for row in calibration.force_errors],
     }
     path.write_bytes(tomli_w.dumps(content).encode())
 
@@ -160,7 +165,8 @@ def read_calibration(path: str | Path) -> Calibration:
             residual=float(_of(content, "residual_m", float)),
             time=float(_of(content, "time_s", float)),
             quantities={name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()},
-            arm_errors=_arm_errors(_of(content, "arm_errors", list)),
+            arm_errors=_errors(content, "arm_errors"),
+            force_errors=_errors(content, "force_errors"),
         )
     except ValueError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -175,6 +181,8 @@ def read_calibration(path: str | Path) -> Calibration:
     lengths = {len(row) for row in calibration.arm_errors}
     if not lengths <= {4 * joints + 3}:
         raise FormatError(f"{path}: arm_errors has rows of {lengths} numbers, not {4 * joints + 3} for {joints} joints")
+    if not (lengths := {len(row) for row in calibration.force_errors}) <= {FORCE_ROWS}:
+        raise FormatError(f"{path}: force_errors has rows of {lengths} numbers, not {FORCE_ROWS}")
     return calibration
 
 
@@ -185,10 +193,11 @@ def _of(content: Mapping[str, Any], key: str, kind: type) -> Any:
     return value
 
 
-def _arm_errors(rows: list[Any]) -> tuple[tuple[float, ...], ...]:
+def _errors(content: Mapping[str, Any], key: str) -> tuple[tuple[float, ...], ...]:
+    rows = _of(content, key, list)
     for row in rows:
         if not isinstance(row, list) or not all(isinstance(v, int | float) and np.isfinite(v) for v in row):
-            raise ValueError(f"arm_errors has {row!r}, not a list of finite numbers")
+            raise ValueError(f"{key} has {row!r}, not a list of finite numbers")
     return tuple(tuple(float(v) for v in row) for row in rows)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lwrprobe.calibration.calibration_file import Quantity
+from lwrprobe.calibration.calibration_file import FORCE_ROWS, Quantity
 from lwrprobe.calibration.model import cross_matrices, derivatives_by_table
 from lwrprobe.calibration.parameters import Parameters
 from lwrprobe.calibration.priors import Priors
@@ -95,11 +95,26 @@ def arm_errors(solution: Solution) -> tuple[tuple[float, ...], ...]:
     They are the covariance of both. What a sphere at one place does not show, as where all of the arm's errors together
     put the sphere in the base frame, is as large in them as before; ratios and differences that it shows are small.
     """
-    at, sigma = solution.parameters.slices, solution.parameters.sigma
-    both = np.r_[at["dh"], at["tool"]]
+    at = solution.parameters.slices
+    return _independent(solution, np.r_[at["dh"], at["tool"]])
+
+
+def force_errors(solution: Solution) -> tuple[tuple[float, ...], ...]:
+    """(k, 18) 1 and 1/m: the same of the force's three rows of the sensor's matrix.
+
+    Touches of a sphere from all sides show where a force points to better than a degree. Torque and force agree far
+    better than single entries of the matrix are known: no standard deviations of gain and crosstalk say both.
+    """
+    begin = solution.parameters.slices["sensor"].start
+    return _independent(solution, np.arange(begin, begin + FORCE_ROWS))
+
+
+def _independent(solution: Solution, which: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """(k, k): the covariance of some unknowns (k,) as independent errors of one standard deviation each."""
+    sigma = solution.parameters.sigma[which]
     # In the prior's standard deviations lengths and angles are of one size.
-    size, axes = np.linalg.eigh(solution.covariance[np.ix_(both, both)] / np.outer(sigma[both], sigma[both]))
-    rows = (axes * np.sqrt(np.maximum(size, 0.0))).T * sigma[both]
+    size, axes = np.linalg.eigh(solution.covariance[np.ix_(which, which)] / np.outer(sigma, sigma))
+    rows = (axes * np.sqrt(np.maximum(size, 0.0))).T * sigma
     return tuple(tuple(float(v) for v in row) for row in rows)
 
 

@@ -5,7 +5,9 @@ Exit codes: 0 done, 1 a run ended early with its data kept, 2 bad input, 130 int
 
 from __future__ import annotations
 
+import _thread
 import sys
+from threading import Timer
 from typing import Annotated
 
 import typer
@@ -99,6 +101,7 @@ def _root(
 
 def main() -> None:
     """Run the command line; a known error becomes one sentence and exit code 2."""
+    sys.unraisablehook = _deliver_interrupt
     try:
         app()
     except LwrprobeError as error:
@@ -110,6 +113,19 @@ def main() -> None:
         raise
     except BrokenPipeError:
         sys.exit(1)
+
+
+def _deliver_interrupt(raised: sys.UnraisableHookArgs) -> None:
+    """Raise Ctrl-C again that fell into a finaliser, where Python would drop it with a traceback.
+
+    It is raised a moment later: at once it would fall into this function.
+    """
+    if issubclass(raised.exc_type, KeyboardInterrupt):
+        again = Timer(0.02, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(raised)
 
 
 def _next_step(error: LwrprobeError) -> str:

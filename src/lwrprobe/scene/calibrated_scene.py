@@ -151,4 +151,4 @@ def _uncertainty(stated: UncertaintyTable, found: Calibration) -> UncertaintyTab
         "table_tilt_deg": float(np.degrees(max(found.sigma("table")[1:]))),
     }
     kept = {name: min(float(value), stated.sigma(name) or np.inf) for name, value in measured.items()}
-    return stated.model_copy(update=kept)
+    return stated.model_copy(update=kept | {"force_errors": found.force_errors})

@@ -6,7 +6,9 @@ both tables have a key. A calibration replaces single entries.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from lwrprobe.scene.table import NonNegative, Table
 
@@ -58,6 +60,9 @@ class UncertaintyTable(Table):
     """Of each axis."""
     sensor_crosstalk_percent: NonNegative | None = None
     """Full scale of one axis on each other one, in percent of that one's full scale."""
+    force_errors: tuple[Annotated[tuple[float, ...], Field(strict=False)], ...] = Field(default=(), strict=False)
+    """What a calibration leaves of the force's rows of the sensor's matrix: independent errors of one standard
+    deviation each, 18 numbers a row. In the error budget they take the place of gain and crosstalk."""
     sensor_hysteresis_percent: NonNegative | None = None
     """Of each axis' full scale."""
     zero_force_mn: NonNegative | None = None

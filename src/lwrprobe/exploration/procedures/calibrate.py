@@ -19,7 +19,7 @@ from lwrprobe.calibration import (
     Touches,
     solve,
 )
-from lwrprobe.calibration.quantities import arm_errors, quantities
+from lwrprobe.calibration.quantities import arm_errors, force_errors, quantities
 from lwrprobe.calibration.touches import Target
 from lwrprobe.contact import identify_payload
 from lwrprobe.contracts import InputError, SafetyStop, WrenchSample
@@ -428,5 +428,6 @@ def calibrate(
         time=found.outcome.time,
         quantities=quantities(solution, found.touches, load, robot, probe, priors, q, _postures_around(scene, robot)),
         arm_errors=arm_errors(solution),
+        force_errors=force_errors(solution),
     )
     return calibration, found

@@ -22,9 +22,9 @@ from lwrprobe.exploration.stages.sensor_errors import friction_turn, wave_slope,
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 
-ALONG, ASIDE = 0.1, 0.08
-"""Share of the turn of the wrench axis by the sensor's zero that reaches the normal, along the path and aside of it:
-there motion and friction show the normal as well. Seen in simulated worlds of the profile `lab`."""
+ALONG = 0.1
+"""Share of the turn of the wrench axis by the sensor's zero that reaches the normal along the path, which the motion
+shows as well. Seen in simulated worlds of the profile `lab`."""
 SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
 FLOOR = 2e-5
@@ -199,8 +199,9 @@ def _of_normal(
     """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
     The estimators' own error is one of noise. What wanders within seconds is the same in neighbouring samples,
-    which they take for noise and average, so that it comes on top: along the path the direction of travel, aside of
-    it the zero of the force, and in both a share of what the zero of all axes does to the torque.
+    which they take for noise and average, so that it comes on top: along the path the direction of travel and a share
+    of what the zero of all axes does to the torque, aside of it what is left where force and torque are weighed by
+    their zeros' errors.
     """
     radius, size = scene.probe.radius, np.maximum(np.linalg.norm(forces, axis=1), 1e-3)
     noise = _misfit(pipeline.torque) * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(0.5 * (1.0 / confidence - 1.0))
@@ -208,9 +209,11 @@ def _of_normal(
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
     aside, along = np.cross(normals, paths), np.hypot(np.hypot(turning, ALONG * axis), noise)
     along = along if turned is None else turned.left(along)
-    across = beside.error**2 + (1.0 - beside.share) ** 2 * (plane**2 + (ASIDE * axis) ** 2)
+    # What is left beside other lines contains the share of the contact's own error, as large as the run has shown it.
+    both = plane * axis / np.maximum(np.hypot(plane, axis), 1e-12)
+    across = np.where(beside.share > 0.0, beside.error**2, noise**2 + both**2)
     covariance = noise[:, None, None] ** 2 * (np.eye(3) - normals[:, :, None] * normals[:, None, :])
-    # What the path has corrected along it, it has corrected of the noise as well.
-    for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (across, aside)):
+    # Path and neighbours have corrected the noise as well.
+    for variance, motions in ((along**2 - noise**2, np.cross(aside, normals)), (across - noise**2, aside)):
         covariance += variance[:, None, None] * motions[:, :, None] * motions[:, None, :]
     return radius**2 * covariance

@@ -18,12 +18,15 @@ SMALLEST = 1e-3
 
 
 def matrix_errors(table: UncertaintyTable, probe: Probe, forces: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(n, 18, 3) N, sensor frame: errors of the force by one standard deviation of each entry of the sensor's matrix.
+    """(n, 18, 3) N, sensor frame: independent errors of the force by the sensor's matrix, one standard deviation each.
 
+    They are those of a calibration, or of each entry alone.
     `forces` (n, 3) N on the sphere and `normals` (n, 3) of the contacts are in the sensor frame.
     """
     arms = np.array([0.0, 0.0, probe.sensor_distance]) - probe.radius * normals
     wrenches = np.concatenate([forces, np.cross(arms, forces)], axis=1)
+    if table.force_errors:
+        return np.einsum("kij,nj->nki", np.reshape(table.force_errors, (-1, 3, 6)), wrenches)
     spans = np.concatenate([probe.force_range, probe.torque_range])
     sigma = 0.01 * table.sigma("sensor_crosstalk_percent") * spans[:3, None] / spans
     np.fill_diagonal(sigma, 0.01 * table.sigma("sensor_gain_percent"))
