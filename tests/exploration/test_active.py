@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import lwrprobe as lp
+from lwrprobe.exploration.procedures.explore import Exploration
+from lwrprobe.scene import load_scene
 
 pytestmark = pytest.mark.slow
 
@@ -48,3 +51,17 @@ def test_random_pokes_touch_from_above():
     assert summary.status == "done"
     assert summary.peak_force_n <= 3.0
     assert summary.link_collisions == 0
+
+
+def test_a_poke_is_a_contact_in_a_world_that_differs_from_its_scene():
+    """A sphere at rest shows its normal to ten degrees: without a slide after each touch no contact was certain."""
+    scene = load_scene("block", ["strategy.name='random_pokes'", "strategy.pokes=30", "run.seed=3"])
+    with Exploration(scene) as exploration:
+        for _ in exploration:
+            pass
+    skills = exploration.pipeline.strategy.trace
+    touches = [time for time, skill, outcome, *_ in skills if (skill, str(outcome)) == ("guarded move", "contact")]
+    contacts = np.array([contact.time for contact in exploration.recorder.contacts])
+    followed = [bool(((contacts > time) & (contacts < time + 2.0)).any()) for time in touches]
+    assert len(touches) >= 3
+    assert np.mean(followed) > 0.7
