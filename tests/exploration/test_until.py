@@ -54,6 +54,22 @@ def test_a_loose_certificate_ends_the_run_at_the_first_look():
     assert "can hide" in s.reason
 
 
+@pytest.mark.slow
+def test_what_was_wanted_and_is_not_reached_is_said():
+    settings = {
+        "area.lower": [-0.012, -0.012, 0.045], "area.upper": [0.012, 0.012, 0.058], "truth.profile": "ideal",
+    }  # fmt: skip
+    wanted = {"run.until.accurate": 0.001, "run.until.certified": 0.1}
+    plain, missed = (
+        lp.explore("sphere", seed=5, settings=settings | rules, progress=False).summary for rules in ({}, wanted)
+    )
+    assert missed.stopped_by == plain.stopped_by == "strategy"
+    assert missed.sim_time_s == plain.sim_time_s
+    found = [sentence for sentence in missed.warnings if sentence not in plain.warnings]
+    assert [sentence.split(":")[0] for sentence in found] == ["run.until.accurate", "run.until.certified"]
+    assert "0.001 mm was wanted; it is 0." in found[0]
+
+
 @pytest.mark.parametrize(
     ("rule", "named"),
     [

@@ -99,6 +99,7 @@ class Outcome:
     stages : computing time a stage, see `StageClock.table`
     counters : of the wrench samples
     stopped_by : `strategy` where that was done, the key of `[run.until]` that was reached, empty for an early end
+    missed : what `[run.until]` wanted of the surface and the strategy could not reach, a sentence each
     """
 
     status: str
@@ -119,6 +120,7 @@ class Outcome:
     stages: list[dict[str, Any]]
     counters: Counters
     stopped_by: str = ""
+    missed: Sequence[str] = ()
 
 
 class Explorer:
@@ -292,6 +294,7 @@ class Explorer:
             stages=self._clock.table(),
             counters=self._pipeline.conditioner.counters,
             stopped_by=stopped_by,
+            missed=self._until.missed() if stopped_by == "strategy" else (),
         )
         return self.outcome
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from lwrprobe.exploration.recording.certification import Certification
 from lwrprobe.exploration.recording.expected_error import ExpectedError
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -43,9 +45,7 @@ class StopRules:
         if wanted is None or time < self._estimate_due:
             return None
         self._estimate_due = time + ESTIMATE_EVERY
-        if self._expected is None:
-            self._expected = ExpectedError(self._recorder, self._pipeline.area)
-        mean, p95 = (1e3 * error for error in self._expected.now())
+        mean, p95 = self._error()
         if mean > wanted or p95 > P95 * wanted:
             return None
         return "accurate", f"expected error {mean:.2f} mm in the mean, 95 % within {p95:.2f} mm, as wanted"
@@ -55,10 +55,41 @@ class StopRules:
         if wanted is None or time < self._due:
             return None
         self._due = time + CERTIFY_EVERY
-        if self._certification is None:
-            pipeline = self._pipeline
-            self._certification = Certification(self._recorder, pipeline.area, pipeline.probe, pipeline.line_spacing)
-        diameter = 1e3 * self._certification.at().diameter
+        diameter = self._diameter()
         if diameter > wanted:
             return None
         return "certified", f"nothing larger than {diameter:.2f} mm can hide within reach, as wanted"
+
+    def missed(self) -> list[str]:
+        """Sentences on what was wanted of the surface and is not reached, where the strategy has nothing left to do."""
+        until, found = self._until, []
+        if until.accurate is not None:
+            mean, p95 = self._error()
+            if not (mean <= until.accurate and p95 <= P95 * until.accurate):
+                now = (
+                    f"it is {mean:.2f} mm in the mean, 95 % within {p95:.2f} mm" if mean < inf else "nothing is touched"
+                )
+                found.append(
+                    f"run.until.accurate: an expected error of {until.accurate:g} mm was wanted; {now}, and the "
+                    "strategy has nothing left to touch"
+                )
+        if until.certified is not None and (diameter := self._diameter()) > until.certified:
+            found.append(
+                f"run.until.certified: nothing larger than {until.certified:g} mm was to hide; {diameter:.2f} mm can, "
+                "and the strategy has nothing left to touch"
+            )
+        return found
+
+    def _error(self) -> tuple[float, float]:
+        """mm, mean and 95th percentile of the expected error."""
+        if self._expected is None:
+            self._expected = ExpectedError(self._recorder, self._pipeline.area)
+        mean, p95 = self._expected.now()
+        return 1e3 * mean, 1e3 * p95
+
+    def _diameter(self) -> float:
+        """mm, of the largest ball that can still hide."""
+        if self._certification is None:
+            pipeline = self._pipeline
+            self._certification = Certification(self._recorder, pipeline.area, pipeline.probe, pipeline.line_spacing)
+        return 1e3 * self._certification.at().diameter

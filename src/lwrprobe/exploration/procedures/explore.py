@@ -310,7 +310,7 @@ class Exploration:
                 certified.write(self.out)
         self._seconds["finish"] = perf_counter() - begin
         summary.unreachable_area = self._beyond
-        summary.warnings = run_warnings(summary, scene.contact.limit)
+        summary.warnings = [*run_warnings(summary, scene.contact.limit), *outcome.missed]
         if truth is not None and not is_world_of(truth.scene, self._stated):
             summary.warnings.append(ANOTHER_WORLD)
         summary.wall_time_s = round(sum(self._seconds.values()), 3)
