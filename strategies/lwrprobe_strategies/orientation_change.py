@@ -75,7 +75,8 @@ class OrientationChange(Coverage):
         if self.tip.rotation is self.upright:
             return self._on_along_line()
         foot = np.array([tip.here[0], tip.here[1], self.floor])
-        min_angle = self.planner.angle(tip.rotation) + MORE if self.threats > 1 else 0.0
+        leant = self.threats > 1 or self.frame.line.rotation is not None
+        min_angle = self.planner.angle(tip.rotation) + MORE if leant else 0.0
         rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
         if rotation is None or np.abs(rotation - tip.rotation).max() < SAME:
             return self.give_up()

@@ -218,3 +218,12 @@ def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end():
     assert (summary["status"], summary["link_collisions"]) == ("done", 0)
     assert summary["true_peak_force_n"] <= 4.5
     assert summary["untouched"], "the post under the table top is out of reach"
+
+
+def test_a_leaning_probe_feels_the_foot_and_the_waist_of_an_hourglass():
+    """An upright stick meets the upper rim first: it covers 58 % of what the leaning one reaches."""
+    settings = {"run.seed": 5, "strategy.name": "orientation_change"}
+    summary = explore(load_scene("random:revolution:12", settings))
+    assert (summary["status"], summary["link_collisions"]) == ("done", 0)
+    assert summary["true_peak_force_n"] <= 3.0
+    assert summary["coverage"] > 0.75

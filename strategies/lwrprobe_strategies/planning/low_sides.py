@@ -95,7 +95,7 @@ def low_sides(
             for rotation in leans(away):
                 line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
                 if line is not None and (best is None or line.height < best.height - HIGHER):
-                    best = _within_reach(line, reachable) or best
+                    best = within_reach(line, reachable) or best
                 if best is not None and best.height <= floor + HIGHER:
                     break
             if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
@@ -112,7 +112,7 @@ def low_sides(
     return lines
 
 
-def _within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
+def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
     """The line from as far out as the arm can drive it; None where that is right before the side, or nowhere."""
     for inwards in np.arange(0.0, abs(line.end - line.begin) - ROOM, NEARER).tolist():
         nearer = replace(line, begin=line.begin + line.sign * inwards)

@@ -13,6 +13,7 @@ from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
+from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
 from lwrprobe_strategies.planning.lines import Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
@@ -73,6 +74,7 @@ class LineScheduler:
             (options.across, self._lines_across), (options.across and options.near_sides, self._left_strips),
             (options.across and options.near_sides, self._low_ends),
             (options.across and options.near_sides, self._lower_sides),
+            (options.across and options.near_sides, self._leaning_lines),
             (options.find_ends, self._outlines), (options.near_sides, self._left_treads),
             (options.across and options.near_sides, self._left_strips),
         )  # fmt: skip
@@ -289,6 +291,15 @@ class LineScheduler:
         if self._body is None:
             return []
         return self._low_sides(Y, self._places(Y), self._body) + self._low_sides(X, self._places(X), self._body)
+
+    def _leaning_lines(self) -> list[Line]:
+        """In under what stands out."""
+        contacts, lines = self._memory.contacts(), []
+        for axis in (Y, X):
+            lines += leaning_lines(
+                contacts, axis, self._places(axis), self._spacing, self._task, self._leans, self._reachable
+            )
+        return lines
 
     def _places(self, axis: int) -> np.ndarray:
         """(n,) m, of the lines along an axis, those up what others had left included."""

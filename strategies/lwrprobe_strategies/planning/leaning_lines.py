@@ -1,0 +1,112 @@
+"""Lines in under what stands out over a side, with a leaning probe.
+
+An upright stick comes no nearer to a side than what stands out above it. A probe that leans away from the side has the
+sphere in front: it passes below, as far as the stick keeps clear of what was touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import LinkShape, Task
+from lwrprobe_strategies.planning.lean import SPARE
+from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.low_sides import FACING, NEAR, OVERLAP, Leans, within_reach
+
+STEP = 0.002
+"""m between two places on a line that are looked at, and between the contacts that count."""
+GAINED = 0.005
+"""m farther in than the upright sphere touched, that a line must lead: its radius."""
+DEEPER = 0.003
+"""m farther in, for which the probe leans more."""
+STICK = 0.0015
+"""m that the stick keeps from what was touched: it bends."""
+LEANING = float(np.cos(np.radians(2.0)))
+"""Share of the stick along the vertical, below which it leans."""
+ONWARD = 0.010
+"""m farther in than that the line ends: a side that leads up lets the sphere in farther."""
+BESIDE = 2.5
+"""Line spacings across a line, within which what was touched may meet the probe."""
+
+
+def leaning_lines(
+    contacts: np.ndarray,
+    axis: int,
+    places: np.ndarray,
+    pitch: float,
+    task: Task,
+    leans: Leans,
+    reachable: Callable[[Line], bool],
+) -> list[Line]:
+    """From the border in under each side that was touched on a line, but not as far down as the next line is away.
+
+    Parameters
+    ----------
+    contacts : (m, 10) as in `ContactMemory.contacts`
+    axis : along which the lines lead
+    places : (n,) m, of the lines on the other horizontal axis
+    pitch : m, between two lines
+    task : the area, the probe, and what it keeps from what was touched
+    leans : how the probe may be held
+    reachable : whether the arm can drive a line
+    """
+    floor, lines = float(task.area.lower[Z]), []
+    for place in np.sort(places).tolist():
+        across = np.abs(contacts[:, 1 - axis] - place)
+        own, around = contacts[across < NEAR], _thinned(contacts[across < BESIDE * pitch, 3:6])
+        for side, border in ((-1.0, float(task.area.lower[axis])), (1.0, float(task.area.upper[axis]))):
+            facing = own[side * own[:, 6 + axis] > FACING]
+            if not len(facing) or facing[:, Z].min() - floor <= pitch:
+                continue
+            low, middle = facing[np.argmin(facing[:, Z])], float(own[:, axis].mean())
+            ceiling = float(low[Z]) + OVERLAP
+            whole = Line(axis, place, border, middle, floor, low=True, ceiling=ceiling, expected=floor)
+            inmost, best = float(low[axis]) - side * GAINED, None
+            for rotation in leans(side * np.eye(3)[axis]):
+                end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
+                if side * (inmost - end) > 0.0:
+                    inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
+            best = within_reach(best, lambda line: reachable(_longer(line))) if best is not None else None
+            if best is not None:
+                end = best.end + best.sign * ONWARD
+                lines.append(replace(best, end=min(end, middle) if best.sign > 0.0 else max(end, middle)))
+    return lines
+
+
+def _longer(line: Line) -> Line:
+    """The line from farther out: none begins where the elbow is nearly stretched."""
+    return replace(line, begin=line.begin - line.sign * SPARE)
+
+
+def _inmost(line: Line, rotation: np.ndarray, points: np.ndarray, task: Task) -> float:
+    """m on the line's axis, as far as the probe held by `rotation` (3, 3) keeps clear of points (n, 3)."""
+    along = np.arange(0.0, abs(line.end - line.begin), STEP)
+    centres = np.array([line.at(line.begin + line.sign * gone) for gone in along.tolist()])
+    near = np.zeros(len(along), np.bool_)
+    for link in task.probe.links:
+        keep = STICK if link.name == "stick" else task.clearance_threshold
+        near |= _distances(link, rotation, centres, points) < keep
+    last = int(np.argmax(near)) if near.any() else len(along)
+    return line.begin + line.sign * STEP * max(last - 1, 0)
+
+
+def _distances(link: LinkShape, rotation: np.ndarray, centres: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(m,) m, from a link to the nearest of points (n, 3), with the sphere at each of centres (m, 3).
+
+    The link counts as the capsule around it.
+    """
+    middle, axis = rotation @ link.pose[:3, 3], rotation @ link.pose[:3, Z]
+    radius = link.size[0] if link.kind != "box" else 0.5 * float(np.hypot(link.size[0], link.size[1]))
+    half = 0.5 * link.size[-1]
+    offset = points - (centres + middle)[:, None]
+    gone = np.clip(offset @ axis, -half, half)
+    apart = np.linalg.norm(offset - gone[..., None] * axis, axis=2)
+    return np.asarray(apart.min(axis=1, initial=np.inf) - radius)
+
+
+def _thinned(points: np.ndarray) -> np.ndarray:
+    """One of the points (n, 3) m in each cell."""
+    return points[np.unique(np.round(points / STEP).astype(np.int64), axis=0, return_index=True)[1]]
