@@ -1,4 +1,4 @@
-"""What the arm is asked before a motion is planned: whether it reaches, and whether it can follow the acceleration."""
+"""What the arm is asked before a motion is planned: whether it reaches, and whether it can follow acceleration and jerk."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.exploration.loop.motion_request import MotionRequest
-from lwrprobe.exploration.stages.pipeline import SENSITIVITY
+from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.kinematics import IKSolver, lwr4
 from lwrprobe.scene import load_scene
 
@@ -37,10 +37,12 @@ def length(elbow):
     return np.sqrt(0.4**2 + 0.39**2 + 2.0 * 0.4 * 0.39 * np.cos(elbow))
 
 
-@pytest.mark.parametrize(("elbow", "reached"), [(0.5, True), (0.25, True), (0.12, False), (0.05, False)])
-def test_a_place_where_the_elbow_could_not_follow_the_acceleration_of_the_tip_is_out_of_reach(elbow, reached):
+@pytest.mark.parametrize(("elbow", "reached"), [(0.5, True), (0.4, True), (0.25, False), (0.05, False)])
+def test_a_place_where_the_elbow_could_not_follow_acceleration_and_jerk_of_the_tip_is_out_of_reach(elbow, reached):
     scene = load_scene("block")
-    limit = SENSITIVITY * scene.safety.joint_acceleration / scene.motion.acceleration
+    limit = compose(scene, choose(scene), 0.001, 125.0).sensitivity
+    assert limit * scene.motion.acceleration < scene.safety.joint_acceleration
+    assert limit * scene.motion.jerk < scene.safety.joint_jerk
     near, here = request(limit)
     there = outward(here, length(elbow) - length(0.9))
     assert near.reachable([there]) == reached

@@ -7,7 +7,7 @@ import pytest
 
 from lwrprobe.contracts import Area
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.lean import SPARE, LeanPlanner
+from lwrprobe_strategies.planning.lean import LeanPlanner
 from lwrprobe_strategies.planning.leaning_lines import DEEPER, ONWARD, STEP, STICK, leaning_lines
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from strategy_task import DOWN, task
@@ -80,10 +80,10 @@ def test_a_side_that_was_touched_down_to_its_foot_has_none(under):
     assert found(under, table(side=HEIGHT - FLOOR - 0.5 * PITCH)) == []
 
 
-def test_a_line_begins_where_the_arm_can_go_on_outwards(under):
+def test_a_line_begins_where_the_arm_reaches(under):
     def reachable(line):
         return abs(line.begin) < 0.08
 
     for line in found(under, table(), reachable=reachable):
-        assert 0.05 - 1e-9 < abs(line.begin) < 0.08 - SPARE + 1e-9
+        assert abs(line.begin) == pytest.approx(0.07)
     assert found(under, table(), reachable=lambda line: False) == []

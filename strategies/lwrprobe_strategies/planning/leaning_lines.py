@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
-from lwrprobe_strategies.planning.lean import SPARE
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.low_sides import FACING, NEAR, OVERLAP, Leans, within_reach
 
@@ -69,16 +68,11 @@ def leaning_lines(
                 end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
                 if side * (inmost - end) > 0.0:
                     inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
-            best = within_reach(best, lambda line: reachable(_longer(line))) if best is not None else None
+            best = within_reach(best, reachable) if best is not None else None
             if best is not None:
                 end = best.end + best.sign * ONWARD
                 lines.append(replace(best, end=min(end, middle) if best.sign > 0.0 else max(end, middle)))
     return lines
-
-
-def _longer(line: Line) -> Line:
-    """The line from farther out: none begins where the elbow is nearly stretched."""
-    return replace(line, begin=line.begin - line.sign * SPARE)
 
 
 def _inmost(line: Line, rotation: np.ndarray, points: np.ndarray, task: Task) -> float:

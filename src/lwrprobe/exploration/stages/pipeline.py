@@ -53,7 +53,7 @@ UNNOTICED = 0.001
 SURFACE = 0.0005
 """m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
 SENSITIVITY = 0.8
-"""Share of the acceleration that a joint may have, which the tip's acceleration may ask of it."""
+"""Share of the acceleration and of the jerk that a joint may have, which those of the tip may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
 
@@ -83,7 +83,7 @@ class Pipeline:
     probe: Probe
     area: Area
     sensitivity: float
-    """rad/m, up to which a joint follows the tip's acceleration within its own."""
+    """rad/m, up to which a joint follows the tip's acceleration and jerk within its own."""
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
@@ -193,7 +193,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     voxels = VoxelMap(scene.map.resolution)
     surface = VoxelMap(min(scene.map.resolution, SURFACE))
     deflection, no_deflection = _deflection(scene, probe)
-    motion = scene.motion
+    motion, safety = scene.motion, scene.safety
     limits = CartesianLimits(
         speed=motion.free_speed,
         acceleration=motion.acceleration,
@@ -229,7 +229,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         options=choices.strategy_options,
         probe=probe,
         area=area,
-        sensitivity=SENSITIVITY * scene.safety.joint_acceleration / scene.motion.acceleration,
+        sensitivity=SENSITIVITY * min(safety.joint_acceleration / motion.acceleration, safety.joint_jerk / motion.jerk),
         left_out=[
             LeftOut(stage=stage, why=why)
             for stage, why in (
