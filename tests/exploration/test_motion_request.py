@@ -1,4 +1,4 @@
-"""What the arm is asked before a motion is planned: whether it reaches, and whether it can follow acceleration and jerk."""
+"""What the arm is asked before a motion is planned: whether it reaches, and follows acceleration and jerk."""
 
 from types import SimpleNamespace
 from typing import Any
