@@ -80,6 +80,16 @@ def test_a_side_that_was_touched_down_to_its_foot_has_none(under):
     assert found(under, table(side=HEIGHT - FLOOR - 0.5 * PITCH)) == []
 
 
+def test_a_foot_that_was_touched_leaves_the_waist_above_it(under):
+    """As low as the foot was touched: farther down nothing is left."""
+    foot = table()
+    foot[:, [0, 1, 3, 4]] *= 0.7
+    foot[:, [2, 5]] += FLOOR + 0.004 - HEIGHT
+    lines = found(under, np.vstack([table(), foot]))
+    assert [line.height for line in lines] == pytest.approx([FLOOR + 0.004] * 2)
+    assert all(line.ceiling > HEIGHT for line in lines)
+
+
 def test_a_line_begins_where_the_arm_reaches(under):
     def reachable(line):
         return abs(line.begin) < 0.08

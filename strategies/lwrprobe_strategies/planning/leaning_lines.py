@@ -40,7 +40,7 @@ def leaning_lines(
     leans: Leans,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
-    """From the border in under each side that was touched on a line, but not as far down as the next line is away.
+    """From the border in under each side that was touched on a line, where it was not over more than a pitch in height.
 
     Parameters
     ----------
@@ -52,17 +52,22 @@ def leaning_lines(
     leans : how the probe may be held
     reachable : whether the arm can drive a line
     """
-    floor, lines = float(task.area.lower[Z]), []
+    lines = []
     for place in np.sort(places).tolist():
         across = np.abs(contacts[:, 1 - axis] - place)
         own, around = contacts[across < NEAR], _thinned(contacts[across < BESIDE * pitch, 3:6])
         for side, border in ((-1.0, float(task.area.lower[axis])), (1.0, float(task.area.upper[axis]))):
             facing = own[side * own[:, 6 + axis] > FACING]
-            if not len(facing) or facing[:, Z].min() - floor <= pitch:
+            if not len(facing):
                 continue
-            low, middle = facing[np.argmin(facing[:, Z])], float(own[:, axis].mean())
+            above = facing[np.argsort(facing[:, Z])]
+            heights = np.append(task.area.lower[Z], above[:, Z])
+            widest = int(np.argmax(np.diff(heights)))
+            height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
+            if low[Z] - height <= pitch:
+                continue
             ceiling = float(low[Z]) + OVERLAP
-            whole = Line(axis, place, border, middle, floor, low=True, ceiling=ceiling, expected=floor)
+            whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
             inmost, best = float(low[axis]) - side * GAINED, None
             for rotation in leans(side * np.eye(3)[axis]):
                 end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
