@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.low_sides import FACING, NEAR, OVERLAP, Leans, within_reach
+from lwrprobe_strategies.planning.low_sides import OVERLAP, Leans, touched_sides, within_reach
 
 STEP = 0.002
 """m between two places on a line that are looked at, and between the contacts that count."""
@@ -53,30 +53,25 @@ def leaning_lines(
     reachable : whether the arm can drive a line
     """
     lines = []
-    for place in np.sort(places).tolist():
-        across = np.abs(contacts[:, 1 - axis] - place)
-        own, around = contacts[across < NEAR], _thinned(contacts[across < BESIDE * pitch, 3:6])
-        for side, border in ((-1.0, float(task.area.lower[axis])), (1.0, float(task.area.upper[axis]))):
-            facing = own[side * own[:, 6 + axis] > FACING]
-            if not len(facing):
-                continue
-            above = facing[np.argsort(facing[:, Z])]
-            heights = np.append(task.area.lower[Z], above[:, Z])
-            widest = int(np.argmax(np.diff(heights)))
-            height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
-            if low[Z] - height <= pitch:
-                continue
-            ceiling = float(low[Z]) + OVERLAP
-            whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
-            inmost, best = float(low[axis]) - side * GAINED, None
-            for rotation in leans(side * np.eye(3)[axis]):
-                end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
-                if side * (inmost - end) > 0.0:
-                    inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
-            best = within_reach(best, reachable) if best is not None else None
-            if best is not None:
-                end = best.end + best.sign * ONWARD
-                lines.append(replace(best, end=min(end, middle) if best.sign > 0.0 else max(end, middle)))
+    for place, side, border, own, facing in touched_sides(contacts, axis, places, task.area):
+        above = facing[np.argsort(facing[:, Z])]
+        heights = np.append(task.area.lower[Z], above[:, Z])
+        widest = int(np.argmax(np.diff(heights)))
+        height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
+        if low[Z] - height <= pitch:
+            continue
+        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, 3:6])
+        ceiling = float(low[Z]) + OVERLAP
+        whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
+        inmost, best = float(low[axis]) - side * GAINED, None
+        for rotation in leans(side * np.eye(3)[axis]):
+            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
+            if side * (inmost - end) > 0.0:
+                inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
+        best = within_reach(best, reachable) if best is not None else None
+        if best is not None:
+            end = best.end + best.sign * ONWARD
+            lines.append(replace(best, end=min(end, middle) if best.sign > 0.0 else max(end, middle)))
     return lines
 
 

@@ -6,7 +6,7 @@ grid has shown to be free lets the body come down beside the object, upright or 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,41 +75,51 @@ def low_sides(
     """
     floor = float(area.lower[Z])
     lines: list[Line] = []
+    for place, side, border, own, facing in touched_sides(contacts, axis, places, area):
+        low = facing[np.argmin(facing[:, Z])]
+        if low[Z] - floor <= 0.5 * pitch:
+            continue
+        end = float(low[axis])
+        whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
+        last = facing[facing[:, Z] < low[Z] + ALIKE]
+        out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
+        away = out / float(np.sqrt(out @ out))
+        onwards = float(np.median(last[:, 8] / (side * last[:, 6 + axis])))
+        slope = max(onwards, 0.0)
+        best: Line | None = None
+        for rotation in leans(away):
+            line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
+            if line is not None and (best is None or line.height < best.height - HIGHER):
+                best = within_reach(line, reachable) or best
+            if best is not None and best.height <= floor + HIGHER:
+                break
+        if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
+            continue
+        assert best.rotation is not None
+        if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
+            # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
+            room = body.under - float((side * (own[:, 3 + axis] - low[3 + axis])).max())
+            expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
+            if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
+                continue
+            best = replace(best, expected=expected)
+        lines.append(replace(best, end=end - side * BEYOND))
+    return lines
+
+
+def touched_sides(
+    contacts: np.ndarray, axis: int, places: np.ndarray, area: Area
+) -> Iterator[tuple[float, float, float, np.ndarray, np.ndarray]]:
+    """Place m, sign of the side, and its border m, for each side that was touched on lines along an axis.
+
+    With them the rows of `contacts` (m, 10) that are on that line, and those of them that face to that side.
+    """
     for place in np.sort(places).tolist():
         own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
         for side, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
             facing = own[side * own[:, 6 + axis] > FACING]
-            if not len(facing):
-                continue
-            low = facing[np.argmin(facing[:, Z])]
-            if low[Z] - floor <= 0.5 * pitch:
-                continue
-            end = float(low[axis])
-            whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
-            last = facing[facing[:, Z] < low[Z] + ALIKE]
-            out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
-            away = out / float(np.sqrt(out @ out))
-            onwards = float(np.median(last[:, 8] / (side * last[:, 6 + axis])))
-            slope = max(onwards, 0.0)
-            best: Line | None = None
-            for rotation in leans(away):
-                line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
-                if line is not None and (best is None or line.height < best.height - HIGHER):
-                    best = within_reach(line, reachable) or best
-                if best is not None and best.height <= floor + HIGHER:
-                    break
-            if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
-                continue
-            assert best.rotation is not None
-            if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
-                # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
-                room = body.under - float((side * (own[:, 3 + axis] - low[3 + axis])).max())
-                expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
-                if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
-                    continue
-                best = replace(best, expected=expected)
-            lines.append(replace(best, end=end - side * BEYOND))
-    return lines
+            if len(facing):
+                yield place, side, border, own, facing
 
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
