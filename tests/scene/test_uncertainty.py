@@ -7,7 +7,7 @@ from lwrprobe.scene import load_scene, write_scene
 from lwrprobe.scene.truth import PROFILES as TRUTH
 from lwrprobe.scene.uncertainty import PROFILES, UncertaintyTable
 
-KEYS = [name for name in UncertaintyTable.model_fields if name != "profile"]
+KEYS = [name for name in UncertaintyTable.model_fields if name not in ("profile", "force_errors")]
 OWN = {"sensor_delay_ms", "object_compliance_um_n"}
 RENAMED = {
     "zero_force_mn": "zero_wander_force_mn", "zero_torque_unm": "zero_wander_torque_unm",
@@ -47,7 +47,13 @@ def test_the_truth_changes_nothing_of_it():
     assert plain.uncertainty == other.uncertainty
 
 
-@pytest.mark.parametrize("setting", ["probe_length_mm=-0.1", "profile=rough", "probe_lenght_mm=0.1"])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "probe_length_mm=-0.1", "profile=rough", "probe_lenght_mm=0.1",
+        "force_errors=[[0.1, 0.2]]", "force_errors=0.1", f"force_errors=[{[0.0] * 17 + ['nan']}]",
+    ],
+)  # fmt: skip
 def test_what_is_no_standard_deviation_is_refused_by_name(setting):
     with pytest.raises(SceneError, match=f"uncertainty.{setting.split('=')[0]}"):
         load_scene("block", [f"uncertainty.{setting}"])

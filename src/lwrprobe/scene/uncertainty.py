@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from lwrprobe.calibration.calibration_file import FORCE_ROWS
 from lwrprobe.scene.table import NonNegative, Table
 
 _BOTH: dict[str, float] = {
@@ -41,6 +42,9 @@ PROFILES: dict[str, dict[str, float]] = {
 """Standard deviations of each profile; docs/explanation/simulator.md says where each figure comes from."""
 
 
+_ForceError = Annotated[tuple[float, ...], Field(strict=False, min_length=FORCE_ROWS, max_length=FORCE_ROWS)]
+
+
 class UncertaintyTable(Table):
     """How well the scene's numbers are known: one standard deviation of each. An entry left out is the profile's."""
 
@@ -60,7 +64,7 @@ class UncertaintyTable(Table):
     """Of each axis."""
     sensor_crosstalk_percent: NonNegative | None = None
     """Full scale of one axis on each other one, in percent of that one's full scale."""
-    force_errors: tuple[Annotated[tuple[float, ...], Field(strict=False)], ...] = Field(default=(), strict=False)
+    force_errors: tuple[_ForceError, ...] = Field(default=(), strict=False)
     """What a calibration leaves of the force's rows of the sensor's matrix: independent errors of one standard
     deviation each, 18 numbers a row. In the error budget they take the place of gain and crosstalk."""
     sensor_hysteresis_percent: NonNegative | None = None
