@@ -78,7 +78,7 @@ def leaning_lines(
 def _inmost(line: Line, rotation: np.ndarray, points: np.ndarray, task: Task) -> float:
     """m on the line's axis, as far as the probe held by `rotation` (3, 3) keeps clear of points (n, 3)."""
     along = np.arange(0.0, abs(line.end - line.begin), STEP)
-    centres = np.array([line.at(line.begin + line.sign * gone) for gone in along.tolist()])
+    centres = np.array([line.at(line.begin + line.sign * gone) for gone in along.tolist()]).reshape(-1, 3)
     near = np.zeros(len(along), np.bool_)
     for link in task.probe.links:
         keep = STICK if link.name == "stick" else task.clearance_threshold
