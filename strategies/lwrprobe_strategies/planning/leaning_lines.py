@@ -17,8 +17,6 @@ from lwrprobe_strategies.planning.low_sides import OVERLAP, Leans, touched_sides
 
 STEP = 0.002
 """m between two places on a line that are looked at, and between the contacts that count."""
-GAINED = 0.005
-"""m farther in than the upright sphere touched, that a line must lead: its radius."""
 DEEPER = 0.003
 """m farther in, for which the probe leans more."""
 STICK = 0.0015
@@ -63,7 +61,7 @@ def leaning_lines(
         around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, 3:6])
         ceiling = float(low[Z]) + OVERLAP
         whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
-        inmost, best = float(low[axis]) - side * GAINED, None
+        inmost, best = float(low[axis]) - side * task.probe.radius, None  # less would not be worth a line
         for rotation in leans(side * np.eye(3)[axis]):
             end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
             if side * (inmost - end) > 0.0:
