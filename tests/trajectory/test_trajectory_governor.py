@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from naive_trajectory import Watch, pose
 from scipy.spatial.transform import Rotation
+from scipy.special import erf
 
 from lwrprobe.contracts import InputError
 from lwrprobe.kinematics import IKSolver, lwr4
@@ -70,6 +71,32 @@ def test_where_a_joint_turns_round_on_the_path_the_tip_is_slow_enough_for_its_ac
     turns = np.abs(np.diff(asked, 2)).max() / tip.cycle**2
     assert (turns < 30.0) == kept
     assert len(asked) < 2500
+
+
+def test_near_a_singularity_the_tip_changes_its_speed_where_the_joints_can_follow():
+    """A joint that goes up to 45 rad for each m of the tip: 2 m/s^2 of the tip are 90 rad/s^2 of it."""
+    tip = CartesianTrajectory(1e-3, CartesianLimits(0.25, 2.0, 3000.0, 1.5, 10.0, 200.0))
+
+    def joint(x):
+        return 5.0 * x + 40.0 * 0.04 * np.sqrt(np.pi) / 2.0 * erf((x - 0.15) / 0.04)
+
+    def track_all(poses, seed, out):
+        out[:] = joint(poses[:, :1, 3])
+        return len(poses)
+
+    governor = SpeedGovernor(tip, track_all, np.array([1.9]), 60.0)
+    tip.set_goal(pose(0.3), 0.25)
+    asked = []
+    while not tip.arrived:
+        tip.step()
+        asked.append(joint(tip.pose[0, 3]))
+        governor.watch(np.array(asked[-1:]))
+    assert np.abs(np.diff(asked)).max() < 1.9 * tip.cycle
+    accelerations = np.diff(asked, 2) / tip.cycle**2
+    assert accelerations.max() < 60.0, "speeding up"
+    assert accelerations.min() > -60.0, "slowing down"
+    assert tip.factor == 1.0, "it has sped up again behind that place"
+    assert len(asked) < 6000
 
 
 def test_a_governed_tip_that_rests_is_not_slowed_any_more():

@@ -21,11 +21,13 @@ FASTER = 1.5
 class SpeedGovernor:
     """Keeps the joints below their limits by scaling the tip's speed, inside the tip's own limits.
 
-    The plan is looked at ahead for as long as the tip needs to stop: inverse kinematics of a few poses on it gives
-    the largest share of a joint speed limit that the plan will ask for and where. At one place that share is
+    The plan is looked at ahead for as long as the tip needs to stop, and while it is slowed for as far as it would
+    need without: inverse kinematics of a few poses on it gives the largest share of a joint speed limit that the plan
+    will ask for and where. At one place that share is
     proportional to the tip's speed, so that the speed which brings it back into the band follows at once. The
     acceleration that a joint needs because its path bends is proportional to the square of that speed: the root of
-    its share counts as a share does. Far from the limits it looks less often and less closely.
+    its share counts as a share does. The tip speeds up again where the joints can follow that: near a singularity the
+    acceleration of the tip alone may ask too much of them. Far from the limits it looks less often and less closely.
 
     Parameters
     ----------
@@ -98,35 +100,60 @@ class SpeedGovernor:
         return speed > FASTER * old_speed or turn_rate > FASTER * old_rate
 
     def _look(self, q: np.ndarray, cycles: int) -> float:
-        """The largest share of a joint speed limit ahead."""
-        trajectory, joints = self._trajectory, self._joints
+        """The largest share of a joint speed limit until the tip could stand; the tip's speed is scaled."""
+        trajectory, count = self._trajectory, len(self._speed_ratio)
         self._asked = trajectory.asked
         seconds = trajectory.stopping_time + cycles * trajectory.cycle
-        count = len(self._speed_ratio) // 2 + 1 if self._low_use else len(self._speed_ratio)
-        poses, speed_ratio = self._poses[:count], self._speed_ratio[:count]
+        further, allowed = 0.0, inf
+        if trajectory.factor < 1.0:
+            _, _, further, allowed = self._ahead(q, seconds / trajectory.factor, count)
+        count = count // 2 + 1 if self._low_use else count
+        solved, fastest, near, allowed_near = self._ahead(q, seconds, count)
+        self.blocked_in = solved * seconds / (count - 1) if solved < count else inf
+        self.use = max(near, further)
+        self._scale(min(allowed, allowed_near), solved)
+        return fastest
+
+    def _ahead(self, q: np.ndarray, seconds: float, count: int) -> tuple[int, float, float, float]:
+        """What the plan asks of the joints, at so many poses from now, where they are at q (n,), to `seconds` ahead.
+
+        How many poses were solved; the largest share of a joint speed limit; that, or the root of the largest share of
+        an acceleration limit, if it is larger; the factor of the tip's speed that brings it back into the band.
+        """
+        poses, speed_ratio, joints = self._poses[:count], self._speed_ratio[:count], self._joints
         spacing = seconds / (count - 1)
-        trajectory.preview(seconds, poses, speed_ratio)
+        self._trajectory.preview(seconds, poses, speed_ratio)
         joints[0] = q
         solved = 1 + self._track_all(poses[1:], q, joints[1:count])
-        self.blocked_in = solved * spacing if solved < count else inf
         speeds = np.diff(joints[:solved], axis=0) / spacing
         use = (np.abs(speeds) / self._speed).max(axis=1, initial=0.0)
         fastest = float(use.max(initial=0.0))
         bends = np.abs(np.diff(speeds, axis=0)) / (spacing * self._acceleration)
         use[1:] = np.maximum(use[1:], np.sqrt(bends.max(axis=1, initial=0.0)))
-        self.use = float(use.max(initial=0.0))
-        self._scale(use, 0.5 * (speed_ratio[: solved - 1] + speed_ratio[1:solved]))
-        return fastest
+        over = use > self._highest
+        ratio = 0.5 * (speed_ratio[: solved - 1] + speed_ratio[1:solved])
+        allowed = float((ratio[over] / use[over]).min(initial=inf)) * self._middle
+        return solved, fastest, float(use.max(initial=0.0)), allowed
 
-    def _scale(self, use: np.ndarray, speed_ratio: np.ndarray) -> None:
+    def _scale(self, allowed: float, solved: int) -> None:
+        """Slow down to the allowed factor, or speed up where the poses solved in this look leave room for it."""
         trajectory = self._trajectory
         if self.use > self._highest:
-            over = use > self._highest
-            allowed = float((speed_ratio[over] / use[over]).min()) * self._middle
             wanted = max(self._slowest, min(allowed, trajectory.factor))
-        elif self.use < self._lowest and trajectory.factor < 1.0:
+        elif self.use < self._lowest and trajectory.factor < 1.0 and self._of_acceleration(solved) <= self._highest:
             wanted = min(1.0, trajectory.factor * min(1.5, self._middle / max(self.use, 1e-3)))
         else:
             return
         if abs(wanted - trajectory.factor) > 0.02 * trajectory.factor:
             trajectory.scale(wanted)
+
+    def _of_acceleration(self, solved: int) -> float:
+        """Largest share of a joint's acceleration that the tip's own may ask for, at the poses solved in this look."""
+        limits, poses = self._trajectory.limits, self._poses[:solved]
+        moved, steps = np.abs(np.diff(self._joints[:solved], axis=0)), np.diff(poses, axis=0)
+        turns = np.linalg.norm(steps[:, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+        way = np.maximum(
+            np.linalg.norm(steps[:, :3, 3], axis=1) / limits.acceleration, turns / limits.turn_acceleration
+        )
+        going = way > 0.0
+        return float((moved[going] / (way[going, None] * self._acceleration)).max(initial=0.0))

@@ -13,7 +13,7 @@ from lwrprobe.kinematics import IKStatus, follow, sensitivity, straight_line
 
 LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
-STRIDE, STRIDE_TURN = 0.02, 0.1
+STRIDE, STRIDE_TURN = 0.005, 0.1
 """m and rad between the poses at which a straight path is checked."""
 OFF_LIMITS = 0.01
 """rad that a joint keeps from the ends of its range on a path that is planned. At an end, the other joints would have

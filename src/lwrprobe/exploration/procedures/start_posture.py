@@ -52,7 +52,11 @@ def tip_mass_at_start(scene: Scene, arm_mass: float) -> float:
 
 
 def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None) -> IKResult:
-    """The solution farthest from the joint limits among those from a fixed set of seeds, or the one asked for."""
+    """The solution that leaves the joints the most of their ranges among those from a fixed set of seeds, or the one
+    asked for.
+
+    How far the joint nearest to a limit is from it does not tell solutions apart: it is the elbow's in most of them.
+    """
     solver = IKSolver(robot)
     if start_deg is not None:
         return solver.solve(pose, np.radians(start_deg))
@@ -62,7 +66,14 @@ def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None)
     solved = [result for result in found if result.status == IKStatus.CONVERGED]
     if not solved:
         return min(found, key=lambda result: result.short_by)
-    return max(solved, key=lambda result: robot.limit_margin(result.q))
+    return max(solved, key=lambda result: _range_left(robot, result.q))
+
+
+def _range_left(robot: Robot, q: np.ndarray) -> float:
+    """Product over the joints at q (n,) of the share of half their range that is left on the nearer side."""
+    left = np.minimum(q - robot.lower, robot.upper - q)
+    limited = np.isfinite(left)
+    return float((left[limited] / (0.5 * (robot.upper - robot.lower)[limited])).prod())
 
 
 def unreachable_part(scene: Scene, robot: Robot, pose: np.ndarray, q: np.ndarray) -> str:
