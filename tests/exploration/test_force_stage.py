@@ -235,7 +235,7 @@ def test_the_probe_is_slower_where_the_arm_is_stiffer_than_where_that_is_stated(
     force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
     force.begin(0.0135)
     force.expect(np.zeros(3), np.array([-3.5, 0.0, 0.0]))
-    for x, share in ((0.0, 1.0), (0.08, 1.0), (-0.08, 0.9)):
+    for x, share in ((0.0, 1.0), (0.08, 1.0), (-0.08, 0.95)):
         pose = np.eye(4)
         pose[:3, :3], pose[0, 3] = DOWN, x
         force.update(wrench(0.0, (0.0, 0.0, 0.0)), pose, None)
@@ -243,6 +243,30 @@ def test_the_probe_is_slower_where_the_arm_is_stiffer_than_where_that_is_stated(
         assert down.velocity[2] == pytest.approx(-0.002 * share, rel=1e-6)
         across = force.limit(VelocityCommand(np.array([0.002, 0.0, 0.0])), wrench(0.0, (0.0, 0.0, 0.0)), 0.0)
         assert across.velocity[0] == 0.002
+
+
+def test_the_probe_is_slower_where_the_arm_is_stiffer_along_a_stick_that_leans():
+    """Towards its own shoulder the arm gives way less than downwards, away from it more."""
+    scene = load_scene("block", ["truth.profile=ideal", "uncertainty.profile=ideal"])
+    robot = robot_of(scene)
+    pose, q = start_posture(scene, robot)
+    force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
+    force.begin(0.0135)
+    force.expect(pose[:3, 3], np.zeros(3), softer_than_along(scene, robot, q))
+    jacobian, shares = robot.jacobian(q)[:3], []
+    for angle in (-0.6, 0.0, 0.6):
+        axis = np.array([np.sin(angle), 0.0, -np.cos(angle)])
+        held = pose.copy()
+        held[:3, :3] = np.array([np.cross([0.0, 1.0, 0.0], axis), [0.0, 1.0, 0.0], axis]).T
+        force.update(wrench(0.0, (0.0, 0.0, 0.0)), held, None)
+        moved = force.limit(VelocityCommand(0.002 * axis), wrench(0.0, (0.0, 0.0, 0.0)), 0.0)
+        shares.append(float(moved.velocity @ axis) / 0.002)
+        gives = np.sum((axis @ jacobian) ** 2) / np.sum((pose[:3, 2] @ jacobian) ** 2)
+        of_object = 1.0 / scene.contact.object_stiffness
+        here = (1.0 / scene.contact.stiffness - of_object) * gives + of_object
+        assert shares[-1] == pytest.approx(min(1.25 * here * scene.contact.stiffness, 1.0), abs=0.051)
+    assert shares[1] == 1.0
+    assert min(shares) < 0.7
 
 
 def test_the_slope_of_the_stiffness_is_that_between_neighbouring_places():

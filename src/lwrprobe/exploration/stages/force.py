@@ -53,6 +53,8 @@ DRIFTED = 0.125
 """Of the threshold, that the zero may drift by in one standard deviation before a contact is interrupted for it."""
 UNCHANGED = 0.25
 """Of the threshold, by which a force may change in free space."""
+LEAST_GIVE = 0.1
+"""Of the stated compliance, that arm and object give at least along a stick that leans."""
 LIFT_SPEED = 0.01
 """m/s off a surface, at most."""
 
@@ -281,8 +283,15 @@ class ForceStage:
 
     @property
     def _rise(self) -> float:
-        """Stiffness of the arm where the tip is over that where it is stated."""
-        return math.exp(float(self._slope @ (self._place - self._origin)))
+        """Stiffness of arm and object along the stick, as it is held where the tip is, over the stated one.
+
+        An arm whose joints give way is stiff towards its own shoulder: along a stick that leans that way several times
+        as much as along an upright one.
+        """
+        stated, of_object = 1.0 / self._contact.stiffness, 1.0 / self._contact.object_stiffness
+        arm = max(stated - of_object, 0.0) * math.exp(float(self._slope @ (self._origin - self._place)))
+        leaning = float(self._axis @ self.softer @ self._axis)
+        return stated / max(arm + leaning + of_object, LEAST_GIVE * stated)
 
     @property
     def _stiffness_share(self) -> float:
@@ -291,7 +300,7 @@ class ForceStage:
         """
         reserve = COVERED if self._of_stiffness == 1.0 else 1.0
         share = min(reserve / self._rise, 1.0)
-        return self._of_stiffness * (math.floor(SPEED_STEPS * share) / SPEED_STEPS)
+        return self._of_stiffness * max(1.0, math.floor(SPEED_STEPS * share)) / SPEED_STEPS
 
     @property
     def _share(self) -> float:
