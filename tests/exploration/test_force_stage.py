@@ -119,6 +119,47 @@ def test_speeds_along_the_stick_follow_the_stiffness_that_presses_have_shown():
     assert any("the probe moves slower" in sentence for sentence in force.report()["warnings"])
 
 
+def test_a_resumed_run_keeps_the_speeds_that_presses_had_shown():
+    """Its force stage begins twice: before the presses of the first part are recalled, and when the arm moves."""
+    force, _ = stage()
+    force.begin(0.0135)
+    press(force, seconds=8.0)
+    slow = force.touch_speed
+    force.begin(0.0135)
+    assert force.touch_speed == slow
+
+
+def test_a_stick_that_hardly_bends_is_slower_across_as_well():
+    shares = []
+    for stiffness in (2500.0, 3e5):
+        force, _ = stage("uncertainty.profile=datasheet", f"probe.stiffness_lateral={stiffness}")
+        force.begin(0.0135)
+        force.update(wrench(0.0, (0, 0, 0)), np.block([[DOWN, np.zeros((3, 1))], [0.0, 0.0, 0.0, 1.0]]), None)
+        free = wrench(0.0, (0, 0, 0))
+        down, aside = VelocityCommand(np.array([0.0, 0.0, -0.001])), VelocityCommand(np.array([0.001, 0.0, 0.0]))
+        along, across = force.limit(down, free, 1.0).velocity[2], force.limit(aside, free, 1.0).velocity[0]
+        shares.append((along / -0.001, across / 0.001))
+    (soft, soft_across), (stiff, stiff_across) = shares
+    assert soft == stiff < 0.5
+    assert soft_across == 1.0, "the stick gives way far more than the arm"
+    assert stiff - 0.05 <= stiff_across < 0.6
+
+
+def test_the_zero_is_taken_beyond_the_dent_that_was_found_in_a_soft_object():
+    """Off what the stated stiffness says, the sphere of a soft object would still press."""
+    lifted = []
+    for compliance in (0.0, 1e-3):
+        force, _ = stage("contact.stiffness=2e5")
+        force.begin(0.0135)
+        if compliance:
+            press(force, compliance=compliance, seconds=8.0)
+        pose = np.eye(4)
+        pose[:3, :3] = DOWN
+        force.update(wrench(20.0, (0, 0, 0.8)), pose, touching(0.8))
+        lifted.append(force._gives)
+    assert lifted[1] - lifted[0] == pytest.approx(1e-3, rel=0.1)
+
+
 def test_a_few_presses_that_scatter_refuse_nothing():
     """Batches of ten changes of the force scatter by half of the compliance; three of them had refused a touch."""
     force, _ = stage()
@@ -301,5 +342,8 @@ def test_the_arm_gives_way_more_sideways_than_along_the_stick_as_its_joints_turn
     for axis in np.eye(3):
         expected = joint * float(axis @ moved(axis)) - 1.0 / arm_stiffness(scene)
         assert axis @ softer_than_along(scene, robot, q) @ axis == pytest.approx(expected, abs=1e-8)
+    sure, ways = np.linalg.eigh(softer_than_along(scene, robot, q))
     unsure = softer_than_along(load_scene("block", ["uncertainty.profile=datasheet"]), robot, q)
-    assert unsure == pytest.approx(0.6 * softer_than_along(scene, robot, q)), "known to 40 %"
+    assert sure[0] < 0.0 < sure[-1]
+    expected = [value * (0.6 if value > 0.0 else 1.0) for value in sure]  # known to 40 %
+    assert np.diag(ways.T @ unsure @ ways) == pytest.approx(expected), "what is stiffer counts in full"

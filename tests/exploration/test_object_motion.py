@@ -75,6 +75,18 @@ def test_an_object_that_is_pushed_by_the_touch_is_noticed_within_two_millimetres
     assert monitor.moved_since == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize("rate", [125.0, 10.0])
+def test_a_push_is_noticed_however_rarely_the_sensor_reads(rate):
+    monitor = watch(rate=rate)
+
+    def push():
+        for k, place in enumerate(along((0, 0, 0), (0, 0.02, 0.02))):
+            touch(monitor, k / rate, place, np.array([0.0, -1.0, 0.0]))
+
+    with pytest.raises(ObjectMoved, match="gave way"):
+        push()
+
+
 def test_an_object_too_light_for_a_contact_is_noticed_by_the_force_that_does_not_grow():
     monitor = watch()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.exploration.procedures.start_posture import start_posture
-from lwrprobe.kinematics import IKSolver, IKStatus, follow, straight_line
+from lwrprobe.kinematics import IKSolver
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.scene_robot import robot_of
 

@@ -45,7 +45,8 @@ class Certification:
     def at(self, time: float = np.inf) -> Hiding:
         """What could hide at a time [s] of the run, no earlier than that of the call before."""
         contacts = self._recorder.contacts
-        self._swept = self._recorder.swept.sweep_into(self._certificate, self._swept, time)
+        until = min(time, self._recorder.withheld_since)  # what was swept after the object has moved says nothing
+        self._swept = self._recorder.swept.sweep_into(self._certificate, self._swept, until)
         last = self._touched
         while last < len(contacts) and contacts[last].time <= time:
             last += 1

@@ -25,8 +25,8 @@ LENGTH = 0.012
 """m of path in one piece: the quickest joint makes more than a wave on it, and a parabola takes up little of that."""
 FEWEST = 15
 """Contacts in one piece."""
-GAP = 0.05
-"""s between two contacts, from which on the path between them is not known."""
+GAP, PERIODS = 0.05, 2.5
+"""s, and times between most contacts, from the longer of which on the path between two of them is not known."""
 BENT = cos(radians(12.0))
 """Cosine between a normal and the mean one of its piece, below which the piece is not smooth: an edge, say."""
 NOISE = 1.5e-5
@@ -169,7 +169,9 @@ def _solved(pieces: list[Piece], asked: np.ndarray, stated: float) -> tuple[np.n
 def _pieces(touches: Touches, waves: float) -> Iterator[Piece]:
     """The smooth pieces of the path, each without its parabola."""
     centres, normals = touches.centres, touches.normals
-    for run in np.split(np.arange(len(centres)), np.flatnonzero(np.diff(touches.times) > GAP) + 1):
+    apart = np.diff(touches.times)
+    gap = max(GAP, PERIODS * float(np.median(apart))) if len(apart) else GAP
+    for run in np.split(np.arange(len(centres)), np.flatnonzero(apart > gap) + 1):
         travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres[run], axis=0), axis=1))])
         count = round(float(travel[-1]) / LENGTH)
         if count < 1:

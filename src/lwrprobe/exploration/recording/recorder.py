@@ -57,6 +57,8 @@ class Recorder:
         """Joint values (n,) and velocity (3,) m/s of the centre at each contact, None for one of an earlier part."""
         self.passed: list[tuple[float, np.ndarray]] = []
         """s and (3,) m, of the centre without a force, at touches that are no contacts: the path between contacts."""
+        self.withheld_since = np.inf
+        """s, from which on what was recorded is kept out of what follows the run."""
         self.accepted = 0
         """Contacts of this part of the run, those that are withheld or left out afterwards among them."""
         self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
@@ -100,10 +102,16 @@ class Recorder:
             self.bag.log(f"{state}: {event}, then {following}")
 
     def withhold(self, since: float) -> None:
-        """Keep contacts from `since` s on out of what follows the run; on disk they stay."""
+        """Keep contacts and path from `since` s on out of what follows the run; on disk they stay."""
+        self.withheld_since = since
         left = sum(contact.time < since for contact in self.contacts)
         del self.contacts[left:], self.sequences[left:], self.states[left:]
         self.passed = [touch for touch in self.passed if touch[0] < since]
+
+    def free_path(self) -> np.ndarray:
+        """(n, 3) m, where the sphere's centre was without a touch, as far as that follows the run."""
+        trace = self.trace()
+        return trace[(trace[:, 5] == 0.0) & (trace[:, 0] < self.withheld_since), 1:4]
 
     def shift(self, shifts: np.ndarray) -> None:
         """Move the contacts that follow the run by (n, 3) m, and the touches between them alike; on disk they stay."""

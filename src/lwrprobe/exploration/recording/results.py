@@ -17,8 +17,7 @@ from lwrprobe.scene import Scene, write_scene
 
 def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap, line_spacing: float | None) -> TouchRecord:
     """What a reconstructor is given: contacts, or the map's voxels, and the path on which nothing was touched."""
-    trace = recorder.trace()
-    free = trace[trace[:, 5] == 0.0, 1:4] if len(trace) else np.empty((0, 3))
+    free = recorder.free_path()
     if scene.reconstruction.points == "voxels":
         return TouchRecord(
             points=voxels.centres(),

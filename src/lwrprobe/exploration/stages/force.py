@@ -92,7 +92,7 @@ class ForceStage:
         self._normal: np.ndarray | None = None
         self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
         self._bend = Deflection(probe)
-        self._axial = float(probe.compliance[2])
+        self._axial, self._across = float(probe.compliance[2]), float(probe.compliance[:2].min())
         self._drifting = drift = 1e-3 / 60.0 * scene.uncertainty.sigma("drift_mn_per_min")  # N/s
         self._drift = DriftWatch(
             conditioner,
@@ -162,6 +162,7 @@ class ForceStage:
                 "moves slower"
             ]
         self._touch_speed = min(self._approach, law.approach_speed)
+        self._judge_presses()  # of the part before, where a run is resumed
         self._report |= {
             "stability_number": round(law.stability_number, 4),
             "damping": round(law.damping, 3),
@@ -240,7 +241,8 @@ class ForceStage:
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
         if contact is not None:
-            self._gives = 1.0 / self._contact.stiffness + self._bend.along(pose[:3, :3], contact.normal)
+            series = self._compliance or 1.0 / self._contact.stiffness
+            self._gives = series + self._bend.along(pose[:3, :3], contact.normal)
         if not self.learns:
             return
         self.rises.update(wrench, pose[:3, 3], wrench.time if time is None else time)
@@ -329,17 +331,23 @@ class ForceStage:
         return motion
 
     def _share_along(self, path: np.ndarray) -> float:
-        """Share of the speed along a path (3,): 1 where nothing can be met, or is touched, along the stick.
-
-        Across it the probe gives way so much that the stiffness of arm and object does not count.
-        """
+        """Share of the speed along a path (3,): another where nothing can be met, or is touched, along the stick."""
         share = self._stiffness_share
         if share == 1.0:
             return 1.0
         if self._normal is not None and abs(float(self._normal @ self._axis)) > ACROSS:
             return share
         along = abs(float(path @ self._axis))
-        return share if along > ACROSS * math.sqrt(float(path @ path)) else 1.0
+        return share if along > ACROSS * math.sqrt(float(path @ path)) else self._share_across(share)
+
+    def _share_across(self, share: float) -> float:
+        """Share of the speed across the stick, where that along it is `share`: the probe's own give, of which all is
+        known, adds to that of arm and object.
+        """
+        series = 1.0 / self._contact.stiffness
+        stiffer = (series + self._across) / (series * share / COVERED + self._across)
+        share = min(COVERED / stiffer, 1.0)
+        return max(1.0, math.floor(SPEED_STEPS * share)) / SPEED_STEPS
 
     def _forget_presses(self) -> None:
         """Normals were wrong: what presses have shown with them is dropped."""

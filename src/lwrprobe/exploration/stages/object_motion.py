@@ -50,8 +50,8 @@ ZERO = 2.0
 """Standard deviations by which the zero may turn the force's direction."""
 TOUCHED = 4.0
 """Standard deviations of an axis of the zero, up to which a force may be the zero's alone, and no touch."""
-GAP = 0.05
-"""s between two samples, from which on the path between them is not known."""
+GAP, PERIODS = 0.05, 2.5
+"""s, and periods of the sensor, between two samples: from the longer of both on the path between them is not known."""
 FORGIVEN = 10
 """Contradictions after which a run whose torque and force disagree ends."""
 LET_GO = 12
@@ -75,15 +75,23 @@ class ObjectMotionMonitor:
     threshold : N, above it a touch is declared; half of it is a force all the same
     knows_friction : the contacts' normals are free of it
     turned : m for each rad by which the stick is held otherwise, by which places may contradict each other beyond it
+    rate : Hz, of the sensor
     """
 
     def __init__(
-        self, radius: float, tolerance: float, threshold: float, knows_friction: bool = True, turned: float = 0.0
+        self,
+        radius: float,
+        tolerance: float,
+        threshold: float,
+        knows_friction: bool = True,
+        turned: float = 0.0,
+        rate: float = 125.0,
     ) -> None:
         self._radius, self._tolerance, self._threshold, self._zero = radius, tolerance, threshold, 0.0
         self._slope = WRONG_NORMAL if knows_friction else WRONG_FORCE
         self._places, self._normals, self._sticks = np.empty((1024, 3)), np.zeros((1024, 3)), np.zeros((1024, 3))
         self._turned, self._stick_held = turned, DOWN
+        self._gap = max(GAP, PERIODS / rate)
         self._count = self._agreed = 0
         self._last = [inf] * 3
         self._before: tuple[float, list[float], tuple[float, float, float]] | None = None
@@ -178,7 +186,7 @@ class ObjectMotionMonitor:
         normal, slope = (contact.normal, self._slope) if contact is not None else (force / size, WRONG_FORCE + turned)
         here, (nx, ny, nz) = place.tolist(), normal.tolist()
         before, self._before = self._before, (time, here, (nx, ny, nz))
-        if before is None or not 0.0 < time - before[0] < GAP:
+        if before is None or not 0.0 < time - before[0] < self._gap:
             return
         if self._pushed == 0.0:
             self._push_began = time

@@ -219,7 +219,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         torque=torque_agreement(scene, probe),
         deflection=deflection,
         force=ForceStage(scene, probe, conditioner, estimator, rate),
-        object_motion=_object_motion(scene, probe.radius),
+        object_motion=_object_motion(scene, probe.radius, rate),
         voxels=voxels,
         surface=surface,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
@@ -278,11 +278,11 @@ def _clearance(
     return ClearanceStage(probe.links, voxels, surface, keep, stick), ""
 
 
-def _object_motion(scene: Scene, radius: float) -> ObjectMotionMonitor | None:
+def _object_motion(scene: Scene, radius: float, rate: float) -> ObjectMotionMonitor | None:
     tolerance, knows_friction = scene.safety.shift, scene.contact.estimator != "force_direction"
     if tolerance <= 0.0:
         return None
-    return ObjectMotionMonitor(radius, tolerance, scene.contact.threshold, knows_friction, _turned(scene))
+    return ObjectMotionMonitor(radius, tolerance, scene.contact.threshold, knows_friction, _turned(scene), rate)
 
 
 def _turned(scene: Scene) -> float:

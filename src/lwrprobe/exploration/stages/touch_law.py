@@ -52,12 +52,14 @@ def arm_stiffness(scene: Scene, compliance: float | None = None) -> float:
 def softer_than_along(scene: Scene, robot: Robot, q: np.ndarray) -> np.ndarray:
     """(3, 3) m/N, by which the arm gives way more than along the stick for a force along a unit vector n: n softer n.
 
-    At joint values q (n,), of joints that are equally stiff. The less the arm is known, the less of it counts.
+    At joint values q (n,), of joints that are equally stiff. The less the arm is known, the less counts of what it
+    gives way more; all of what it gives way less.
     """
     jacobian, axis = robot.jacobian(q)[:3], robot.fk_batch(q[None])[0, :3, 2]
     gives = jacobian @ jacobian.T
     sure = max(1.0 - 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"), 0.0)
-    return sure * (gives / float(axis @ gives @ axis) - np.eye(3)) / arm_stiffness(scene)
+    more, ways = np.linalg.eigh(gives / float(axis @ gives @ axis) - np.eye(3))
+    return (ways * np.where(more > 0.0, sure * more, more)) @ ways.T / arm_stiffness(scene)
 
 
 def tip_mass(robot: Robot, arm_mass: float, q: np.ndarray) -> float:
