@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lwrprobe.contracts import InputError
 from lwrprobe.control import run_on
 from lwrprobe.control.contour_control import FORCE_RESERVE, FRICTION, ContourControl
 from strategy_task import DOWN, task
@@ -59,6 +60,34 @@ def test_no_surface_ahead_is_struck_harder_by_an_arm_with_mass(mass):
         assert back <= speed < light.approach_speed(d, DOWN)
         again = light.return_speed(d, DOWN)
         assert 0.5 * light.approach_speed(d, DOWN) < again < light.approach_speed(d, DOWN)
+
+
+@pytest.mark.parametrize("torque", [0.03, 0.06, 0.096])
+def test_no_surface_ahead_twists_the_sensor_beyond_its_limit(torque):
+    """Across the stick the lever brings the torque to its limit before the force is at its own."""
+    t, random = replace(task(), torque_limit=torque), np.random.default_rng(3)
+    control, unlimited = ContourControl(t), ContourControl(task())
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[:2] = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    slower = 0
+    for direction in [np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), *random.normal(size=(20, 3))]:
+        d = direction / np.linalg.norm(direction)
+        speed = control.approach_speed(d, DOWN)
+        for n in normals[normals @ d > 0.05]:
+            push = float(n @ d) * (speed * t.delay + speed**2 / (2.0 * t.acceleration))
+            force = t.force_threshold + stiffness_along(t, n) * push
+            assert force <= FORCE_RESERVE * t.force_limit * 1.02
+            assert force * np.hypot(n[0], n[1]) * t.probe.sensor_distance <= torque * 1.02
+        assert speed <= unlimited.approach_speed(d, DOWN)
+        slower += speed < unlimited.approach_speed(d, DOWN)
+    assert slower > 0 or torque > 0.05
+    assert control.approach_speed(np.array([0.0, 0.0, 1.0]), DOWN) > 0.0
+
+
+def test_a_torque_limit_below_that_of_a_touch_is_refused():
+    with pytest.raises(InputError, match="torque_range"):
+        ContourControl(replace(task(), torque_limit=0.9 * task().force_threshold * task().probe.sensor_distance))
 
 
 def test_a_task_may_ask_for_less():

@@ -15,7 +15,6 @@ from lwrprobe.control import (
     contour_speed,
     peak_force,
     run_on,
-    sideways_force_limit,
 )
 from lwrprobe.control.force_law import NO_OVERSHOOT
 
@@ -144,12 +143,6 @@ def test_the_law_presses_slowly_and_yields_at_once():
     assert law.normal_velocity(TARGET) == 0.0
     assert law.normal_velocity(0.0) >= -law.approach_speed
     assert law.normal_velocity(20.0) == pytest.approx(19.0 / law.damping)  # yielding is never clipped
-
-
-def test_torque_limits_the_force_across_the_stick():
-    assert sideways_force_limit(0.12, 0.06, reserve=1.0) == pytest.approx(2.0)
-    with pytest.raises(InputError):
-        sideways_force_limit(0.12, 0.0)
 
 
 @pytest.mark.parametrize(

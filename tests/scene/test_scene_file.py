@@ -28,6 +28,8 @@ REFUSED = {
     "radius_infinite": ("probe.radius", "inf", "a finite number"),
     "radius_text": ("probe.radius", "5 mm", "a number"),
     "stick_thicker_than_sphere": ("probe.stick_radius", "0.006", "less than the sphere's radius"),
+    "probe_heavy": ("probe.mass", "0.15", "at most 0.03 kg"),
+    "lever_long": ("contact.target", "0.8", "less than 0.64 N"),
     "area_inverted": ("area.lower x", "0.1", "less than upper x"),
     "area_in_table": ("area.lower z", "0.001", "table.height + probe.radius"),
     "area_two_numbers": ("area.lower[2]", "-0.06", "the missing number"),

@@ -65,6 +65,7 @@ class Task:
     force_threshold : N, from which on a contact is declared
     force_target : N, wanted while a surface is followed
     force_limit : N, never to be exceeded
+    torque_limit : N m at the sensor, never to be exceeded
     clearance_threshold : m, distance of a link to what was touched, below which a collision threatens
     stiffness : N/m, of object and arm in series as far as known, else an upper bound; the probe's comes on top
     delay : s, from a force at the sphere to the arm's reaction
@@ -98,6 +99,7 @@ class Task:
     stiffness: float
     delay: float
     softer: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    torque_limit: float = np.inf
     arm_mass: float = 0.0
     arm_stiffness: float = np.inf
     search_for: float | None = None

@@ -11,7 +11,6 @@ from lwrprobe.control.force_law import (
     normal_velocity,
     peak_force,
     run_on,
-    sideways_force_limit,
 )
 
 __all__ = [
@@ -25,5 +24,4 @@ __all__ = [
     "normal_velocity",
     "peak_force",
     "run_on",
-    "sideways_force_limit",
 ]

@@ -94,6 +94,12 @@ class ContourControl:
         spare = FORCE_RESERVE * task.force_limit - task.force_threshold
         if spare <= 0.0:
             raise InputError("contact.limit", task.force_limit, f"more than {task.force_threshold / FORCE_RESERVE:g} N")
+        # Across the stick the torque comes to its limit before the force does.
+        sideways = task.torque_limit / (task.probe.sensor_distance * np.maximum(np.sin(NORMALS), 1e-9))
+        spares = np.minimum(FORCE_RESERVE * task.force_limit, sideways) - task.force_threshold
+        if spares.min() <= 0.0:
+            least = task.force_threshold * task.probe.sensor_distance
+            raise InputError("probe.torque_range", task.torque_limit, f"a share of it of more than {least:.3g} N m")
         self._reserve = spare
         # At a foot the sphere still presses on the wall, across what the foot presses with, and slides down it, whose
         # friction adds to that.
@@ -101,7 +107,8 @@ class ContourControl:
         foot = np.sqrt(max(limit**2 - wall**2, 0.0)) - FRICTION * wall - task.force_threshold
         self._law[kernels.FOOT_SHARE] = max(float(foot), 0.0) / spare
         pairs = list(zip(hardest.tolist(), late.tolist()))
-        safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in pairs]
+        against = zip((hard * (spare / spares)).max(axis=1).tolist(), late.tolist())
+        safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in against]
         self._safe = np.minimum(np.minimum.accumulate(safe), task.approach_speed)
         back = RETURN * task.force_target - task.force_threshold
         slow = [approach_speed(back, k, delay, task.acceleration) for k, delay in pairs]

@@ -219,10 +219,3 @@ def contour_speed(
     if stiffness * delay > 0.0:
         corner = reserve * (force_limit - force_target) / (stiffness * delay * max(math.sin(turn), 1e-9))
     return min(corner, reserve * force_target / (damping * math.tan(slope)))
-
-
-def sideways_force_limit(torque_range: float, sensor_distance: float, reserve: float = 0.9) -> float:
-    """N across the stick at which the torque saturates: T / L; the torque of a nano17 goes before its force."""
-    if not (torque_range > 0.0 and sensor_distance > 0.0):
-        raise InputError("torque_range", (torque_range, sensor_distance), "positive torque and distance")
-    return reserve * torque_range / sensor_distance

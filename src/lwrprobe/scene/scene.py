@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from lwrprobe.scene.solid import Solid
 
 
+INERTIA = 0.3
+"""Of the threshold of a touch, that the probe's own inertia may read."""
+
+
 class ArmTable(Table):
     """Which arm, where it stands and what it carries."""
 
@@ -364,6 +368,29 @@ class Scene(Table):
         if self.table.present and not self.table.tilt_deg and self.area.lower[2] < lowest:
             height = self.area.lower[2]
             raise Refusal("area.lower z", height, f"at least table.height + probe.radius, {lowest:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _inertia_is_no_touch(self) -> Self:
+        most = INERTIA * self.contact.threshold / self.motion.acceleration
+        if self.probe.mass > most:
+            allowed = (
+                f"at most {most:.3g} kg: accelerated with {self.motion.acceleration:g} m/s^2 (motion.acceleration) a "
+                f"heavier one reads like a touch of {self.contact.threshold:g} N (contact.threshold)"
+            )
+            raise Refusal("probe.mass", self.probe.mass, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _torque_sensor_measures_the_target(self) -> Self:
+        lever, torque = self.probe.sensor_distance, self.safety.torque_share * min(self.probe.torque_range[:2])
+        if self.contact.target * lever >= torque:
+            allowed = (
+                f"less than {torque / lever:.3g} N: across a stick whose sphere is {lever:g} m from the sensor "
+                f"(probe.sensor_distance) that is the torque up to which it is used (probe.torque_range, "
+                "safety.torque_share)"
+            )
+            raise Refusal("contact.target", self.contact.target, allowed)
         return self
 
     def solid(self) -> Solid:

@@ -379,6 +379,7 @@ def make_task(
         force_threshold=scene.contact.threshold,
         force_target=scene.contact.target,
         force_limit=scene.contact.limit,
+        torque_limit=scene.safety.torque_share * min(scene.probe.torque_range[:2]),
         clearance_threshold=scene.clearance.threshold,
         stiffness=scene.contact.stiffness,
         delay=delay,
