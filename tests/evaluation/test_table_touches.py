@@ -10,6 +10,7 @@ from lwrprobe.evaluation.table_touches import TablePlane, find_table
 
 AREA = Area(np.array([-0.08, -0.06, 0.006]), np.array([0.08, 0.06, 0.06]))
 RADIUS = 0.005
+LEVEL = TablePlane(np.array([0.0, 0.0, 1.0]), 0.0)
 
 
 def plane(tilt_deg, height, xs, ys, noise=5e-5, seed=1):
@@ -29,7 +30,7 @@ def test_a_table_that_leans_is_found_and_its_contacts_alone(tilt, lines):
     table, up, normal = plane(tilt, 0.003, lines, np.linspace(0.03, 0.06, 61))
     top, over, _ = plane(tilt, 0.05, lines, np.linspace(-0.025, 0.025, 101))
     points, normals = np.concatenate([table, top]), np.concatenate([up, over])
-    found = find_table(points, normals, AREA, RADIUS, 0.0)
+    found = find_table(points, normals, AREA, RADIUS, LEVEL)
     assert found is not None
     assert np.degrees(np.arccos(found.normal @ normal)) < 0.4
     touched = found.touched(points, normals)
@@ -39,13 +40,22 @@ def test_a_table_that_leans_is_found_and_its_contacts_alone(tilt, lines):
     np.testing.assert_array_equal(TablePlane.of(stored).touched(points, normals), touched)
 
 
+@pytest.mark.parametrize("tilt", [15.0, 25.0])
+def test_a_table_that_is_stated_to_lean_is_found_where_it_is(tilt):
+    points, normals, normal = plane(tilt, 0.003, np.linspace(-0.08, 0.08, 9), np.linspace(-0.06, 0.06, 61))
+    found = find_table(points, normals, AREA, RADIUS, TablePlane(normal, 0.0))
+    assert found is not None
+    assert found.touched(points, normals).mean() > 0.99
+    assert find_table(points, normals, AREA, RADIUS, LEVEL) is None, "far from a level one"
+
+
 def test_a_low_flat_object_is_no_table():
     points, normals, _ = plane(0.0, 0.004, np.linspace(-0.02, 0.02, 5), np.linspace(-0.02, 0.02, 41))
-    assert find_table(points, normals, AREA, RADIUS, 0.0) is None
+    assert find_table(points, normals, AREA, RADIUS, LEVEL) is None
 
 
 def test_a_few_contacts_or_a_plane_high_up_are_no_table():
     points, normals, _ = plane(0.0, 0.05, [0.0], np.linspace(-0.06, 0.06, 121))
-    assert find_table(points, normals, AREA, RADIUS, 0.0) is None
-    assert find_table(points[:5], normals[:5], AREA, RADIUS, 0.05) is None
-    assert find_table(np.empty((0, 3)), np.empty((0, 3)), AREA, RADIUS, 0.0) is None
+    assert find_table(points, normals, AREA, RADIUS, LEVEL) is None
+    assert find_table(points[:5], normals[:5], AREA, RADIUS, TablePlane(LEVEL.normal, 0.05)) is None
+    assert find_table(np.empty((0, 3)), np.empty((0, 3)), AREA, RADIUS, LEVEL) is None

@@ -11,9 +11,9 @@ import numpy as np
 from lwrprobe.contracts import Area
 
 LEAN = np.cos(np.radians(12.0))
-"""Share of the normal along z, from which on a contact may be a table's."""
+"""Share of the normal along that of the stated table, from which on a contact may be a table's."""
 AWAY = 0.010
-"""m, by which a table may be off the height that was stated."""
+"""m, by which a table may be off the place that was stated."""
 FLAT = 0.0004
 """m off the plane, up to which a contact lies in it."""
 ALIKE = np.cos(np.radians(5.0))
@@ -48,12 +48,14 @@ class TablePlane:
         return cls(np.array(stored["normal"], dtype=np.float64), float(stored["offset_m"]))
 
 
-def find_table(points: np.ndarray, normals: np.ndarray, area: Area, radius: float, stated: float) -> TablePlane | None:
-    """The plane near the height `stated` m in which contacts (n, 3) go on to the border of the area; None without one.
+def find_table(
+    points: np.ndarray, normals: np.ndarray, area: Area, radius: float, stated: TablePlane
+) -> TablePlane | None:
+    """The plane near the stated one in which contacts (n, 3) go on to the border of the area; None without one.
 
     What ends inside the area is an object, however low and flat.
     """
-    low = (normals[:, 2] > LEAN) & (np.abs(points[:, 2] - stated) < AWAY)
+    low = (normals @ stated.normal > LEAN) & (np.abs(points @ stated.normal - stated.offset) < AWAY)
     points, normals = points[low], normals[low]
     if len(points) < FEWEST:
         return None

@@ -333,4 +333,4 @@ PROFILES: dict[str, dict[str, Departure]] = {
         {"sensor_hysteresis_percent": 0.3, "loss_burst_ms": 80.0, **_SENSOR, **_GEARS},
     ),
 }  # fmt: skip
-"""What each profile sets; docs/simulator.md says where each figure comes from."""
+"""What each profile sets; docs/explanation/simulator.md says where each figure comes from."""

@@ -25,7 +25,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
-from lwrprobe.evaluation.table_touches import find_table
+from lwrprobe.evaluation.table_touches import TablePlane, find_table
 from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import Explorer, WatchFunction
@@ -389,10 +389,11 @@ def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> 
 
 def leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dict[str, Any] | None:
     """Where the table was touched, that is no part of the object; for the summary, None where it was not."""
-    if not scene.table.present:
+    stated = scene.table.plane()
+    if stated is None:
         return None
     points, normals = recorder.points(), recorder.normals()
-    table = find_table(points, normals, pipeline.area, scene.probe.radius, scene.table.height)
+    table = find_table(points, normals, pipeline.area, scene.probe.radius, TablePlane(stated[:3], stated[3]))
     if table is None:
         return None
     touched = table.touched(points, normals)
