@@ -35,11 +35,11 @@ from lwrprobe.contact.kernels import (
     P_MAX_SINE,
     P_OWN,
     P_RADIUS,
-    P_TRUSTED_ERROR,
     P_ZERO_ACROSS,
     P_ZERO_ALONG,
     axis_information,
     check_axis,
+    confidence_of,
     cross,
     deliver_world,
     invert,
@@ -173,9 +173,8 @@ def fused(given, params, state, out):
     sigma = math.hypot(own, shared_error(axis, own, state[S_AXIS], common))
     reason = deliver_world(given, normal, sigma, params, out)
     # Imprecise for what all have in common, it is one of the sphere all the same.
-    alone = 1.0 / (1.0 + (own / params[P_TRUSTED_ERROR]) ** 2)
     if out[O_SIGMA] <= sigma:  # else the normal was not even outwards
-        out[O_CONFIDENCE] = max(out[O_CONFIDENCE], min(alone, _SHARED_CONFIDENCE))
+        out[O_CONFIDENCE] = max(out[O_CONFIDENCE], min(confidence_of(own, params), _SHARED_CONFIDENCE))
     if ambiguous(given, params, state, normal, sigma):
         out[O_CONFIDENCE] = _AMBIGUOUS_CONFIDENCE
         return AMBIGUOUS

@@ -261,6 +261,13 @@ def deliver(given, u, sigma, params, out):
 
 
 @kernel
+def confidence_of(sigma, params):
+    """1 for an exact normal, one half for an error of the trusted size, rad."""
+    ratio = sigma / params[P_TRUSTED_ERROR]
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+@kernel
 def deliver_world(given, normal, sigma, params, out):
     """Fill point, normal and confidence; the force is set already. Returns IMPRECISE for a large sigma, else GOOD.
 
@@ -279,9 +286,7 @@ def deliver_world(given, normal, sigma, params, out):
         out[O_NORMAL + i] = along
         out[O_POINT + i] = given[I_CENTRE + i] - reach * along
     out[O_SIGMA] = sigma
-    ratio = sigma / params[P_TRUSTED_ERROR]
-    confidence = 1.0 / (1.0 + ratio * ratio)
-    out[O_CONFIDENCE] = confidence
+    out[O_CONFIDENCE] = confidence = confidence_of(sigma, params)
     return IMPRECISE if confidence < 0.5 else GOOD
 
 
