@@ -129,6 +129,19 @@ def test_a_resumed_run_keeps_the_speeds_that_presses_had_shown():
     assert force.touch_speed == slow
 
 
+def test_contacts_that_come_back_harder_than_planned_slow_the_probe():
+    force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
+    force.begin(0.0135)
+    before, pose, time = force.touch_speed, np.eye(4), 0.0
+    pose[:3, :3] = DOWN
+    for _ in range(3):
+        for size in (0.0, 0.0, 1.5, 3.0, *[0.8] * 10):
+            time += 0.008
+            contact = touching(size) if size > 0.0 else None
+            force.update(wrench(time, (0.0, 0.0, size)), pose, contact)
+    assert force.touch_speed == pytest.approx(before * 1.25 * 1.4 / 2.8)  # 1.4 N over the threshold were planned
+
+
 def test_a_stick_that_hardly_bends_is_slower_across_as_well():
     shares = []
     for stiffness in (2500.0, 3e5):

@@ -17,6 +17,7 @@ from lwrprobe.contact.estimator import (
 from lwrprobe.contact.limit_cycle import LimitCycle
 from lwrprobe.contact.payload import Payload, identify_payload
 from lwrprobe.contact.press_compliance import PressCompliance
+from lwrprobe.contact.return_peaks import ReturnPeaks
 from lwrprobe.contact.stick_contact import stick_contact
 from lwrprobe.contact.torque_agreement import TorqueAgreement
 from lwrprobe.contact.touch import TouchFit, zero_force_point
@@ -40,6 +41,7 @@ __all__ = [
     "LimitCycle",
     "Payload",
     "PressCompliance",
+    "ReturnPeaks",
     "Settings",
     "TorqueAgreement",
     "TouchFit",

@@ -1,6 +1,6 @@
 """Force control: one law, and the controller that follows a surface with it. Strategies may import this package."""
 
-from lwrprobe.control.contour_control import ContourControl
+from lwrprobe.control.contour_control import RETURN, ContourControl
 from lwrprobe.control.force_law import (
     ForceLaw,
     Refusal,
@@ -14,6 +14,7 @@ from lwrprobe.control.force_law import (
 )
 
 __all__ = [
+    "RETURN",
     "ContourControl",
     "ForceLaw",
     "Refusal",

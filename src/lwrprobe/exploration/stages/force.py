@@ -15,13 +15,14 @@ from lwrprobe.contact import (
     Estimator,
     LimitCycle,
     PressCompliance,
+    ReturnPeaks,
     TouchIdentification,
     TouchRises,
     Wrench,
     WrenchConditioner,
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
-from lwrprobe.control import Refusal
+from lwrprobe.control import RETURN, Refusal
 from lwrprobe.exploration.stages.lift_off import STEADY, LiftOff
 from lwrprobe.exploration.stages.sensor_errors import zero_errors
 from lwrprobe.exploration.stages.touch_law import touch_law
@@ -124,6 +125,7 @@ class ForceStage:
         self._axis, self._place = np.array([0.0, 0.0, 1.0]), np.zeros(3)
         self._compliance, self._by_presses, self._gives = 0.0, False, 0.0
         self._cycle: LimitCycle | None = None
+        self._returns: ReturnPeaks | None = None
         self._report: dict[str, Any] = {}
         # An upper bound of the stiffness is a lower bound of the compliance of object and arm.
         estimator.set_indentation(1.0 / scene.contact.stiffness)
@@ -152,6 +154,7 @@ class ForceStage:
         self._delay, self._tip_mass = delay, tip_mass
         self._at_first = self._of_stiffness = 1.0 / self._doubt(self._arm_sigma, DOUBT)
         self._cycle = LimitCycle(c.target, delay, 1.0 / self._rate, band=0.5 * c.target)
+        self._returns = ReturnPeaks(max(RETURN * c.target, 1.5 * c.threshold), c.threshold, delay)
         if isinstance(law, Refusal):
             self._report["refused"] = law.reason
             raise TouchRefused(f"touch refused: {law.reason}")
@@ -234,10 +237,14 @@ class ForceStage:
         failing = self._conditioner.failing
         if failing:
             raise SafetyStop(f"the sensor cannot be relied on: {failing}")
-        if contact is not None and self._cycle is not None:
-            self._cycle.update(wrench.time, float(contact.normal @ wrench.world_force))
-        elif self._cycle is not None:
-            self._cycle.lose(wrench.time)
+        if self._cycle is not None and self._returns is not None:
+            if contact is not None:
+                force = float(contact.normal @ wrench.world_force)
+                self._cycle.update(wrench.time, force)
+                self._returns.update(wrench.time, force, self._share * self._stiffness_share * self._cycle.scale)
+            else:
+                self._cycle.lose(wrench.time)
+                self._returns.lose(wrench.time)
         self._axis, self._place = pose[:3, 2], pose[:3, 3]
         self._normal = contact.normal if contact is not None else None
         if contact is not None:
@@ -299,10 +306,14 @@ class ForceStage:
     def _stiffness_share(self) -> float:
         """Of the speed that the stated stiffness allows; in steps where the arm is stiffer here than the reserve
         covers, which is used up where presses or doubt have slowed it already.
+
+        Contacts that were lost and have come back harder than planned show the same in their own way.
         """
         reserve = COVERED if self._of_stiffness == 1.0 else 1.0
         share = min(reserve / self._rise, 1.0)
-        return self._of_stiffness * max(1.0, math.floor(SPEED_STEPS * share)) / SPEED_STEPS
+        share = self._of_stiffness * max(1.0, math.floor(SPEED_STEPS * share)) / SPEED_STEPS
+        harder = self._returns.excess if self._returns is not None else 1.0
+        return min(share, COVERED / harder) if harder > COVERED else share
 
     @property
     def _share(self) -> float:
