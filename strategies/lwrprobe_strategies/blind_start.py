@@ -15,6 +15,7 @@ from lwrprobe.contracts import Area, Motion, Observation, Task
 from lwrprobe_strategies.object_bounds import LIFT, ObjectBounds
 from lwrprobe_strategies.object_search import ObjectSearch
 from lwrprobe_strategies.outcomes import Ended, Outcome
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
@@ -77,7 +78,7 @@ class BlindStart:
 
     def _found(self, found_at: float, closed: bool) -> Found:
         """What was touched, with room around it where its outline is `closed`; else all of the area is explored."""
-        points = self._tip.memory.contacts()[:, 3:6]
+        points = self._tip.memory.contacts()[:, POINT]
         points = points if len(points) else self._tip.here[None]
         lower, upper = self._area.lower.copy(), self._area.upper.copy()
         if closed:

@@ -41,6 +41,7 @@ from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
@@ -254,7 +255,7 @@ class Coverage(SkillStrategy):
         self.begun = tip.rotation
         self.frame = TrackingFrame(line, self.task.area)
 
-        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
+        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
         return transit(tip, retraction + path, before)
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.low_sides import OVERLAP, Leans, touched_sides, within_reach
 
@@ -58,7 +59,7 @@ def leaning_lines(
         height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
         if low[Z] - height <= pitch:
             continue
-        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, 3:6])
+        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP
         whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
         inmost, best = float(low[axis]) - side * task.probe.radius, None  # less would not be worth a line

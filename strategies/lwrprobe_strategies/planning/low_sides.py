@@ -13,6 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Z, POINT, POINT_X, POINT_Z
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 
@@ -82,9 +83,9 @@ def low_sides(
         end = float(low[axis])
         whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
         last = facing[facing[:, Z] < low[Z] + ALIKE]
-        out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
+        out = np.median(last[:, NORMAL], axis=0) * (1.0, 1.0, 0.0)
         away = out / float(np.sqrt(out @ out))
-        onwards = float(np.median(last[:, 8] / (side * last[:, 6 + axis])))
+        onwards = float(np.median(last[:, NORMAL_Z] / (side * last[:, NORMAL_X + axis])))
         slope = max(onwards, 0.0)
         best: Line | None = None
         for rotation in leans(away):
@@ -93,12 +94,12 @@ def low_sides(
                 best = within_reach(line, reachable) or best
             if best is not None and best.height <= floor + HIGHER:
                 break
-        if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
+        if best is None or left_below(best, low[POINT], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
             continue
         assert best.rotation is not None
         if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
             # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
-            room = body.under - float((side * (own[:, 3 + axis] - low[3 + axis])).max())
+            room = body.under - float((side * (own[:, POINT_X + axis] - low[POINT_X + axis])).max())
             expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
             if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
                 continue
@@ -117,7 +118,7 @@ def touched_sides(
     for place in np.sort(places).tolist():
         own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
         for side, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
-            facing = own[side * own[:, 6 + axis] > FACING]
+            facing = own[side * own[:, NORMAL_X + axis] > FACING]
             if len(facing):
                 yield place, side, border, own, facing
 
@@ -145,8 +146,8 @@ def left_below(
     s, z = (ticks.ravel() for ticks in np.meshgrid(beside, heights, indexing="ij"))
     out = slope * (touch[Z] - z)
     there = np.stack([touch[0] + out * away[0] - s * away[1], touch[1] + out * away[1] + s * away[0], z], axis=1)
-    near = contacts[contacts[:, 6:9] @ away > FACING]
-    near = near[np.abs(near[:, 3:5] - touch[:2]).max(axis=1) < 2.0 * pitch, 3:6]
+    near = contacts[contacts[:, NORMAL] @ away > FACING]
+    near = near[np.abs(near[:, POINT_X:POINT_Z] - touch[:Z]).max(axis=1) < 2.0 * pitch, POINT]
     apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1)
     return float((apart > half * half).mean()) * pitch * max(line.ceiling - line.height + half, 0.0)
 

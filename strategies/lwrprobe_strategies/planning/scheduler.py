@@ -11,7 +11,7 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL, NORMAL_X, NORMAL_Z, POINT, ContactMemory
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
@@ -173,7 +173,7 @@ class LineScheduler:
             self._body.survey()
             needed = float(self._body.lowest(line, self._task.orientation)[1][-1]) + self._task.clearance_threshold
             return min(max(needed, float(self._area.lower[Z])), float(self._area.upper[Z]))
-        return lowest_beside(line, self._memory.contacts()[:, 3:6], self._task)
+        return lowest_beside(line, self._memory.contacts()[:, POINT], self._task)
 
     def _above_receding(self, line: Line) -> float:
         """m, height at which a line across may be driven: that of the grid where the side that it meets recedes below.
@@ -185,12 +185,12 @@ class LineScheduler:
         along, aside = (contacts[:, axis] for axis in (line.axis, line.aside))
         low, high = sorted((line.begin, line.end))
         near = (np.abs(aside - line.place) < BESIDE * self._spacing) & (along > low - self._spacing)
-        near &= (along < high + self._spacing) & (line.sign * contacts[:, 6 + line.axis] < -FACING)
+        near &= (along < high + self._spacing) & (line.sign * contacts[:, NORMAL_X + line.axis] < -FACING)
         side = contacts[near]
         if not len(side):
             return lowest
         last = side[side[:, Z] < side[:, Z].min() + ALIKE]
-        recedes = float(np.median(last[:, 8])) < RECEDES
+        recedes = float(np.median(last[:, NORMAL_Z])) < RECEDES
         tall = float(side[:, Z].max()) > self.height + self._task.probe.radius
         return max(lowest, self.height) if recedes and tall else lowest
 
@@ -244,7 +244,7 @@ class LineScheduler:
         """The grid's lines that were given up on the side of the object where they met it, each the other way round."""
         contacts, lines = self._memory.contacts(), []
         for line in self._stopped:
-            normals = contacts[contacts[:, 9] == line.place, 6:9]
+            normals = contacts[contacts[:, GRID_X] == line.place, NORMAL]
             came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
             if len(normals) and not came_over.any():
                 low, high = sorted((float(self._area.lower[Y]), float(self._area.upper[Y])), reverse=line.sign > 0.0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.contact_memory import NORMAL_X, ContactMemory
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import THERE
 
@@ -49,7 +49,7 @@ def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, f
     touched = memory.contacts()
     near = np.abs(touched[:, line.aside] - line.place) < beside
     along = line.sign * touched[near, line.axis]
-    facing = line.sign * touched[near, 6 + line.axis] < 0.0
+    facing = line.sign * touched[near, NORMAL_X + line.axis] < 0.0
     if not facing.any():
         return *_not_passed(line, memory.trail(), beside), -np.inf
     wall = float(along[facing].min()) + BEHIND

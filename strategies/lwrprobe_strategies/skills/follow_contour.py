@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, Doubt, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.corner_watch import CornerWatch
 from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -86,7 +87,7 @@ def last_touched(tip: Tip, here: np.ndarray, normal: np.ndarray, met: bool) -> n
     """
     radius = tip.task.probe.radius
     if met and len(tip.memory):
-        before = tip.memory.contacts()[-1, 3:6]
+        before = tip.memory.contacts()[-1, POINT]
         if np.abs(before - here).max() < 2.0 * radius:
             return before.copy()
     return here - radius * normal
