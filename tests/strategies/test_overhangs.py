@@ -261,7 +261,7 @@ def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_b
     strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
     strategy.frame = strategy.frame.horizontal(1.0)
     assert strategy.following(Ended.SHAFT_CONTACT) is None, "the line is given up"
-    assert strategy.back == strategy.options.retreat
+    assert strategy.retractions.back == strategy.options.retreat
     assert strategy.tip.overhangs.found
     assert not strategy.lines.next(strategy.tip.here).raised, "it was no line that led in under that"
 
@@ -273,14 +273,14 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     strategy.start(task())
     tip = strategy.tip
     tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
-    line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_felt=felt)
+    line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_followed=felt)
     strategy.approach(line, []).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
     strategy.along_surface().close()
     assert strategy.frame.backward == (not felt)
     assert strategy.raise_line() is None
-    assert strategy.lines.next(tip.here).foot_felt
+    assert strategy.lines.next(tip.here).foot_followed
 
 
 def going_in_under(strategy):

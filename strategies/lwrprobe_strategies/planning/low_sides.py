@@ -44,7 +44,7 @@ RECEDES = -0.05
 LEAST = 0.5
 """Pitches in height that a line up a side must add, where no foot may be below it."""
 
-Leans = Callable[[np.ndarray], Sequence[np.ndarray]]
+SideOrientations = Callable[[np.ndarray], Sequence[np.ndarray]]
 """Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first.
 
 The side's own normal counts, not the line's axis: an object stands as it likes."""
@@ -57,7 +57,7 @@ def low_sides(
     area: Area,
     pitch: float,
     body: BodySpace,
-    leans: Leans,
+    orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
     """From the border to each side that a line touched, as low as the body may go, and up to where it was touched.
@@ -71,7 +71,7 @@ def low_sides(
     places : (n,) m, of the lines on the other horizontal axis
     pitch : m, between two lines
     body : where the body may be
-    leans : how the probe may be held
+    orientations : how the probe may be held
     reachable : whether the arm can drive a line
     """
     floor = float(area.lower[Z])
@@ -88,7 +88,7 @@ def low_sides(
         onwards = float(np.median(last[:, NORMAL_Z] / (side * last[:, NORMAL_X + axis])))
         slope = max(onwards, 0.0)
         best: Line | None = None
-        for rotation in leans(away):
+        for rotation in orientations(away):
             line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
             if line is not None and (best is None or line.height < best.height - HIGHER):
                 best = within_reach(line, reachable) or best
