@@ -46,7 +46,7 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.paths import Waypoint, tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -122,7 +122,7 @@ class Coverage(SkillStrategy):
         retraction: list[Waypoint] = []
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
-            yield from self.drive(line, retraction)
+            yield from self.drive_line(line, retraction)
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
                     yield from transit(tip, self.retraction(), self.line_rotation)
@@ -145,7 +145,7 @@ class Coverage(SkillStrategy):
         """Which line comes next."""
         return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
-    def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+    def drive_line(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
         self.detours = 0
         skill: Procedure | None = self.approach(line, retraction)
@@ -153,17 +153,17 @@ class Coverage(SkillStrategy):
         while skill is not None:
             try:
                 outcome = yield from skill
-                skill = self.following(outcome)
+                skill = self.next_skill(outcome)
             except Overload:
                 skill = release(self.tip, self.frame)
             except (CollisionThreat, UnknownSpace) as why:
-                skill = self.answer(why)
+                skill = self.answer_interruption(why)
             except (Blocked, Jammed):
                 skill = self.give_up()
         return outcome
 
-    def following(self, outcome: Outcome) -> Procedure | None:
-        """What follows from how a skill ended; None = this line is done."""
+    def next_skill(self, outcome: Outcome) -> Procedure | None:
+        """The skill that follows from how the last one ended; None = this line is done."""
         match outcome:
             case Ended.TABLE | Ended.UNDERSIDE | Ended.LINE_END if self.frame.backward:
                 return self.contour_upright()
@@ -307,7 +307,6 @@ class Coverage(SkillStrategy):
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
         descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
-
         return follow_contour(self.tip, self.frame, lambda: self._contour_end(descent))
 
     def _contour_end(self, descent: DescentWatch) -> Outcome | None:
@@ -356,7 +355,7 @@ class Coverage(SkillStrategy):
 
     # Decisions
 
-    def answer(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
+    def answer_interruption(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
         """On the way down to a foot: up again, in every strategy."""
         if self.frame.backward:
             return self.contour_upright()
@@ -473,8 +472,7 @@ class Coverage(SkillStrategy):
         if body is not None:
             body.survey()
         for rotation in self.side_orientations(away) if away.any() else (self.upright,):
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = rotation, centre
+            pose = tip_pose(centre, rotation)
             poses.append((pose, body is None or body.knows(pose)))
         return poses
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.lines import UP
+from lwrprobe_strategies.planning.paths import Waypoint, tip_pose
 from lwrprobe_strategies.planning.sphere_touches import (
     WORTH,
     SphereTouch,
@@ -66,7 +67,6 @@ SLOPE = 0.02
 """rad, of the table between two of its touches, for the place from which on the second one is sought."""
 LET_GO = 0.001
 """m, by which a touch is left."""
-UP = np.array([0.0, 0.0, 1.0])
 READABLE = 0.9
 """Share of the torque at which the run's guard lets go, up to which a press leads: a data sheet's gain and crosstalk
 make a reading wrong by 3 %."""
@@ -298,8 +298,9 @@ class ReferenceSphere(SkillStrategy):
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
         ]
-        pressed = _pose(touch.rotation, centre + (self._reach - BEYOND) * touch.normal)
-        poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in path]
+        pressed = tip_pose(centre + (self._reach - BEYOND) * touch.normal, touch.rotation)
+        held = self._at.rotation
+        poses = [tip_pose(point.place, held if point.rotation is None else point.rotation) for point in path]
         if not self.task.reachable([*poses, pressed]):
             return Ended.NOTHING_FOUND
         try:
@@ -403,12 +404,6 @@ class ReferenceSphere(SkillStrategy):
 
 def _at(place: np.ndarray, height: float) -> np.ndarray:
     return np.array([place[0], place[1], height])
-
-
-def _pose(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, place
-    return pose
 
 
 def _coordinates(place: tuple[float, float, float]) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.lines import UP, Line
+from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint, tip_pose
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.skills import guarded_move
 from lwrprobe_strategies.tip import Tip
@@ -102,21 +102,18 @@ class RetractionPlanner:
         tip = self._tip
         tip.leave()
         self.back = np.inf
-        force, up = tip.seen.force, np.array([0.0, 0.0, 1.0])
+        force = tip.seen.force
         size = float(np.linalg.norm(force))
         if self._stays == 1 and size > tip.task.force_threshold:
             return [Waypoint(tip.here + self._distance * force / size, SpeedLimit.GUARDED)]
         if self._stays <= 2 and (back := return_path(tip.free, self._distance)):
             return back
-        return [Waypoint(tip.here + self._distance * up, SpeedLimit.GUARDED)]
+        return [Waypoint(tip.here + self._distance * UP, SpeedLimit.GUARDED)]
 
     def _leads_to(self, waypoint: Waypoint) -> bool:
         """Whether the probe may go straight to a waypoint."""
         seen, body = self._tip.seen, self._tip.body
-        pose = seen.pose.copy()
-        pose[:3, 3] = waypoint.place
-        if waypoint.rotation is not None:
-            pose[:3, :3] = waypoint.rotation
+        pose = tip_pose(waypoint.place, seen.pose[:3, :3] if waypoint.rotation is None else waypoint.rotation)
         if body is not None and not body.allows(seen.pose, pose):
             return False
         return not seen.blocked or self._tip.task.reachable([pose])

@@ -275,7 +275,7 @@ def driven(strategy, lines):
         strategy.tip.observe(seen([0.001 * len(lines), -0.1, 0.06], 1.0))
         return iter(())
 
-    strategy.drive = drive
+    strategy.drive_line = drive
     program = strategy.program()
     try:
         motion = next(program)
@@ -371,7 +371,7 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 1.0), force=np.array([0.0, -0.8, 0.0])))
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
-    strategy.drive = lambda line, retraction: tried.append((line, retraction)) or iter(())
+    strategy.drive_line = lambda line, retraction: tried.append((line, retraction)) or iter(())
     with pytest.raises(StopIteration) as stop:
         next(strategy.program())
     assert stop.value.value.reason == "no way leads the probe off the place where it is"
@@ -396,7 +396,7 @@ def test_a_line_that_ends_where_it_began_has_been_driven():
         strategy.tip.memory.passed(np.array([0.0, 0.01 + 0.001 * len(driven), 0.02]), line.place)
         return iter(())
 
-    strategy.drive = there_and_back
+    strategy.drive_line = there_and_back
     next(strategy.program())
     assert len(driven) == len(set(driven)) > 4
 
@@ -464,11 +464,11 @@ def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_th
         place[line.aside] += aside
         strategy.tip.observe(seen(place, 1.0))
         strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
-        next(strategy.following(Ended.CONTACT))
+        next(strategy.next_skill(Ended.CONTACT))
         assert (strategy.tip.trace.running[-1] is transit) == (expected == "way")
         strategy.tip.trace.running.clear()
     strategy.detours = MAX_DETOURS
-    assert strategy.following(Ended.CONTACT) is None, "not for ever"
+    assert strategy.next_skill(Ended.CONTACT) is None, "not for ever"
 
 
 @pytest.mark.parametrize(("away", "tries"), [(0.003, 4), (0.05, 1)])
@@ -485,7 +485,7 @@ def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_
         stand(strategy.tip.free, [0.0, 0.0, 0.02 + away], place)
         return iter(())
 
-    strategy.drive = drive
+    strategy.drive_line = drive
     with suppress(StopIteration):
         next(strategy.program())
     assert tried.count(tried[0]) == tries

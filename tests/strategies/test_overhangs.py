@@ -260,7 +260,7 @@ def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_b
     strategy.start(task())
     strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
     strategy.frame = strategy.frame.horizontal(1.0)
-    assert strategy.following(Ended.SHAFT_CONTACT) is None, "the line is given up"
+    assert strategy.next_skill(Ended.SHAFT_CONTACT) is None, "the line is given up"
     assert strategy.retractions.back == strategy.options.retreat
     assert strategy.tip.overhangs.found
     assert not strategy.lines.next(strategy.tip.here).raised, "it was no line that led in under that"
@@ -301,7 +301,7 @@ def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind, why):
     """Where the body would have come into unknown space `orientation_change` gave the line up, and touched no top."""
     strategy = kind()
     going_in_under(strategy)
-    assert strategy.answer(why()) is not None
+    assert strategy.answer_interruption(why()) is not None
     assert not strategy.frame.backward
     assert not strategy.frame.level
 

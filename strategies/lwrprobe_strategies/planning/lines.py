@@ -10,6 +10,7 @@ from lwrprobe.contracts import Area, InputError
 
 X, Y, Z = range(3)
 """Indices of the world axes."""
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 AT_END = 1e-4
 """m, within which a line's end is reached: play and waves of the gears keep the tip from it by half as much."""
 NEIGHBOUR = 1.5
