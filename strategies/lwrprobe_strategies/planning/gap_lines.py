@@ -71,15 +71,22 @@ def lines_across(
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
-            ends = [_end(trail, xs, heights, i, y, floor) for i in (first, last)]
-            # From its foot up a wall is followed faster than down from its top.
-            low, high = sorted(ends, key=lambda end: end.height)
-            past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
-            down = replace(high, end=low.begin + past) if high.on_surface else None
-            behind = past if high.on_surface else 0.0
-            line = replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
+            one, other = (_end(trail, xs, heights, i, y, floor) for i in (first, last))
+            line = _upwards(one, other, radius)
             lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
+
+
+def _upwards(one: Line, other: Line, radius: float) -> Line:
+    """The line between two ends from the lower one to the higher one, with the way down as its fallback.
+
+    From its foot up a wall is followed faster than down from its top. `radius` m as in `lines_across`.
+    """
+    low, high = sorted((one, other), key=lambda end: end.height)
+    past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
+    down = replace(high, end=low.begin + past) if high.on_surface else None
+    behind = past if high.on_surface else 0.0
+    return replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
 
 
 def _up_to(line: Line, farthest: float) -> Line:

@@ -52,21 +52,21 @@ def leaning_lines(
     reachable : whether the arm can drive a line
     """
     lines = []
-    for place, side, border, own, facing in touched_sides(contacts, axis, places, task.area):
-        above = facing[np.argsort(facing[:, Z])]
+    for side in touched_sides(contacts, axis, places, task.area):
+        above = side.facing[np.argsort(side.facing[:, Z])]
         heights = np.append(task.area.lower[Z], above[:, Z])
         widest = int(np.argmax(np.diff(heights)))
-        height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
+        height, low, middle = float(heights[widest]), above[widest], float(side.on_line[:, axis].mean())
         if low[Z] - height <= pitch:
             continue
-        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, POINT])
+        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - side.place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP
-        whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
-        inmost, best = float(low[axis]) - side * task.probe.radius, None  # less would not be worth a line
-        for rotation in orientations(side * np.eye(3)[axis]):
-            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
-            if side * (inmost - end) > 0.0:
-                inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
+        whole = Line(axis, side.place, side.border, middle, height, low=True, ceiling=ceiling, expected=height)
+        inmost, best = float(low[axis]) - side.sign * task.probe.radius, None  # less would not be worth a line
+        for rotation in orientations(side.sign * np.eye(3)[axis]):
+            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.border
+            if side.sign * (inmost - end) > 0.0:
+                inmost, best = end - side.sign * DEEPER, replace(whole, end=end, rotation=rotation)
         best = within_reach(best, reachable) if best is not None else None
         if best is not None:
             end = best.end + best.sign * ONWARD

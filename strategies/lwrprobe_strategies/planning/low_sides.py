@@ -7,7 +7,7 @@ grid has shown to be free lets the body come down beside the object, upright or 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,51 +76,84 @@ def low_sides(
     """
     floor = float(area.lower[Z])
     lines: list[Line] = []
-    for place, side, border, own, facing in touched_sides(contacts, axis, places, area):
-        low = facing[np.argmin(facing[:, Z])]
+    for side in touched_sides(contacts, axis, places, area):
+        low = side.lowest
         if low[Z] - floor <= 0.5 * pitch:
             continue
         end = float(low[axis])
-        whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
-        last = facing[facing[:, Z] < low[Z] + ALIKE]
-        out = np.median(last[:, NORMAL], axis=0) * (1.0, 1.0, 0.0)
-        away = out / float(np.sqrt(out @ out))
-        onwards = float(np.median(last[:, NORMAL_Z] / (side * last[:, NORMAL_X + axis])))
-        slope = max(onwards, 0.0)
-        best: Line | None = None
-        for rotation in orientations(away):
-            line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
-            if line is not None and (best is None or line.height < best.height - HIGHER):
-                best = within_reach(line, reachable) or best
-            if best is not None and best.height <= floor + HIGHER:
-                break
-        if best is None or left_below(best, low[POINT], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
+        whole = Line(axis, side.place, side.border, end - side.sign * SPARE, floor, low=True)
+        whole = replace(whole, ceiling=float(low[Z]) + OVERLAP)
+        away, slope = side.away(), side.slope()
+        widens = max(slope, 0.0)
+        best = _lowest_of(whole, orientations(away), float(low[Z]) - 0.5 * pitch, widens, body, reachable)
+        if best is None or left_below(best, low[POINT], away, widens, contacts, pitch) <= WORTH * pitch * pitch:
             continue
         assert best.rotation is not None
-        if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
-            # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
-            room = body.under - float((side * (own[:, POINT_X + axis] - low[POINT_X + axis])).max())
-            expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
+        if slope < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
+            expected = max(float(low[Z]) + max(body.under - side.stands_out(), 0.0) / slope, floor)
             if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
                 continue
             best = replace(best, expected=expected)
-        lines.append(replace(best, end=end - side * BEYOND))
+        lines.append(replace(best, end=end - side.sign * BEYOND))
     return lines
 
 
-def touched_sides(
-    contacts: np.ndarray, axis: int, places: np.ndarray, area: Area
-) -> Iterator[tuple[float, float, float, np.ndarray, np.ndarray]]:
-    """Place m, sign of the side, and its border m, for each side that was touched on lines along an axis.
+@dataclass(slots=True, frozen=True, eq=False)
+class TouchedSide:
+    """A side of the object that was touched on one line.
 
-    With them the rows of `contacts` (m, 10) that are on that line, and those of them that face to that side.
+    Attributes
+    ----------
+    axis, place : of the line, and m on the other horizontal axis
+    sign : -1 or +1, towards which end of the axis the side faces
+    border : m, that end of the area
+    on_line : (n, 10) contacts on the line, as in `ContactMemory.contacts`
+    facing : (m, 10) those of them that face to that side
     """
+
+    axis: int
+    place: float
+    sign: float
+    border: float
+    on_line: np.ndarray
+    facing: np.ndarray
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """(10,) the lowest contact."""
+        lowest: np.ndarray = self.facing[np.argmin(self.facing[:, Z])]
+        return lowest
+
+    def away(self) -> np.ndarray:
+        """(3,) unit, horizontal normal near the lowest contact."""
+        out = np.median(self._near_lowest()[:, NORMAL], axis=0) * (1.0, 1.0, 0.0)
+        return np.asarray(out / float(np.sqrt(out @ out)))
+
+    def slope(self) -> float:
+        """m by which the side goes out for each m below the lowest contact; negative where it recedes."""
+        last = self._near_lowest()
+        return float(np.median(last[:, NORMAL_Z] / (self.sign * last[:, NORMAL_X + self.axis])))
+
+    def stands_out(self) -> float:
+        """m by which the outermost contact on the line is farther out than the lowest one of the side.
+
+        The stick stays beside that, and the sphere comes in under it by as much as it is wider.
+        """
+        out = self.sign * (self.on_line[:, POINT_X + self.axis] - self.lowest[POINT_X + self.axis])
+        return float(out.max())
+
+    def _near_lowest(self) -> np.ndarray:
+        return self.facing[self.facing[:, Z] < self.lowest[Z] + ALIKE]
+
+
+def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Area) -> Iterator[TouchedSide]:
+    """Each side that was touched on the lines along an axis at `places` (n,) m; `contacts` (m, 10)."""
     for place in np.sort(places).tolist():
         own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
-        for side, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
-            facing = own[side * own[:, NORMAL_X + axis] > FACING]
+        for sign, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
+            facing = own[sign * own[:, NORMAL_X + axis] > FACING]
             if len(facing):
-                yield place, side, border, own, facing
+                yield TouchedSide(axis, place, sign, border, own, facing)
 
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
@@ -150,6 +183,25 @@ def left_below(
     near = near[np.abs(near[:, POINT_X:POINT_Z] - touch[:Z]).max(axis=1) < 2.0 * pitch, POINT]
     apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1)
     return float((apart > half * half).mean()) * pitch * max(line.ceiling - line.height + half, 0.0)
+
+
+def _lowest_of(
+    whole: Line,
+    orientations: Sequence[np.ndarray],
+    highest: float,
+    slope: float,
+    body: BodySpace,
+    reachable: Callable[[Line], bool],
+) -> Line | None:
+    """The line in that of the orientations (3, 3) in which it is the lowest; the first of those that are alike."""
+    best: Line | None = None
+    for rotation in orientations:
+        line = _lowest(replace(whole, rotation=rotation), highest, slope, body)
+        if line is not None and (best is None or line.height < best.height - HIGHER):
+            best = within_reach(line, reachable) or best
+        if best is not None and best.height <= whole.height + HIGHER:
+            break
+    return best
 
 
 def _lowest(line: Line, highest: float, slope: float, body: BodySpace) -> Line | None:

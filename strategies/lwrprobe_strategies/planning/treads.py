@@ -6,6 +6,8 @@ a line down to the plate, the plate most likely goes on beside it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lwrprobe.contracts import Area
@@ -53,20 +55,38 @@ def treads(
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= ~_touched(flat, place, ys, tread, 0.5 * pitch) & ~_beyond(contacts, place, ys, tread, GOES_ON * pitch)
         for first, last in _runs(left):
-            if (last - first) * CELL < SHORTEST * pitch:
-                continue
-            height = max(float(tread[first : last + 1].min()) + radius - ALIKE, float(area.lower[Z]))
-            ceiling = float(tread[first : last + 1].max()) + 2.0 * radius
-            low = passed < ceiling - radius + PASSED
-            onward = range(last, len(ys)), range(first, -1, -1)
-            ends = [next((k for k in way if low[k]), way[-1]) for way in onward]
-            begins = first, last
-            if _room(wall, place, float(ys[first]), ceiling) < _room(wall, place, float(ys[last]), ceiling):
-                begins, ends = begins[::-1], ends[::-1]
-            begin, end = float(ys[begins[0]]), float(ys[ends[0]])
-            free_to = min(float(passed[begins[0]]), float(area.upper[Z]))
-            lines.append(Line(Y, place, begin, end, height, True, free_to, low=True, ceiling=ceiling, expected=height))
+            if (last - first) * CELL >= SHORTEST * pitch:
+                line = _line_over(first, last, place, ys, tread, passed, wall, radius)
+                height, free_to = max(line.height, float(area.lower[Z])), min(line.free_to, float(area.upper[Z]))
+                lines.append(replace(line, height=height, free_to=free_to, expected=height))
     return lines
+
+
+def _line_over(
+    first: int,
+    last: int,
+    place: float,
+    ys: np.ndarray,
+    tread: np.ndarray,
+    passed: np.ndarray,
+    wall: np.ndarray,
+    radius: float,
+) -> Line:
+    """A line along y at a `place` m over the stretch from index `first` to `last` of `ys` (n,) m.
+
+    It begins at the end of the stretch that is farther from what is taller, `wall` (m, 3), and leads over the other end
+    to where a line has come down before. The `tread` (n,) m is as high as that, and `passed` (n,) m the sphere.
+    """
+    height = float(tread[first : last + 1].min()) + radius - ALIKE
+    ceiling = float(tread[first : last + 1].max()) + 2.0 * radius
+    if _room(wall, place, float(ys[first]), ceiling) < _room(wall, place, float(ys[last]), ceiling):
+        begin, onward = last, range(first, -1, -1)
+    else:
+        begin, onward = first, range(last, len(ys))
+    low = passed < ceiling - radius + PASSED
+    end = next((k for k in onward if low[k]), onward[-1])
+    free_to = float(passed[begin])
+    return Line(Y, place, float(ys[begin]), float(ys[end]), height, True, free_to, low=True, ceiling=ceiling)
 
 
 def _lowest_within(points: np.ndarray, place: float, ys: np.ndarray, reach: float) -> np.ndarray:
