@@ -15,6 +15,7 @@ from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import EXTRUDED, Faces
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import STOP
+from lwrprobe_strategies.planning.stroke_profile import StrokeProfile
 
 LIFT = 1.5
 """s, of leaving a surface and of coming to rest on another one, beside the way itself."""
@@ -31,8 +32,6 @@ UPRIGHT = 0.7
 """Share of the normal along a line, from which on a face is one of the walls at its ends."""
 SQUARE = 0.9
 """Share of the normal along the approach, from which on a wall is met squarely."""
-LOST = 0.04
-"""Share of a stroke's worth that may be clipped from each of its ends."""
 LEVELS = 0.008
 """m between the heights of outlines that are considered."""
 BELOW = 0.008
@@ -64,56 +63,6 @@ class Stroke:
     def score(self) -> float:
         """m^3/s"""
         return self.gain / self.seconds
-
-
-@dataclass(slots=True, eq=False)
-class Profile:
-    """What the surface is like along one straight line over the area.
-
-    Attributes
-    ----------
-    along : (n,) m, of the faces within reach, on the line's axis
-    removed : (n,) m^3, of each of them by a stroke along the whole line
-    wall : (n,) -1 and +1 for faces of the walls that look along the axis towards - and +, else 0
-    path_along, lengths : (k,) m, of the faces under the line and how much of its path each is
-    path_wall : (k,) -1 and +1 on these walls, else 0
-    """
-
-    along: np.ndarray
-    removed: np.ndarray
-    wall: np.ndarray
-    path_along: np.ndarray
-    lengths: np.ndarray
-    path_wall: np.ndarray
-
-    def walled(self, sign: int) -> tuple[float, float]:
-        """m^3 and m, of the walls that look towards a sign of the axis."""
-        return float(self.removed[self.wall == sign].sum()), float(self.lengths[self.path_wall == sign].sum())
-
-    def between(self, begin: float, end: float) -> tuple[float, float]:
-        """m^3 and m, of all but the walls from `begin` to `end` m on the axis."""
-        low, high = min(begin, end), max(begin, end)
-        gained = (self.along >= low) & (self.along <= high) & (self.wall == 0)
-        passed = (self.path_along >= low) & (self.path_along <= high) & (self.path_wall == 0)
-        return float(self.removed[gained].sum()), float(self.lengths[passed].sum())
-
-    def top(self) -> tuple[float, float] | None:
-        """m, from where to where on the axis there is more than walls under the line; None where there is not."""
-        over = self.path_along[self.path_wall == 0]
-        return (float(over.min()), float(over.max())) if len(over) else None
-
-    def clipped(self, begin: float, end: float) -> tuple[float, float]:
-        """m, `begin` and `end` on the axis without what is not worth its time at either end."""
-        low, high = min(begin, end), max(begin, end)
-        inside = (self.along >= low) & (self.along <= high) & (self.wall == 0)
-        worth, along = self.removed[inside], self.along[inside]
-        if not worth.sum() > 0.0:
-            return begin, begin
-        order = np.argsort(along)
-        share = np.cumsum(worth[order]) / worth.sum()
-        first, last = np.searchsorted(share, (LOST, 1.0 - LOST))
-        low, high = float(along[order][first]), float(along[order][min(last, len(order) - 1)])
-        return (low, high) if begin <= end else (high, low)
 
 
 @dataclass(slots=True)
@@ -202,7 +151,7 @@ class StrokePlanner:
     def _cells(places: np.ndarray) -> list[tuple[int, ...]]:
         return list(map(tuple, np.floor(places / CELL).astype(np.int64).tolist()))
 
-    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> Profile | None:
+    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> StrokeProfile | None:
         """Along the line at `place` m on the other axis; None where there is no surface under it."""
         beside = np.abs(faces.centres[:, 1 - axis] - place)
         path = beside <= 0.51 * edge
@@ -211,7 +160,7 @@ class StrokePlanner:
         near = beside < faces.reach
         facing = faces.normals[:, axis]
         wall = np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
-        return Profile(
+        return StrokeProfile(
             along=faces.centres[near, axis],
             removed=faces.removed(worth, near, beside[near]),
             wall=wall[near],
@@ -220,7 +169,7 @@ class StrokePlanner:
             path_wall=wall[path],
         )
 
-    def _cuts(self, profile: Profile, axis: int, place: float, low: float) -> Iterator[Stroke]:
+    def _cuts(self, profile: StrokeProfile, axis: int, place: float, low: float) -> Iterator[Stroke]:
         """Lines both ways: from the side to the other side, from the side over the top, and over the top alone."""
         task, top = self.task, profile.top()
         if top is None:
@@ -243,7 +192,7 @@ class StrokePlanner:
                 line = Line(axis, place, begin, stop, low, on_surface=True, free_to=roof)
                 yield Stroke(line, gain, LIFT + length / speed)
 
-    def _chained(self, profile: Profile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
+    def _chained(self, profile: StrokeProfile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
         """Lines both ways from where the tip touches: over the top, and up the wall that it touches before."""
         top = profile.top()
         if top is None:
