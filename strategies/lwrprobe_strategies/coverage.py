@@ -284,7 +284,7 @@ class Coverage(SkillStrategy):
         self.frame = self.frame.upright()
         line = self.frame.line
 
-        def piece(here: np.ndarray) -> tuple[np.ndarray, float]:
+        def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float]:
             before = self._neighbour_distance if self.tip.overhangs.found else 0.0
             end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
             target = line.at(end)
@@ -292,7 +292,7 @@ class Coverage(SkillStrategy):
             return target, times
 
         rest, self._stand_still_first = self._stand_still_first, False
-        return guarded_move(self.tip, line.at(line.end), line.ahead, piece, line.grid_x, rest)
+        return guarded_move(self.tip, line.at(line.end), line.ahead, next_stretch, line.grid_x, rest)
 
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
@@ -324,11 +324,13 @@ class Coverage(SkillStrategy):
         return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
 
     def _level_contour_end(self) -> Outcome | None:
+        """As `_contour_end`, in a horizontal plane: at the next line, or where it leads away from that again."""
         if self._at_next_line():
             return Ended.NEXT_LINE
         return Ended.LINE_END if turned_back(self.tip.control, self.frame, self.lines.towards_next()) else None
 
     def _upright_contour_end(self, descent: DescentWatch) -> Outcome | None:
+        """As `_contour_end`, in the vertical plane of the line."""
         tip, frame = self.tip, self.frame
         if tip.here[Z] > frame.line.ceiling and tip.control.tangent(frame.binormal)[Z] > 0.0:
             return Ended.LINE_END
@@ -336,7 +338,7 @@ class Coverage(SkillStrategy):
             return Ended.TABLE
         if tip.rotation is self.upright and under(tip.control, frame):
             return Ended.UNDERSIDE
-        return Ended.DESCENT if self._climbs_instead(descent) else None
+        return Ended.DESCENT if self._climbs_from_other_end(descent) else None
 
     def contour_level(self) -> Procedure:
         """On along the surface in a horizontal plane, towards the next grid line."""
@@ -356,19 +358,19 @@ class Coverage(SkillStrategy):
     # Decisions
 
     def answer_interruption(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
-        """On the way down to a foot: up again, in every strategy."""
-        if self.frame.backward:
+        """The skill that answers an interruption; None = leave the line."""
+        if self.frame.backward:  # on the way down to a foot: up again, in every strategy
             return self.contour_upright()
-        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown()
+        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown_space()
 
     def answer_threat(self) -> Procedure | None:
         """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
-        if self._beneath():
+        if self._led_in_under():
             return self.raise_line()
         self.threats += 1
         return self.avoid()
 
-    def answer_unknown(self) -> Procedure | None:
+    def answer_unknown_space(self) -> Procedure | None:
         """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
         self.threats += 1
         return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
@@ -385,13 +387,13 @@ class Coverage(SkillStrategy):
         return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
     def give_up(self) -> Procedure | None:
-        """Leave the line where it is; its fallback comes next, or the next line."""
+        """Leave the line where the tip is; its fallback comes next, or the next line."""
         ended = self.tip.trace.ended
         self.lines.give_up(self.frame.line, ended is not guarded_move, lost=ended is reapproach)
         return None
 
     def raise_line(self) -> Procedure | None:
-        """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
+        """Go on along the line from here, but higher: under what the stick touches nothing can be touched."""
         line, here = self.frame.line, self.tip.here
         self.tip.overhangs.stick_met(here)
         if line.fallback is not None or line.low:
@@ -435,7 +437,7 @@ class Coverage(SkillStrategy):
         line = self.frame.line
         return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
 
-    def _beneath(self) -> bool:
+    def _led_in_under(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""
         interrupted, normal = self.tip.trace.ended, self.tip.control.normal
         if interrupted is follow_contour and not self.frame.level:
@@ -443,13 +445,14 @@ class Coverage(SkillStrategy):
         return interrupted is guarded_move
 
     def _at_next_line(self) -> bool:
+        """Whether the tip has come as far in x as the next line of the grid."""
         neighbours = self.lines.neighbours()
         if neighbours is None:
             return False
         here, there = neighbours
         return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
 
-    def _climbs_instead(self, descent: DescentWatch) -> bool:
+    def _climbs_from_other_end(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""
         frame = self.frame
         if frame.backward or not self.options.climb or self.tip.seen.contact is None:
@@ -465,7 +468,10 @@ class Coverage(SkillStrategy):
     # For the runner
 
     def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
-        """As a side would be touched that faces so; see `CarefulStrategy`."""
+        """Tip poses (4, 4) at a `centre` (3,) m in which a side would be touched that faces along `facing` (3,).
+
+        With each, whether the body would be in known space; see `CarefulStrategy`.
+        """
         if self.searching:
             return []
         body, away, poses = self.tip.body, horizontal(facing), []

@@ -81,7 +81,7 @@ class OrientationChange(Coverage):
         tip.rotation, self.leaning_since = rotation, float(tip.here[Z])
         return self.turn()
 
-    def answer_unknown(self) -> Procedure | None:
+    def answer_unknown_space(self) -> Procedure | None:
         """Leaning does not help where nothing is known of what is there."""
         self.threats += 1
         on = self.tip.rotation is self.upright and self.tip.trace.ended is follow_contour
@@ -90,8 +90,8 @@ class OrientationChange(Coverage):
     def _on_along_line(self) -> Procedure | None:
         """Off a far side, and on along the line: its foot is touched afterwards."""
         line = self.frame.line
-        near_side = self.tip.control.normal @ line.ahead < -NEAR_SIDE
-        if near_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
+        far_side = self.tip.control.normal @ line.ahead >= -NEAR_SIDE
+        if not far_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
             return self.give_up()
         return self.retract_onward()
 
