@@ -1,4 +1,4 @@
-"""Active: long strokes, each chosen by what it is expected to teach per second."""
+"""Active: long strokes, each chosen by the error of the estimate that it is expected to remove per second."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Active(GridVersion):
         return done
 
     def untouched_heights(self) -> np.ndarray:
-        """(n, 3) m, above all that a search has touched: what is taller is believed once it is touched."""
+        """(n, 3) m, above all that a search has touched: nothing taller is expected until it is touched."""
         low, high = self.task.area.lower, self.task.area.upper
         lowest = self.task.tallest + self.task.probe.radius + HIGHER
         if not (self.found and lowest < high[Z]):

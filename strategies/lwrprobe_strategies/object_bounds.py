@@ -52,7 +52,7 @@ class ObjectBounds:
         self._first = len(tip.memory)
 
     def program(self) -> Step:
-        """Whether the outline has come around the object; else nobody knows how far that reaches."""
+        """Whether the outline has come around the object; else it is not known how far that reaches."""
         flank, begin = self._flank, self._tip.here.copy()
         axis = Y if abs(flank[Y]) > abs(flank[X]) else X
         steep = bool(flank[Z] < LEVEL)

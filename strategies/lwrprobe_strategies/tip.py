@@ -57,7 +57,7 @@ class Tip:
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
     overhangs : where the stick may be met before the sphere
-    body : where the body behind the stick may go, None where it is above all that may be there, or nobody asks
+    body : where the body behind the stick may go, None where it is above all that may be there, or not asked for
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
     """

@@ -11,7 +11,7 @@ from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, UnknownSpace
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.planning.overhangs import MIN_LEANING, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
@@ -52,11 +52,11 @@ def test_a_plain_wall_is_no_overhang(overhangs):
 
 
 def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overhangs):
-    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES - 1)
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING - 1)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "a few may be noise"
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], 4, confidence=0.2)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "not certain enough"
-    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES)
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), -ALONG), "on the other side too"
     assert not overhangs.ahead(np.array([0.0, -0.035, LOW]), ALONG), "nothing is known there"
@@ -155,7 +155,7 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     touch(tip.overhangs, [0.01, 0.003, 0.055], np.array([0.0, 0.0, 1.0]))
     assert tip.climb_limit(up) == np.inf, "the sphere went over the edge there"
     tip.here = place
-    touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
+    touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=MIN_LEANING)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
 
 

@@ -36,7 +36,7 @@ LIFT = 0.001
 CHORD, TURN = 0.0003, 0.05
 """m, and change of the stick's direction, by which a path that is driven back may cut its corners."""
 BROKEN = 0.01
-"""m between two places in a row, above which nobody saw how the probe came from one to the other."""
+"""m between two places in a row, above which it is not known how the probe came from one to the other."""
 SHORT = 0.15
 """m along the axes, as far as the return path may be the quicker one."""
 FAR_COLUMN = 0.4
@@ -177,8 +177,8 @@ class FreeSpace:
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
 
-        It has been as low: who goes lower may go into what it passed above. A surface that was touched from where the
-        line ends, or on it, stands in the way.
+        It has been as low: a lower path may lead into what it passed above. A surface that was touched from where the
+        line ends, or on it, blocks the path.
         """
         motion = end - begin
         length = float(np.sqrt(motion @ motion))

@@ -29,7 +29,7 @@ OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
 UNDER = -0.5
 """Share of the normal along z, up to which a touch is one of an underside."""
-FALLS, RIM = 0.3, 0.3
+FALLS, UPWARDS = 0.3, 0.3
 """Share of the normal across a line, and along z, from which on a touch is one of a surface that falls beside the line:
 normals are known to a few degrees."""
 RUN = 3
@@ -164,7 +164,7 @@ def _hollows(
     for i, beside in chain(pairwise(range(len(xs))), pairwise(range(len(xs) - 1, -1, -1))):
         own = contacts[contacts[:, GRID_X] == xs[i]]
         falls = np.sign(xs[beside] - xs[i]) * own[:, NORMAL_X]
-        own = own[(falls > FALLS) & (own[:, NORMAL_Z] > RIM)]
+        own = own[(falls > FALLS) & (own[:, NORMAL_Z] > UPWARDS)]
         own = own[np.argsort(own[:, Y])]
         for run in np.split(own, np.flatnonzero(np.diff(own[:, Y]) > 2.0 * NEAR) + 1):
             if len(run) < RUN:

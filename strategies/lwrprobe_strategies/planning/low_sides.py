@@ -30,7 +30,7 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
-NEARER, ROOM = 0.010, 0.015
+NEARER, SHORTEST = 0.010, 0.015
 """m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least."""
 GRAIN = 0.0015
 """m between two places of a side that are looked at."""
@@ -158,7 +158,7 @@ def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Are
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
     """The line from as far out as the arm can drive it; None where that is right before the side, or nowhere."""
-    for inwards in np.arange(0.0, abs(line.end - line.begin) - ROOM, NEARER).tolist():
+    for inwards in np.arange(0.0, abs(line.end - line.begin) - SHORTEST, NEARER).tolist():
         nearer = replace(line, begin=line.begin + line.sign * inwards)
         if reachable(nearer):
             return nearer

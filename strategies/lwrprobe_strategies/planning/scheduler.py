@@ -91,10 +91,10 @@ class LineScheduler:
     def give_up(self, line: Line, touched: bool = True, lost: bool = False) -> None:
         """The line cannot be driven to its end: its fallback comes next, where it has one.
 
-        Where a side has not been `touched` by a line up to where it was touched before, half of the way up comes next:
-        what overhangs may let nothing be touched farther down. Where the side was seen to recede, that is once, from as
-        low as it is expected to be touched. A line of the grid comes again from its other end, unless nothing was
-        `touched` last or what it followed was `lost`: nothing was in its way.
+        A line up a side that has not `touched` it comes again, from half of the way up to where the side was touched
+        before: what overhangs may let nothing be touched farther down. Where the side recedes, it comes again once,
+        from as low as the side is expected to be touched. A line of the grid comes again from its other end, unless
+        nothing was `touched` last or what it followed was `lost`: then nothing has blocked it.
         """
         if line.low and not touched:
             self._missed.append(line)

@@ -1,4 +1,4 @@
-"""What a stroke along one straight line over the estimated surface is expected to teach, piece by piece."""
+"""The error that a stroke along a straight line over the estimated surface is expected to remove, piece by piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stroke scheduler: which stroke is driven next, by what it is expected to teach per second."""
+"""The stroke scheduler: which stroke is driven next, by the error that it is expected to remove per second."""
 
 from __future__ import annotations
 

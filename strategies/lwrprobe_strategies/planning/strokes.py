@@ -1,4 +1,4 @@
-"""Strokes: long lines and outlines over the estimated surface, and what each is expected to teach.
+"""Strokes: long lines and outlines over the estimated surface, and the error that each is expected to remove.
 
 A stroke is worth the expected error that it removes, integrated over the surface, for each second that it takes. A face
 beside a stroke is afterwards no farther from a contact than from the stroke.
@@ -18,7 +18,7 @@ from lwrprobe_strategies.planning.paths import STOP
 from lwrprobe_strategies.planning.stroke_profile import StrokeProfile
 
 LIFT = 1.5
-"""s, of leaving a surface and of coming to rest on another one, beside the way itself."""
+"""s, of leaving a surface and of coming to rest on another one, besides the path itself."""
 CLIMB_BACK = 4.0
 """s, of leaving the upper edge of a wall and coming to its foot, from where it is climbed."""
 INSIDE = 0.006
@@ -37,7 +37,7 @@ LEVELS = 0.008
 BELOW = 0.008
 """m under the top, down to which an outline would run along the top's rounded edge."""
 RETRY_WEIGHT = 0.3
-"""Weight of what a stroke was to teach and did not, each time."""
+"""Weight of error that a stroke was expected to remove and did not, each time."""
 CELL = 0.006
 """m, of the cells in which that is remembered."""
 
@@ -115,7 +115,7 @@ class StrokePlanner:
         return [stroke for stroke in found if stroke.gain > 0.0 and not self._again(stroke.line, edge)]
 
     def _again(self, line: Line, edge: float) -> bool:
-        """Whether as good as the same stroke has been driven: what it has not taught it never will."""
+        """Whether nearly the same stroke has been driven: what it has not shown, it will not show the next time."""
         if line.outline:
             return any(abs(line.height - other.height) < LEVELS for other in self._driven if other.outline)
         low, high = min(line.begin, line.end) + SHORTEST, max(line.begin, line.end) - SHORTEST
@@ -129,7 +129,7 @@ class StrokePlanner:
         )
 
     def driven(self, faces: Faces, stroke: Stroke) -> None:
-        """A stroke is driven: what it was to teach and does not, counts less from now on."""
+        """A stroke is driven: error that it was to remove and does not, counts less from now on."""
         line = stroke.line
         self._driven.append(line)
         beside = faces.centres[:, Z] - line.height if line.outline else faces.centres[:, line.aside] - line.place
@@ -141,7 +141,7 @@ class StrokePlanner:
             self._failed[key] = RETRY_WEIGHT * self._failed.get(key, 1.0)
 
     def _success(self, faces: Faces) -> np.ndarray:
-        """(n,) weight of each face, by how often it a touch nearby has failed."""
+        """(n,) weight of each face, by how often a touch nearby has failed."""
         if not self._failed:
             return np.ones(len(faces.areas))
         success = np.array([self._failed.get(key, 1.0) for key in self._cells(faces.centres)])

@@ -21,7 +21,7 @@ def retract(tip: Tip, frame: TrackingFrame, along: np.ndarray, distance: float) 
 
     Returns
     -------
-    Ended.RETRACTED, also where something stands in the way, or Ended.LINE_END where the line ends on the way
+    Ended.RETRACTED, also where something blocks the path, or Ended.LINE_END where the line ends on the path
     """
     size = float(np.sqrt(along @ along))
     along = along / size if size > 1e-9 else UP
