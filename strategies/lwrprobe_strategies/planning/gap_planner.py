@@ -65,20 +65,20 @@ class GapPlanner:
         self._treads: list[Line] = []  # planned so far
         self._strips: list[Line] = []  # likewise
         self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
-        tall, near_sides, across = body is not None, options.near_sides, options.across
+        tall, sides, across = body is not None, options.near_sides, options.across
         passes = (
             (True, self._from_the_other_end),
-            (tall and near_sides, self._outer_parts),
-            (near_sides, self._near_sides),
+            (tall and sides, self._outer_parts),
+            (sides, self._near_sides),
             (options.low_lines, self._low_lines),
             (across, self._lines_across),
-            (across and near_sides, self._left_strips),
-            (tall and across and near_sides, self._low_ends),
-            (tall and across and near_sides, self._lower_sides),
-            (across and near_sides, self._leaning_lines),
+            (across and sides, self._left_strips),
+            (tall and across and sides, self._low_ends),
+            (tall and across and sides, self._lower_sides),
+            (across and sides, self._leaning_lines),
             (options.find_ends, self._outlines),
-            (tall and near_sides, self._left_treads),
-            (across and near_sides, self._left_strips),
+            (tall and sides, self._left_treads),
+            (across and sides, self._left_strips),
         )
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
 
