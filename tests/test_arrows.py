@@ -95,6 +95,17 @@ def test_plugin_knows_only_its_rooms(plugin):
         assert not others, f"{file.relative_to(ROOT)} imports another plug-in: {others}"
 
 
+@pytest.mark.parametrize(
+    ("part", "below"),
+    [("planning", {"coverage_config"}), ("tip.py", {"planning", "trace"}), ("skills", {"outcomes", "planning", "tip"})],
+)
+def test_planning_and_skills_know_no_strategy(part, below):
+    place = ROOT / "strategies" / "lwrprobe_strategies" / part
+    for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+        parts = {name.split(".")[1] for name in imported(file) if name.startswith("lwrprobe_strategies.")}
+        assert parts - {place.stem} <= below, f"{file.relative_to(ROOT)} imports {parts}"
+
+
 def test_numba_kernels_live_in_kernel_files():
     for root in (LIBRARY, ROOT / "drivers", ROOT / "strategies"):
         for file in root.rglob("*.py"):

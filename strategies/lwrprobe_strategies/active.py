@@ -1,4 +1,4 @@
-"""Active: long strokes, each chosen by what it is expected to teach per second."""
+"""Active: long strokes, each chosen by the error of the estimate that it is expected to remove per second."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from lwrprobe.contracts import Confidence, Contact, InputError, Motion, Observat
 from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
-from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.stroke_scheduler import StrokeScheduler
-from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import Procedure, follow_contour, transit
 from lwrprobe_strategies.supervisor import Program
 
@@ -76,11 +74,11 @@ class Active(GridVersion):
             self.estimate.passed(place)
         self.outline = OutlineWatch()
         done = yield from super().program()
-        yield from transit(self.tip, super().retraction(), self.begun)
+        yield from transit(self.tip, super().retraction(), self.line_rotation)
         return done
 
     def untouched_heights(self) -> np.ndarray:
-        """(n, 3) m, above all that a search has touched: what is taller is believed once it is touched."""
+        """(n, 3) m, above all that a search has touched: nothing taller is expected until it is touched."""
         low, high = self.task.area.lower, self.task.area.upper
         lowest = self.task.tallest + self.task.probe.radius + HIGHER
         if not (self.found and lowest < high[Z]):
@@ -113,8 +111,8 @@ class Active(GridVersion):
     def retraction(self) -> list[Waypoint]:
         """None yet: the next stroke may begin where this one has ended."""
         tip = self.tip
-        ended = tip.trace.ended is follow_contour and np.isinf(self.back)
-        touching = tip.reliable and ended and self.tip.rotation is self.upright
+        ended = tip.trace.ended is follow_contour and np.isinf(self.retractions.back)
+        touching = tip.reliable and ended and tip.rotation is self.upright
         self.strokes.touched = tip.control.normal.copy() if touching else None
         return []
 
@@ -123,17 +121,12 @@ class Active(GridVersion):
         self.outline = OutlineWatch()
         if not self.strokes.chained:
             return super().approach(line, super().retraction())
-        self.threats, self.circling = 0, CirclingWatch(self.task.area)
-        self.frame = TrackingFrame(line, self.task.area)
+        self.begin_line(line)
         return self.contour()
 
     def raise_area(self, line: Line) -> bool:
         """The estimate of the surface ends where the area does."""
         return False
-
-    def leaves_descents(self, line: Line) -> bool:
-        """Only where a stroke goes on to the other side of the area."""
-        return line.free_end
 
     def end_found(self) -> bool:
         """An outline ends where it has come around, or leads on under something."""

@@ -1,7 +1,7 @@
 """A start that knows nothing of the object: find it, bound it, and leave it to the strategy's own program.
 
-The sphere meets nothing faster than the force law allows. The body above the stick feels nothing: around an object that
-overhangs, runs have pressed with 27 N and more.
+The sphere meets nothing faster than the force law allows. The body above the stick senses no contact: around an
+object that overhangs, runs have pressed with 27 N and more.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from lwrprobe.contracts import Area, Motion, Observation, Task
 from lwrprobe_strategies.object_bounds import LIFT, ObjectBounds
 from lwrprobe_strategies.object_search import ObjectSearch
 from lwrprobe_strategies.outcomes import Ended, Outcome
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
@@ -76,8 +77,8 @@ class BlindStart:
         return found
 
     def _found(self, found_at: float, closed: bool) -> Found:
-        """What was touched, with room around it where its outline is `closed`; else all of the area is explored."""
-        points = self._tip.memory.contacts()[:, 3:6]
+        """What was touched, with space around it where its outline is `closed`; else all of the area is explored."""
+        points = self._tip.memory.contacts()[:, POINT]
         points = points if len(points) else self._tip.here[None]
         lower, upper = self._area.lower.copy(), self._area.upper.copy()
         if closed:

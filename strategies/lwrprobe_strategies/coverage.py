@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import hypot
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import Done, Progress
+from lwrprobe.contracts import Done, Progress, Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.outcomes import (
     Blocked,
@@ -41,17 +41,19 @@ from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
 from lwrprobe_strategies.planning.lean import horizontal
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import Waypoint, tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
-from lwrprobe_strategies.planning.retraction import UNDER, goes_up, off_surface, out_from_under, return_path
-from lwrprobe_strategies.planning.scheduler import BESIDE, LineScheduler
+from lwrprobe_strategies.planning.retraction import UNDER
+from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.planning.upright_body import clear_of
+from lwrprobe_strategies.retraction_planner import RetractionPlanner
 from lwrprobe_strategies.skills import (
     Procedure,
     follow_contour,
@@ -72,8 +74,6 @@ AT_TOP = 2e-4
 """m below the area's upper end, from which on what is touched reaches it."""
 RAISE = 0.005
 """m by which the area's upper end is raised at a time: so much that the sphere fits in between."""
-OTHER_WAYS = 3
-"""Ways off a place that are tried, one after the other, where the planned one has not moved the tip."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
@@ -89,49 +89,63 @@ class Coverage(SkillStrategy):
 
     Attributes
     ----------
+    options : the task's options, or the defaults, with lines no farther apart than the task's detail is wide
+    upright : (3, 3), orientation of the upright tip
     lines : which line comes next
+    retractions : how the tip leaves what it touches
     frame : the present line, and the plane in which a contact on it is followed
+    line_rotation : (3, 3), the orientation in which the present line was begun
     threats : collision threats on the present line so far
-    begun : (3, 3), the orientation in which the present line was begun
+    circling : whether contours on the present line lead nowhere
+    detours : how often the path to the present line was begun again
+    foot_followed : the wall that the present line meets has been followed down to its foot
     """
 
     Config: ClassVar[type] = CoverageConfig
 
+    def start(self, task: Task) -> None:
+        """Take over: the tip rests in free space."""
+        options = task.options or self.Config()
+        self.options = options if task.detail is None else replace(options, step=min(options.step, task.detail))
+        super().start(task)
+
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
-        self.upright = self.tip.rotation
-        self.tip.body = BodySpace(self.task, self.options.step) if BodySpace.needed(self.task) else None
+        tip, task = self.tip, self.task
+        self.upright = self.line_rotation = tip.rotation
+        tip.body = BodySpace(task, self.options.step) if BodySpace.needed(task) else None
         self.lines = self.scheduler()
-        self.rest, self.back, self.stays = False, np.inf, 0
-        self.beside = BESIDE * self.options.step
-        self.tip.overhangs = Overhangs(self.task.area, self.task.probe, self.beside, self.task.force_target)
+        self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
+        self._stand_still_first = False
+        self._neighbour_distance = NEIGHBOUR * self.options.step
+        tip.overhangs = Overhangs(task.area, task.probe, self._neighbour_distance, task.force_target)
         retraction: list[Waypoint] = []
-        while (line := self.lines.next(self.tip.here)) is not None:
-            here, known = self.tip.here, (len(self.tip.memory.trail()), len(self.tip.free))
-            yield from self.drive(line, retraction)
+        while (line := self.lines.next(tip.here)) is not None:
+            self.retractions.line_begins()
+            yield from self.drive_line(line, retraction)
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
-                    yield from transit(self.tip, self.retraction(), self.begun)
+                    yield from transit(tip, self.retraction(), self.line_rotation)
                 if not self.raise_area(line):
                     top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
                     return Done(
                         f"the object reaches the area's upper end at {top}, where the probe flies over it", False
                     )
-            self.stays = self.stays + 1 if self._stayed(here, known) else 0
-            if self.stays > OTHER_WAYS:
+            self.retractions.line_ends()
+            if self.retractions.stuck:
                 return Done("no way leads the probe off the place where it is", complete=False)
-            if self.stays:
+            if self.retractions.stays:
                 self.lines.insert(line)
             retraction = self.retraction()
         with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
-            yield from transit(self.tip, retraction, self.begun)
+            yield from transit(tip, retraction, self.line_rotation)
         return Done("area covered")
 
     def scheduler(self) -> LineScheduler:
         """Which line comes next."""
-        return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.leans)
+        return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
-    def drive(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+    def drive_line(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
         self.detours = 0
         skill: Procedure | None = self.approach(line, retraction)
@@ -139,17 +153,17 @@ class Coverage(SkillStrategy):
         while skill is not None:
             try:
                 outcome = yield from skill
-                skill = self.following(outcome)
+                skill = self.next_skill(outcome)
             except Overload:
                 skill = release(self.tip, self.frame)
             except (CollisionThreat, UnknownSpace) as why:
-                skill = self.answer(why)
+                skill = self.answer_interruption(why)
             except (Blocked, Jammed):
                 skill = self.give_up()
         return outcome
 
-    def following(self, outcome: Outcome) -> Procedure | None:
-        """What follows from how a skill ended; None = this line is done."""
+    def next_skill(self, outcome: Outcome) -> Procedure | None:
+        """The skill that follows from how the last one ended; None = this line is done."""
         match outcome:
             case Ended.TABLE | Ended.UNDERSIDE | Ended.LINE_END if self.frame.backward:
                 return self.contour_upright()
@@ -172,10 +186,10 @@ class Coverage(SkillStrategy):
                 return self.turn()
             case Ended.SHAFT_CONTACT if self.frame.level:  # back the way it came: what is above the sphere stands out
                 self.tip.overhangs.stick_met(self.tip.here)
-                self.back = self.options.retreat
+                self.retractions.go_back()
                 return self.give_up()
             case Ended.SHAFT_CONTACT:
-                self.rest = True
+                self._stand_still_first = True
                 return self.raise_line()
             case Ended.NO_CONTACT | Ended.CEILING:
                 return self.give_up()
@@ -188,11 +202,11 @@ class Coverage(SkillStrategy):
 
     # What a strategy may also change
 
-    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
-        """The line as it is to be driven, and the orientation (3, 3) of the tip at its beginning."""
-        return line, self.upright if line.rotation is None else line.rotation
+    def orientation_for(self, line: Line) -> np.ndarray:
+        """(3, 3), the orientation of the tip at the beginning of a line."""
+        return self.upright if line.rotation is None else line.rotation
 
-    def leans(self, away: np.ndarray) -> Sequence[np.ndarray]:
+    def side_orientations(self, away: np.ndarray) -> Sequence[np.ndarray]:
         """Orientations (3, 3) in which a side may be touched that faces along a horizontal unit vector (3,)."""
         return (self.upright,)
 
@@ -206,19 +220,7 @@ class Coverage(SkillStrategy):
 
     def end_found(self) -> bool:
         """Whether an outline has come to the end that it seeks."""
-        return past_end(self.tip.control, self.frame, self.tip.here, BESIDE * self.options.step)
-
-    def _stayed(self, here: np.ndarray, known: tuple[int, int]) -> bool:
-        """Whether the tip is where it was, at `here` (3,) m, and in between came no farther than a way off leads.
-
-        `known` are the rows of its trail and of what it has shown to be free until then. A path that ends at what it
-        began at, because the start of the line lies in the object, is none that does not lead away.
-        """
-        trail, free = known
-        been = np.vstack([self.tip.here, self.tip.memory.trail()[trail:, :3]])
-        return (
-            bool(np.abs(been - here).max() < THERE) and self.tip.free.farthest(here, free) < 1.5 * self.options.retreat
-        )
+        return past_end(self.tip.control, self.frame, self.tip.here, self._neighbour_distance)
 
     def raise_area(self, line: Line) -> bool:
         """Raise the area's upper end, and drive the line again; False where there is no headroom or the arm ends."""
@@ -226,13 +228,7 @@ class Coverage(SkillStrategy):
         if by < RAISE:
             return False
         area = self.task.area.raised(by)
-        centres = self.tip.memory.contacts()[:, :3]
-        (left, front), (right, back) = centres[:, :2].min(axis=0), centres[:, :2].max(axis=0)
-        poses = np.tile(np.eye(4), (5, 1, 1))
-        poses[:, :3, :3], poses[:, :2, 3] = self.upright, self.tip.here[:2]
-        poses[1:, :2, 3] = (left, front), (left, back), (right, back), (right, front)
-        poses[:, Z, 3] = area.upper[Z]
-        if not self.task.reachable(list(poses)):
+        if not self.task.reachable(self._poses_above_contacts(float(area.upper[Z]))):
             return False
         self.raised += by
         self.task = replace(self.task, area=area)
@@ -240,21 +236,33 @@ class Coverage(SkillStrategy):
         self.lines.raise_area(self.task, line)
         return True
 
+    def _poses_above_contacts(self, height: float) -> list[np.ndarray]:
+        """Upright tip poses (4, 4) at a height [m]: above the tip, and at the corners around all contacts."""
+        places = self.tip.memory.contacts()[:, :Z]
+        (left, front), (right, back) = places.min(axis=0), places.max(axis=0)
+        poses = np.tile(np.eye(4), (5, 1, 1))
+        poses[:, :3, :3], poses[:, :Z, 3], poses[:, Z, 3] = self.upright, self.tip.here[:Z], height
+        poses[1:, :Z, 3] = (left, front), (left, back), (right, back), (right, front)
+        return list(poses)
+
     # Skills with what they need here
+
+    def begin_line(self, line: Line) -> None:
+        """A line becomes the present one; its contours are counted and measured anew."""
+        self.threats, self.circling, self.retractions.line = 0, CirclingWatch(self.task.area), line
+        self.frame = TrackingFrame(line, self.task.area)
 
     def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
-        self.threats, self.circling, self.foot_felt = 0, CirclingWatch(self.task.area), line.foot_felt
+        self.begin_line(line)
+        self.foot_followed = line.foot_followed
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
         if tip.body is not None:
             tip.body.survey()
-        line, tip.rotation = self.prepared(line, start)
-        self.begun = tip.rotation
-        self.frame = TrackingFrame(line, self.task.area)
-
-        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, 3:6], self.task)
+        tip.rotation = self.line_rotation = self.orientation_for(line)
+        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
         return transit(tip, retraction + path, before)
 
@@ -276,21 +284,21 @@ class Coverage(SkillStrategy):
         self.frame = self.frame.upright()
         line = self.frame.line
 
-        def piece(here: np.ndarray) -> tuple[np.ndarray, float]:
-            before = self.beside if self.tip.overhangs.found else 0.0
-            end, times = stretch(line, here, self.tip.memory, self.beside, before)
+        def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float]:
+            before = self._neighbour_distance if self.tip.overhangs.found else 0.0
+            end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
             target = line.at(end)
             target[Z] = here[Z]
             return target, times
 
-        rest, self.rest = self.rest, False
-        return guarded_move(self.tip, line.at(line.end), line.ahead, piece, line.grid_x, rest)
+        rest, self._stand_still_first = self._stand_still_first, False
+        return guarded_move(self.tip, line.at(line.end), line.ahead, next_stretch, line.grid_x, rest)
 
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
         line, normal = self.frame.line, self.tip.control.normal
         if self._begins_above_a_foot():
-            self.foot_felt, self.frame = True, self.frame.back_down()
+            self.foot_followed, self.frame = True, self.frame.back_down()
         elif line.outline:
             sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
             self.frame = self.frame.horizontal(sense, line.height)
@@ -299,32 +307,38 @@ class Coverage(SkillStrategy):
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
         descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
+        return follow_contour(self.tip, self.frame, lambda: self._contour_end(descent))
 
-        def until() -> Outcome | None:
-            turn = self.turn_wanted()
-            if turn is not None:
-                self.tip.rotation = turn
-                return Ended.TURN_WANTED
-            step = self.tip.period * hypot(*self.tip.seen.velocity.tolist())
-            if self.circling.circles(self.frame, self.tip.here, step):
-                return Ended.CIRCLING
-            if self.frame.line.outline:
-                return Ended.END_FOUND if self.end_found() else None
-            if self.frame.level:
-                if self._at_next_line():
-                    return Ended.NEXT_LINE
-                onward = self.lines.towards_next()
-                return Ended.LINE_END if turned_back(self.tip.control, self.frame, onward) else None
-            if self.tip.here[Z] > self.frame.line.ceiling and self.tip.control.tangent(self.frame.binormal)[Z] > 0.0:
-                return Ended.LINE_END
-            if at_table(self.tip.control, self.frame, self.tip.here):
-                return Ended.TABLE
-            upright = self.tip.rotation is self.upright
-            if upright and under(self.tip.control, self.frame):
-                return Ended.UNDERSIDE
-            return Ended.DESCENT if self._climbs_instead(descent) else None
+    def _contour_end(self, descent: DescentWatch) -> Outcome | None:
+        """The outcome with which the contour ends where the tip is now, None = it goes on; asked with every sample."""
+        tip, line = self.tip, self.frame.line
+        turn = self.turn_wanted()
+        if turn is not None:
+            tip.rotation = turn
+            return Ended.TURN_WANTED
+        step = tip.period * hypot(*tip.seen.velocity.tolist())
+        if self.circling.circles(self.frame, tip.here, step):
+            return Ended.CIRCLING
+        if line.outline:
+            return Ended.END_FOUND if self.end_found() else None
+        return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
 
-        return follow_contour(self.tip, self.frame, until)
+    def _level_contour_end(self) -> Outcome | None:
+        """As `_contour_end`, in a horizontal plane: at the next line, or where it leads away from that again."""
+        if self._at_next_line():
+            return Ended.NEXT_LINE
+        return Ended.LINE_END if turned_back(self.tip.control, self.frame, self.lines.towards_next()) else None
+
+    def _upright_contour_end(self, descent: DescentWatch) -> Outcome | None:
+        """As `_contour_end`, in the vertical plane of the line."""
+        tip, frame = self.tip, self.frame
+        if tip.here[Z] > frame.line.ceiling and tip.control.tangent(frame.binormal)[Z] > 0.0:
+            return Ended.LINE_END
+        if at_table(tip.control, frame, tip.here):
+            return Ended.TABLE
+        if tip.rotation is self.upright and under(tip.control, frame):
+            return Ended.UNDERSIDE
+        return Ended.DESCENT if self._climbs_from_other_end(descent) else None
 
     def contour_level(self) -> Procedure:
         """On along the surface in a horizontal plane, towards the next grid line."""
@@ -343,20 +357,20 @@ class Coverage(SkillStrategy):
 
     # Decisions
 
-    def answer(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
-        """On the way down to a foot: up again, in every strategy."""
-        if self.frame.backward:
+    def answer_interruption(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
+        """The skill that answers an interruption; None = leave the line."""
+        if self.frame.backward:  # on the way down to a foot: up again, in every strategy
             return self.contour_upright()
-        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown()
+        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown_space()
 
     def answer_threat(self) -> Procedure | None:
         """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
-        if self._beneath():
+        if self._led_in_under():
             return self.raise_line()
         self.threats += 1
         return self.avoid()
 
-    def answer_unknown(self) -> Procedure | None:
+    def answer_unknown_space(self) -> Procedure | None:
         """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
         self.threats += 1
         return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
@@ -373,103 +387,57 @@ class Coverage(SkillStrategy):
         return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
     def give_up(self) -> Procedure | None:
-        """Leave the line where it is; its fallback comes next, or the next line."""
+        """Leave the line where the tip is; its fallback comes next, or the next line."""
         ended = self.tip.trace.ended
         self.lines.give_up(self.frame.line, ended is not guarded_move, lost=ended is reapproach)
         return None
 
     def raise_line(self) -> Procedure | None:
-        """Under what the stick touches nothing can be touched: the line goes on from here, step by step higher."""
+        """Go on along the line from here, but higher: under what the stick touches nothing can be touched."""
         line, here = self.frame.line, self.tip.here
         self.tip.overhangs.stick_met(here)
         if line.fallback is not None or line.low:
             return self.give_up()
-        self.back = self.options.retreat
+        self.retractions.go_back()
         higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat)
         if higher is None:
             return self.give_up()
-        self.lines.raise_line(replace(higher, foot_felt=self.foot_felt))
+        self.lines.raise_line(replace(higher, foot_followed=self.foot_followed))
         return None
 
     def next_in_passing(self) -> Procedure:
         """A level contour has come to the next grid line: along that, from the side it is on."""
-        self.threats, self.circling = 0, CirclingWatch(self.task.area)
         line = self.lines.in_passing(self.tip.here)
         inward = -1.0 if self.tip.control.normal[Y] > 0.0 else 1.0
-        self.frame = TrackingFrame(line if line.sign == inward else line.turned(), self.task.area)
+        self.begin_line(line if line.sign == inward else line.turned())
         return self.contour()
 
     def retraction(self) -> list[Waypoint]:
-        """Off the surface that is touched; from under something, or leaning, back on the probe's path.
-
-        Waypoints that the arm cannot reach from here, and those to which the body may not go, are left out. What leads
-        off a wall may lead beyond the range of a joint, and what leads off something above leads down; what leads along
-        it, as the probe came, does neither.
-        """
-        if self.tip.body is not None:
-            self.tip.body.survey()
-        path = self._otherwise() if self.stays else self._off_or_back()
-        first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
-        return path[first:]
+        """The path off what is touched, with which the path to the next line begins."""
+        return self.retractions.path()
 
     def _reaches_the_top(self) -> bool:
         """Whether something was touched as high as the probe flies over all that may be there."""
         centres = self.tip.memory.contacts()[:, Z]
         return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
 
-    def _off_or_back(self) -> list[Waypoint]:
-        tip = self.tip
-        normal = tip.normal()
-        tip.leave()
-        back, self.back = self.back, np.inf
-        if np.isfinite(back) or not goes_up(tip.seen, normal, self.upright):
-            return return_path(tip.seen, tip.free, back) or out_from_under(tip.seen, normal, self.task.probe.radius)
-        if tip.trace.ended is guarded_move and not tip.leaving:
-            return return_path(tip.seen, tip.free) if self.frame.line.fallback is not None else []
-        return off_surface(tip.seen, normal, self.options.retreat)
-
-    def _otherwise(self) -> list[Waypoint]:
-        """Off a place that the planned path did not leave: along the force, else back, else up.
-
-        The force is what presses, whatever normal is taken from it.
-        """
-        tip, away = self.tip, self.options.retreat
-        tip.leave()
-        self.back = np.inf
-        force, up = tip.seen.force, np.array([0.0, 0.0, 1.0])
-        size = float(np.linalg.norm(force))
-        if self.stays == 1 and size > self.task.force_threshold:
-            return [Waypoint(tip.here + away * force / size, SpeedLimit.GUARDED)]
-        if self.stays <= 2 and (back := return_path(tip.seen, tip.free, away)):
-            return back
-        return [Waypoint(tip.here + away * up, SpeedLimit.GUARDED)]
-
-    def _leads_to(self, waypoint: Waypoint) -> bool:
-        """Whether the probe may go straight to a waypoint."""
-        seen, body = self.tip.seen, self.tip.body
-        pose = seen.pose.copy()
-        pose[:3, 3] = waypoint.place
-        if waypoint.rotation is not None:
-            pose[:3, :3] = waypoint.rotation
-        if body is not None and not body.allows(seen.pose, pose):
-            return False
-        return not seen.blocked or self.task.reachable([pose])
-
     def _begins_above_a_foot(self) -> bool:
         """Whether a line that had to be raised meets a wall above its foot.
 
         There the sphere goes in under what the stick met, as far as both fit.
         """
-        line, ahead = self.frame.line, float(self.tip.control.normal @ self.frame.line.ahead)
-        wall = self.tip.trace.ended is guarded_move and ahead < NEAR_SIDE and not self.frame.level
-        return line.raised and not self.foot_felt and wall and self.tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT
+        tip, line = self.tip, self.frame.line
+        met = tip.trace.ended is guarded_move and not self.frame.level
+        wall = met and float(tip.control.normal @ line.ahead) < NEAR_SIDE
+        above = bool(tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT)
+        return line.raised and not self.foot_followed and wall and above
 
     def _beside_the_line(self) -> bool:
         """Whether what is touched stands beside the line, on the path to its beginning."""
         line = self.frame.line
         return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
 
-    def _beneath(self) -> bool:
+    def _led_in_under(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""
         interrupted, normal = self.tip.trace.ended, self.tip.control.normal
         if interrupted is follow_contour and not self.frame.level:
@@ -477,13 +445,14 @@ class Coverage(SkillStrategy):
         return interrupted is guarded_move
 
     def _at_next_line(self) -> bool:
+        """Whether the tip has come as far in x as the next line of the grid."""
         neighbours = self.lines.neighbours()
         if neighbours is None:
             return False
         here, there = neighbours
         return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
 
-    def _climbs_instead(self, descent: DescentWatch) -> bool:
+    def _climbs_from_other_end(self, descent: DescentWatch) -> bool:
         """Whether the wall that is descended is left here, to be climbed from the line's other end."""
         frame = self.frame
         if frame.backward or not self.options.climb or self.tip.seen.contact is None:
@@ -499,23 +468,19 @@ class Coverage(SkillStrategy):
     # For the runner
 
     def touching_poses(self, centre: np.ndarray, facing: np.ndarray) -> Sequence[tuple[np.ndarray, bool]]:
-        """As a side would be touched that faces so; see `CarefulStrategy`."""
+        """Tip poses (4, 4) at a `centre` (3,) m in which a side would be touched that faces along `facing` (3,).
+
+        With each, whether the body would be in known space; see `CarefulStrategy`.
+        """
         if self.searching:
             return []
         body, away, poses = self.tip.body, horizontal(facing), []
         if body is not None:
             body.survey()
-        for rotation in self.leans(away) if away.any() else (self.upright,):
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = rotation, centre
+        for rotation in self.side_orientations(away) if away.any() else (self.upright,):
+            pose = tip_pose(centre, rotation)
             poses.append((pose, body is None or body.knows(pose)))
         return poses
-
-    @property
-    def options(self) -> Any:
-        """The task's options, or the defaults, with lines no farther apart than the task's detail is wide."""
-        options, detail = self.task.options or self.Config(), self.task.detail
-        return options if detail is None else replace(options, step=min(options.step, detail))
 
     @property
     def line_spacing(self) -> float:

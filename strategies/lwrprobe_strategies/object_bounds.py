@@ -12,6 +12,7 @@ from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.approaches import HOVER
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import STEEP
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.free_space import GAP
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
@@ -51,7 +52,7 @@ class ObjectBounds:
         self._first = len(tip.memory)
 
     def program(self) -> Step:
-        """Whether the outline has come around the object; else nobody knows how far that reaches."""
+        """Whether the outline has come around the object; else it is not known how far that reaches."""
         flank, begin = self._flank, self._tip.here.copy()
         axis = Y if abs(flank[Y]) > abs(flank[X]) else X
         steep = bool(flank[Z] < LEVEL)
@@ -74,7 +75,7 @@ class ObjectBounds:
         """To the edge along an axis, down there, and around; whether that closes around the object."""
         tip = self._tip
         yield from tried(self._across(axis, sign))
-        low = outline_height(tip.memory.contacts()[:, 3:6], tip.task) + higher
+        low = outline_height(tip.memory.contacts()[:, POINT], tip.task) + higher
         if (yield from tried(self._down_wall(axis, sign, low))) is not Ended.EDGE:
             return False
         begun = len(tip.memory)

@@ -60,9 +60,7 @@ class OrientationChange(Coverage):
     def program(self) -> Program:
         """As the other strategies do."""
         self.leaning_since = -np.inf  # m, the height at which the last threat made it lean
-        max_angle = float(np.radians((self.task.options or self.Config()).tilt_deg))
-        self.planner = LeanPlanner(self.task, self.tip.rotation, max_angle)
-        self.floor = float(self.task.area.lower[Z])
+        self.planner = LeanPlanner(self.task, self.tip.rotation, float(np.radians(self.options.tilt_deg)))
         return super().program()
 
     def avoid(self) -> Procedure | None:
@@ -74,7 +72,7 @@ class OrientationChange(Coverage):
             return self.contour_upright()
         if self.tip.rotation is self.upright:
             return self._on_along_line()
-        foot = np.array([tip.here[0], tip.here[1], self.floor])
+        foot = np.array([*tip.here[:Z], self.task.area.lower[Z]])
         leant = self.threats > 1 or self.frame.line.rotation is not None
         min_angle = self.planner.angle(tip.rotation) + MORE if leant else 0.0
         rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
@@ -83,7 +81,7 @@ class OrientationChange(Coverage):
         tip.rotation, self.leaning_since = rotation, float(tip.here[Z])
         return self.turn()
 
-    def answer_unknown(self) -> Procedure | None:
+    def answer_unknown_space(self) -> Procedure | None:
         """Leaning does not help where nothing is known of what is there."""
         self.threats += 1
         on = self.tip.rotation is self.upright and self.tip.trace.ended is follow_contour
@@ -92,8 +90,8 @@ class OrientationChange(Coverage):
     def _on_along_line(self) -> Procedure | None:
         """Off a far side, and on along the line: its foot is touched afterwards."""
         line = self.frame.line
-        near_side = self.tip.control.normal @ line.ahead < -NEAR_SIDE
-        if near_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
+        far_side = self.tip.control.normal @ line.ahead >= -NEAR_SIDE
+        if not far_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
             return self.give_up()
         return self.retract_onward()
 
@@ -112,11 +110,11 @@ class OrientationChange(Coverage):
         safe = max(self.lines.height, self.leaning_since) + ABOVE
         return self.upright if self.tip.here[Z] > safe else None
 
-    def leans(self, away: np.ndarray) -> Sequence[np.ndarray]:
+    def side_orientations(self, away: np.ndarray) -> Sequence[np.ndarray]:
         """Upright, or leaning away from the side, which may stand ahead of the stick."""
         return (self.upright, *self.planner.orientations(away))
 
-    def prepared(self, line: Line, here: np.ndarray) -> tuple[Line, np.ndarray]:
+    def orientation_for(self, line: Line) -> np.ndarray:
         """As the line says; what made the probe lean on the line before counts no more."""
         self.leaning_since = -np.inf
-        return super().prepared(line, here)
+        return super().orientation_for(line)

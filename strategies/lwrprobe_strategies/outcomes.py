@@ -80,7 +80,7 @@ class CollisionThreat(Interruption):
 
 
 class UnknownSpace(Interruption):
-    """The last motion would take the body behind the stick, which feels nothing, where something may be."""
+    """The last motion would take the body behind the stick, which senses no contact, where something may be."""
 
     event = "the body would enter unknown space"
 

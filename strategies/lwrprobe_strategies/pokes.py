@@ -18,7 +18,7 @@ from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.skills import follow_contour, search, transit
+from lwrprobe_strategies.skills import Procedure, follow_contour, search, transit
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
 OFF = 0.01
@@ -62,7 +62,7 @@ class Pokes(SkillStrategy):
                 place = None
         return Done(f"{count} pokes")
 
-    def slide(self) -> Program:
+    def slide(self) -> Procedure:
         """Towards the middle of the area, until the contact is certain."""
         tip, area, certain = self.tip, self.task.area, 0
 
@@ -75,14 +75,12 @@ class Pokes(SkillStrategy):
         inward = 1.0 if tip.here[Y] < 0.5 * (area.lower[Y] + area.upper[Y]) else -1.0
         begin = float(tip.here[Y])
         line = Line(Y, float(tip.here[X]), begin, begin + inward * SLIDE, float(tip.here[Z]))
-        yield from follow_contour(tip, TrackingFrame(line, area), until)
-        return Done("")
+        return (yield from follow_contour(tip, TrackingFrame(line, area), until))
 
-    def leave(self) -> Program:
+    def leave(self) -> Procedure:
         """Off what is touched, and up."""
         tip = self.tip
         away = off_surface(tip.seen, tip.normal(), OFF)
         tip.leave()
-        top = np.array([*tip.here[:2], self.task.area.upper[2]])
-        yield from transit(tip, [*away, Waypoint(top)])
-        return Done("")
+        top = np.array([*tip.here[:2], self.task.area.upper[Z]])
+        return (yield from transit(tip, [*away, Waypoint(top)]))

@@ -13,11 +13,12 @@ import numpy as np
 
 from lwrprobe.contracts import Done, InputError, Progress
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import Waypoint
+from lwrprobe_strategies.planning.lines import UP
+from lwrprobe_strategies.planning.paths import Waypoint, tip_pose
+from lwrprobe_strategies.planning.sphere_estimate import ROUGH, SphereEstimate
 from lwrprobe_strategies.planning.sphere_touches import (
     WORTH,
     SphereTouch,
-    angle_between,
     path_around,
     sphere_touches,
 )
@@ -32,18 +33,8 @@ ZERO_EVERY = 4
 """Touches after which the zero is moved: an uncalibrated sensor drifts by 0.1 N a minute."""
 FAR, NEAR = 0.005, 0.0006
 """m before the surface where a slow approach begins, while the place of sphere or table is rough, and at least."""
-SURE = 3.0
-"""Standard deviations of the surface's place by which an approach begins before it."""
 BEYOND = 0.003
 """m behind the surface where an approach ends that met nothing."""
-STEADY, TURNING = 1e-4, 7e-4
-"""m, and m for each radian of a turn, by which an arm with another kinematic table sees the sphere elsewhere in another
-orientation: 0.05 degrees of a wrist joint are a quarter of a millimetre. With 0.4 mm for a radian, the usual amount, an
-arm with twice that at several joints met the sphere 3 mm early, at 100 mm/s."""
-OFF_TOOL = 3e-4
-"""m, of the probe's sphere beside where the tool has it, along each axis of the tip."""
-ROUGH, PRECISE = 1e-3, 1e-4
-"""m, of the sphere's place when it has been found, and of one touch."""
 LOAD_TIME = 0.4
 """s, in which the force rises."""
 UNLOAD_TIMES = (0.25, 0.07)
@@ -66,14 +57,11 @@ SLOPE = 0.02
 """rad, of the table between two of its touches, for the place from which on the second one is sought."""
 LET_GO = 0.001
 """m, by which a touch is left."""
-UP = np.array([0.0, 0.0, 1.0])
 READABLE = 0.9
 """Share of the torque at which the run's guard lets go, up to which a press leads: a data sheet's gain and crosstalk
 make a reading wrong by 3 %."""
 PRESSING = 100.0
 """s for the presses, however long a sphere was sought."""
-PRIOR = 0.02
-"""m, by which the sphere may stand elsewhere than the first touch says: only steadies the fit."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -149,9 +137,8 @@ class ReferenceSphere(SkillStrategy):
             found = yield from self._find(np.asarray(stated, dtype=float), options)
             if found is not Ended.CONTACT:
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
-            self._seen_in = self._upright
             yield from self._press_all(plan[index:] + plan[:index])
-            self.centres.append(self._sphere)
+            self.centres.append(self._sphere.centre)
             if np.isfinite(options.table):
                 yield from self._press_table()
             yield from self._leave_upwards()
@@ -195,7 +182,8 @@ class ReferenceSphere(SkillStrategy):
         else:
             return Ended.NOTHING_FOUND
         below = stated[2] + self._reach - self._met[0][2]
-        self._sphere = self._met[0] - (self._reach - max(below, 0.0)) * UP
+        centre = self._met[0] - (self._reach - max(below, 0.0)) * UP
+        self._sphere = SphereEstimate(centre, self._upright, self._reach)
         aside = np.sqrt(2.0 * self._reach * (abs(below) + HEIGHT))
         self._at, known = SphereTouch(self._upright, UP), False
         for half_turns in SIDES:
@@ -203,8 +191,7 @@ class ReferenceSphere(SkillStrategy):
             known = known or (outcome is Ended.CONTACT and half_turns >= 0.5)
             if len(self._met) > ENOUGH:
                 break
-        yield from transit(self.tip, [Waypoint(self._sphere + self._off(STANDOFF) * UP)])
-        self._tool, self._cover = np.zeros(3), np.diag([ROUGH**2] * 3 + [OFF_TOOL**2] * 3)
+        yield from transit(self.tip, [Waypoint(self._sphere.centre + self._off(STANDOFF) * UP)])
         return Ended.CONTACT if len(self._met) >= ENOUGH else Ended.NOTHING_FOUND
 
     def _descend(self, stated: np.ndarray, place: np.ndarray) -> Procedure:
@@ -232,9 +219,9 @@ class ReferenceSphere(SkillStrategy):
         """Meet the sphere from a side [rad], which lies within `unsure` m of where it is thought to be."""
         tip = self.tip
         normal = np.array([np.cos(ELEVATION) * np.cos(side), np.cos(ELEVATION) * np.sin(side), np.sin(ELEVATION)])
-        begin = self._sphere + self._off(unsure + 2.0 * NEAR) * normal
-        end = self._sphere + (self._reach - unsure - BEYOND) * normal
-        high = self._sphere[2] + self._off(STANDOFF)
+        begin = self._sphere.centre + self._off(unsure + 2.0 * NEAR) * normal
+        end = self._sphere.centre + (self._reach - unsure - BEYOND) * normal
+        high = self._sphere.centre[2] + self._off(STANDOFF)
         path = [Waypoint(_at(tip.here, max(high, tip.here[2]))), Waypoint(_at(begin, high)), Waypoint(begin)]
         if not self.task.reachable([tip.pose_at(place) for place in (*(one.place for one in path), end)]):
             return Ended.NOTHING_FOUND
@@ -244,62 +231,25 @@ class ReferenceSphere(SkillStrategy):
             outcome = yield from approach(tip, normal, float((begin - end) @ normal))
         if outcome is Ended.CONTACT:
             self._met.append(tip.here.copy())
-            self._sphere = self._fitted()
+            self._sphere.fit(np.array(self._met))
         yield from self._let_go(normal)
         out = tip.here + STANDOFF * normal
         yield from transit(tip, [Waypoint(out), Waypoint(_at(out, high))])
         return outcome
 
-    def _fitted(self) -> np.ndarray:
-        """(3,) m, the sphere's centre from the contacts of the search, which lie the sum of the radii away from it."""
-        centre, met = self._sphere.copy(), np.array(self._met)
-        for _ in range(10):
-            away = met - centre
-            distance = np.linalg.norm(away, axis=1)
-            normal = away / distance[:, None]
-            left = self._reach - distance
-            square = normal.T @ normal + (PRECISE / PRIOR) ** 2 * np.eye(3)
-            centre = centre - np.linalg.solve(square, normal.T @ left)
-        return centre
-
-    def _turn_to(self, rotation: np.ndarray) -> None:
-        """In another orientation the tool's error points elsewhere, and so do those of the arm's kinematic table."""
-        self._sphere = self._sphere + (self._seen_in - rotation) @ self._tool
-        moved = np.hstack([np.eye(3), self._seen_in - rotation])
-        self._cover[:3] = moved @ self._cover
-        self._cover[:, :3] = self._cover @ moved.T
-        self._doubt(STEADY + TURNING * angle_between(self._seen_in, rotation))
-        self._seen_in = rotation.copy()
-
-    def _doubt(self, more: float) -> None:
-        """The sphere may be seen elsewhere than before by so many metres."""
-        self._cover[:3, :3] += more**2 * np.eye(3)
-
-    def _seen(self, here: np.ndarray, normal: np.ndarray) -> None:
-        """The tip has met the sphere at a place (3,), along a normal (3,): correct sphere and tool (Kalman 1960)."""
-        across = self._cover[:, :3] @ normal
-        gain = across / (normal @ across[:3] + PRECISE**2)
-        change = gain * float((here - self._sphere) @ normal - self._reach)
-        self._sphere, self._tool = self._sphere + change[:3], self._tool + change[3:]
-        self._cover = self._cover - np.outer(gain, across)
-
-    def _near(self, normal: np.ndarray) -> float:
-        """m before the surface where an approach along a normal (3,) begins: as sure as the contacts so far make it."""
-        sigma = np.sqrt(normal @ self._cover[:3, :3] @ normal + PRECISE**2)
-        return float(np.clip(SURE * sigma, NEAR, FAR))
-
     def _press(self, touch: SphereTouch) -> Procedure:
         """Go round the sphere to where it is to be touched, and press; leave a touch out that is out of reach."""
         tip = self.tip
-        self._turn_to(touch.rotation)
-        centre = self._sphere
+        self._sphere.turn_to(touch.rotation)
+        centre = self._sphere.centre
         out = centre + self._off(STANDOFF) * touch.normal
         path = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, touch.normal, self._at.rotation, touch.rotation)
         ]
-        pressed = _pose(touch.rotation, centre + (self._reach - BEYOND) * touch.normal)
-        poses = [_pose(self._at.rotation if point.rotation is None else point.rotation, point.place) for point in path]
+        pressed = tip_pose(centre + (self._reach - BEYOND) * touch.normal, touch.rotation)
+        held = self._at.rotation
+        poses = [tip_pose(point.place, held if point.rotation is None else point.rotation) for point in path]
         if not self.task.reachable([*poses, pressed]):
             return Ended.NOTHING_FOUND
         try:
@@ -308,7 +258,7 @@ class ReferenceSphere(SkillStrategy):
                 return (yield from self._retreat())
             tip.rotation = touch.rotation.copy()
             self._at = touch
-            near = self._near(touch.normal)
+            near = float(np.clip(self._sphere.uncertainty(touch.normal), NEAR, FAR))
             near_place = centre + self._off(near) * touch.normal
             yield from rest(tip, LISTEN if self._count % ZERO_EVERY else ZEROING)
             outcome = yield from transit(tip, [Waypoint(near_place)])
@@ -317,9 +267,9 @@ class ReferenceSphere(SkillStrategy):
             outcome = yield from approach(tip, touch.normal, near + BEYOND, touch.speed_share)
             if outcome is Ended.CONTACT:
                 yield from self._load(touch.normal, touch.speed_share)
-                self._seen(self._contact, touch.normal)
+                self._sphere.touched(self._contact, touch.normal)
             else:
-                self._doubt(ROUGH)
+                self._sphere.doubt()
         except (Overload, Blocked):
             tip.leave()
         yield from self._let_go(touch.normal)
@@ -351,19 +301,19 @@ class ReferenceSphere(SkillStrategy):
         """Leave what was met where nothing was expected: along the force, then away from the sphere."""
         tip = self.tip
         force = tip.seen.force.copy()
-        self._doubt(ROUGH)
+        self._sphere.doubt()
         yield from self._let_go(force / max(float(np.linalg.norm(force)), 1e-9))
-        away = tip.here - self._sphere
+        away = tip.here - self._sphere.centre
         normal = away / np.linalg.norm(away)
         rotation = tip.seen.pose[:3, :3].copy()
-        yield from transit(tip, [Waypoint(self._sphere + self._off(STANDOFF) * normal, rotation=rotation)])
+        yield from transit(tip, [Waypoint(self._sphere.centre + self._off(STANDOFF) * normal, rotation=rotation)])
         self._at = SphereTouch(rotation, normal)
         tip.rotation = rotation
         return Ended.NO_CONTACT
 
     def _press_table(self) -> Procedure:
         """Press on the table at four places around the sphere, which stands on it."""
-        tip, centre = self.tip, self._sphere
+        tip, centre = self.tip, self._sphere.centre
         options: _Options = self.task.options
         yield from self._leave_upwards()
         high = float(tip.here[2])
@@ -387,7 +337,7 @@ class ReferenceSphere(SkillStrategy):
     def _leave_upwards(self) -> Procedure:
         """Round to the top of the sphere, then up, held upright."""
         top = SphereTouch(self._upright, UP)
-        centre = self._sphere
+        centre = self._sphere.centre
         path = [
             Waypoint(centre + self._off(STANDOFF) * normal, rotation=rotation)
             for normal, rotation in path_around(self._at.normal, top.normal, self._at.rotation, top.rotation)
@@ -403,12 +353,6 @@ class ReferenceSphere(SkillStrategy):
 
 def _at(place: np.ndarray, height: float) -> np.ndarray:
     return np.array([place[0], place[1], height])
-
-
-def _pose(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, place
-    return pose
 
 
 def _coordinates(place: tuple[float, float, float]) -> str:

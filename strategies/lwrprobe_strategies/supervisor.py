@@ -130,7 +130,7 @@ class BodyCheck:
 class SkillStrategy(ABC):
     """A strategy written as a program of skills; `program` is all that it has to define.
 
-    Where nobody knows where the object is, it is found and bounded before the program begins.
+    Where the object's place is not known, it is found and bounded before the program begins.
 
     Attributes
     ----------

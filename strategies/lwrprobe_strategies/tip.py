@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import hypot, inf
 
 import numpy as np
@@ -12,8 +11,9 @@ from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import COLUMN, SIDE, FreeSpace
+from lwrprobe_strategies.planning.lines import UP
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Speeds
+from lwrprobe_strategies.planning.paths import Speeds, tip_pose
 from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.upright_body import body
 from lwrprobe_strategies.trace import Trace
@@ -57,7 +57,7 @@ class Tip:
     memory : where the tip has been and what it touched there
     free : what the probe has shown to be free
     overhangs : where the stick may be met before the sphere
-    body : where the body behind the stick may go, None where it is above all that may be there, or nobody asks
+    body : where the body behind the stick may go, None where it is above all that may be there, or not asked for
     leaving : what is touched now is being left, and is no new contact
     trace : which skill ran when, and how it ended
     """
@@ -148,30 +148,38 @@ class Tip:
 
         It may where something is known near the stick, and where the object may overhang.
         """
-        near = self.seen.clearance
         side = hypot(along.item(0), along.item(1))
         if side < SIDEWAYS:
             return inf
+        return min(self._overhang_limit(along, side), self._near_limit(along, side))
+
+    def _overhang_limit(self, along: np.ndarray, side: float) -> float:
+        """m/s along a unit vector (3,) with a horizontal share `side`, where the object overhangs or may do so."""
         here = self.here
-        limit = inf
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
             share = side if along[2] <= 0.0 else 1.0
-            limit = self.control.stick_speed(self.overhangs.reach(here, along), along) / share
-        elif self.overhangs.possible(here, along):
+            return self.control.stick_speed(self.overhangs.reach(here, along), along) / share
+        if self.overhangs.possible(here, along):
             reach = self.overhangs.reach(here, along)
             # What the sphere presses with adds to what the stick meets.
             safe = self.control.stick_speed(reach, along, share=1.0)
-            limit = (safe if self.touches else UNEXPECTED * self.control.stick_speed(reach, along)) / side
-        if near is not None and self._stick_is_near:
-            back = -self.seen.pose[:3, 2]
-            there = near.on_map - here
-            reach = float(there @ back)
-            there = there - reach * back
-            closing = float(there @ along) / max(hypot(*there.tolist()), 1e-9)
-            if reach > self.task.probe.radius and closing > TOWARDS * side:
-                limit = min(limit, self.control.stick_speed(reach, there) / closing)
-        return limit
+            return (safe if self.touches else UNEXPECTED * self.control.stick_speed(reach, along)) / side
+        return inf
+
+    def _near_limit(self, along: np.ndarray, side: float) -> float:
+        """m/s along a unit vector (3,) with a horizontal share `side`, towards what is known to be near the stick."""
+        near = self.seen.clearance
+        if near is None or not self._stick_is_near:
+            return inf
+        back = -self.seen.pose[:3, 2]
+        there = near.on_map - self.here
+        reach = float(there @ back)
+        there = there - reach * back
+        closing = float(there @ along) / max(hypot(*there.tolist()), 1e-9)
+        if reach <= self.task.probe.radius or closing <= TOWARDS * side:
+            return inf
+        return self.control.stick_speed(reach, there) / closing
 
     def level_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) at which a level contour may lead in under what stands out above; inf where
@@ -189,7 +197,7 @@ class Tip:
         above = float((contact.point - self.here) @ self.seen.pose[:3, 2]) < -self.task.probe.radius
         return above and float(self.seen.force @ self.seen.force) > (CLEAR * self.task.force_target) ** 2
 
-    def climb_limit(self, along: Sequence[float]) -> float:
+    def climb_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) at which the sphere may come in under something on the way up a surface; inf
         where it does not go up or where what is above is known.
         """
@@ -213,13 +221,11 @@ class Tip:
         if tracked.any():
             return tracked
         size = float(np.sqrt(force @ force))
-        return force / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
+        return force / size if size > 1e-9 else UP.copy()
 
     def pose_at(self, place: np.ndarray) -> np.ndarray:
         """(4, 4) at a place (3,), in the wanted orientation."""
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = self.rotation, place
-        return pose
+        return tip_pose(place, self.rotation)
 
     def turn(self) -> np.ndarray | None:
         """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""

@@ -42,7 +42,7 @@ class Told(Active):
 
     def scheduler(self):
         lines = super().scheduler()
-        lines.next, self.begun = lambda here: None, self.upright
+        lines.next = lambda here: None
         return lines
 
 

@@ -180,14 +180,14 @@ def test_under_something_the_probe_goes_back_the_way_it_came():
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)))
     stand(free, *([0.0, 0.01, z] for z in np.arange(0.006, 0.0301, 0.0012)), normal=np.array([0.0, -1.0, 0.0]))
-    path = return_path(seen([0.0, 0.01, 0.03], 1.0), free)
+    path = return_path(free)
     assert all(piece.speed_limit is SpeedLimit.FREE for piece in path)
     places = np.array([piece.place for piece in path])
     assert places[0] == pytest.approx([0.0, 0.01 - LIFT, 0.03]), "off the wall first"
     assert places[-1][1] == pytest.approx(-0.05, abs=0.003), "to where it came down"
     assert (places[:, 2] <= 0.03 + 1e-9).all()
     assert 2 <= len(path) <= 8
-    short = return_path(seen([0.0, 0.01, 0.03], 1.0), free, 0.01)
+    short = return_path(free, 0.01)
     assert short[-1].place == pytest.approx([0.0, 0.01 - LIFT, 0.02], abs=0.0015)
 
 
@@ -196,7 +196,7 @@ def test_the_way_back_ends_where_the_sphere_came_down_and_not_beside_that():
     free = FreeSpace(AREA)
     stand(free, *([0.0, -0.02, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     stand(free, *([0.0, y, 0.006] for y in np.arange(-0.0195, -0.015, 0.0005)))
-    path = return_path(seen([0.0, -0.015, 0.006], 0.2), free)
+    path = return_path(free)
     assert path[-1].place[1] == pytest.approx(-0.02, abs=COLUMN)
     assert path[-1].place[2] < 0.006 + 2 * 0.0012
 
@@ -206,7 +206,7 @@ def test_a_leaning_probe_goes_back_in_the_orientation_in_which_it_came():
     stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
     leaning = turned(UP, np.array([0.0, -1.0, 0.0]), 0.5) @ DOWN
     stand(free, [0.0, -0.05, 0.006], *([0.0, y, 0.006] for y in np.arange(-0.05, 0.0101, 0.0012)), rotation=leaning)
-    path = return_path(seen([0.0, 0.01, 0.006], rotation=leaning), free)
+    path = return_path(free)
     assert np.allclose(path[0].rotation, leaning)
     assert np.allclose(path[-1].rotation, DOWN), "upright again where it turned"
 
@@ -219,7 +219,7 @@ def test_the_way_back_leads_off_what_was_touched_before_its_normal_was_sure():
         tip.observe(seen(place))
     tip.observe(seen([0.0, 0.0012, 0.006], 0.2))
     tip.observe(seen([0.0, 0.0012, 0.0075], 1.0))
-    places = np.array([piece.place for piece in return_path(tip.seen, tip.free)])
+    places = np.array([piece.place for piece in return_path(tip.free)])
     touched = places[np.abs(places[:, 1] - 0.0012) < 1e-9]
     assert touched[:, 2].min() >= 0.006 + LIFT - 1e-9
 
@@ -232,7 +232,7 @@ def test_the_way_back_passes_a_place_where_a_contact_was_lost():
     stand(free, [0.0, 0.03, 0.012], [0.0, 0.03, 0.0132], normal=wall)
     stand(free, [0.0, 0.03, 0.0144], [0.0, 0.0306, 0.0156])
     stand(free, *([0.0, 0.03, z] for z in np.arange(0.0168, 0.03, 0.0012)), normal=wall)
-    places = np.array([piece.place for piece in return_path(seen([0.0, 0.03, 0.0288], 1.0), free)])
+    places = np.array([piece.place for piece in return_path(free)])
     assert np.abs(places - [0.0, 0.03, 0.0144]).max(axis=1).min() > 1e-6
     assert np.hypot(places[:, 1] - 0.0306, places[:, 2] - 0.0156).min() < 1e-9, "where it was off the wall"
 
@@ -246,7 +246,7 @@ def test_a_detour_is_left_out_on_the_way_back():
     for _ in range(20):
         stand(free, *wall, rotation=leaning, normal=normal)
         stand(free, *wall[::-1], rotation=leaning, normal=normal)
-        path = np.array([piece.place for piece in return_path(seen(wall[0], 1.0, leaning), free)])
+        path = np.array([piece.place for piece in return_path(free)])
         once = path if once is None else once
     assert path[-1] == pytest.approx([0.0, -0.1, 0.006], abs=1e-9), "on the border, where it came from"
     assert len(path) == len(once)
@@ -269,14 +269,13 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
 
 def driven(strategy, lines):
     """The program of a strategy whose lines take no time, up to its end; what it ends with, and the lines."""
-    strategy.begun = DOWN
 
     def drive(line, retraction):
         lines.append(line)
         strategy.tip.observe(seen([0.001 * len(lines), -0.1, 0.06], 1.0))
         return iter(())
 
-    strategy.drive = drive
+    strategy.drive_line = drive
     program = strategy.program()
     try:
         motion = next(program)
@@ -329,7 +328,7 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.029], 1.0, leaning), blocked=blocked))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
     asked.clear()
-    strategy.back = 0.1
+    strategy.retractions.back = 0.1
     path = strategy.retraction()
     assert (path[0].place[2] < 0.02) == bool(blocked)
     assert bool(asked) == bool(blocked)
@@ -372,7 +371,7 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 1.0), force=np.array([0.0, -0.8, 0.0])))
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
-    strategy.drive = lambda line, retraction: tried.append((line, retraction)) or iter(())
+    strategy.drive_line = lambda line, retraction: tried.append((line, retraction)) or iter(())
     with pytest.raises(StopIteration) as stop:
         next(strategy.program())
     assert stop.value.value.reason == "no way leads the probe off the place where it is"
@@ -397,7 +396,7 @@ def test_a_line_that_ends_where_it_began_has_been_driven():
         strategy.tip.memory.passed(np.array([0.0, 0.01 + 0.001 * len(driven), 0.02]), line.place)
         return iter(())
 
-    strategy.drive = there_and_back
+    strategy.drive_line = there_and_back
     next(strategy.program())
     assert len(driven) == len(set(driven)) > 4
 
@@ -409,7 +408,7 @@ def test_a_border_through_which_an_object_goes_is_no_way_up_near_that(cut):
     stand(free, *([x, y, 0.006] for y in np.arange(-0.1, 0.0, 0.0012)))
     stand(free, [x if cut else x - 0.003, 0.0012, 0.006], normal=np.array([0.0, -1.0, 0.0]))
     stand(free, *([x, y, 0.006] for y in np.arange(-0.001, -0.006, -0.0012)))
-    way = np.array([piece.place for piece in return_path(seen([x, -0.006, 0.006]), free)])
+    way = np.array([piece.place for piece in return_path(free)])
     up = free.clear_down_to(x, -0.006)
     if cut:
         assert way[-1][1] < -0.0145
@@ -465,11 +464,11 @@ def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_th
         place[line.aside] += aside
         strategy.tip.observe(seen(place, 1.0))
         strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
-        next(strategy.following(Ended.CONTACT))
+        next(strategy.next_skill(Ended.CONTACT))
         assert (strategy.tip.trace.running[-1] is transit) == (expected == "way")
         strategy.tip.trace.running.clear()
     strategy.detours = MAX_DETOURS
-    assert strategy.following(Ended.CONTACT) is None, "not for ever"
+    assert strategy.next_skill(Ended.CONTACT) is None, "not for ever"
 
 
 @pytest.mark.parametrize(("away", "tries"), [(0.003, 4), (0.05, 1)])
@@ -486,7 +485,7 @@ def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_
         stand(strategy.tip.free, [0.0, 0.0, 0.02 + away], place)
         return iter(())
 
-    strategy.drive = drive
+    strategy.drive_line = drive
     with suppress(StopIteration):
         next(strategy.program())
     assert tried.count(tried[0]) == tries

@@ -11,7 +11,7 @@ from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, UnknownSpace
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.overhangs import WITNESSES, Overhangs
+from lwrprobe_strategies.planning.overhangs import MIN_LEANING, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
@@ -52,11 +52,11 @@ def test_a_plain_wall_is_no_overhang(overhangs):
 
 
 def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overhangs):
-    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES - 1)
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING - 1)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "a few may be noise"
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], 4, confidence=0.2)
     assert not overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG), "not certain enough"
-    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], WITNESSES)
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), ALONG)
     assert overhangs.ahead(np.array([0.01, -0.012, LOW]), -ALONG), "on the other side too"
     assert not overhangs.ahead(np.array([0.0, -0.035, LOW]), ALONG), "nothing is known there"
@@ -155,7 +155,7 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     touch(tip.overhangs, [0.01, 0.003, 0.055], np.array([0.0, 0.0, 1.0]))
     assert tip.climb_limit(up) == np.inf, "the sphere went over the edge there"
     tip.here = place
-    touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=WITNESSES)
+    touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=MIN_LEANING)
     assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
 
 
@@ -260,8 +260,8 @@ def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_b
     strategy.start(task())
     strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
     strategy.frame = strategy.frame.horizontal(1.0)
-    assert strategy.following(Ended.SHAFT_CONTACT) is None, "the line is given up"
-    assert strategy.back == strategy.options.retreat
+    assert strategy.next_skill(Ended.SHAFT_CONTACT) is None, "the line is given up"
+    assert strategy.retractions.back == strategy.options.retreat
     assert strategy.tip.overhangs.found
     assert not strategy.lines.next(strategy.tip.here).raised, "it was no line that led in under that"
 
@@ -273,14 +273,14 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     strategy.start(task())
     tip = strategy.tip
     tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
-    line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_felt=felt)
+    line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_followed=felt)
     strategy.approach(line, []).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
     strategy.along_surface().close()
     assert strategy.frame.backward == (not felt)
     assert strategy.raise_line() is None
-    assert strategy.lines.next(tip.here).foot_felt
+    assert strategy.lines.next(tip.here).foot_followed
 
 
 def going_in_under(strategy):
@@ -301,7 +301,7 @@ def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind, why):
     """Where the body would have come into unknown space `orientation_change` gave the line up, and touched no top."""
     strategy = kind()
     going_in_under(strategy)
-    assert strategy.answer(why()) is not None
+    assert strategy.answer_interruption(why()) is not None
     assert not strategy.frame.backward
     assert not strategy.frame.level
 

@@ -8,6 +8,7 @@ import pytest
 from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.gap_planner import GapPlanner
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -75,11 +76,11 @@ def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_l
     lines = LineScheduler(task(), ContactMemory(), options, body=object())
     heights = iter([0.03, 0.02, 0.01])
 
-    def low_sides(axis, places, body):
+    def low_sides(axis, places):
         height = next(heights, None) if lines.count()[0] >= len(lines.grid) and axis == 1 else None
         return [] if height is None else [Line(1, 0.0, BORDER, 0.0, height, low=True)]
 
-    lines._low_sides = low_sides
+    lines._gaps._low_sides = low_sides
     low = [line.height for line in drain(lines) if line.low]
     assert low == [0.03, 0.02, 0.01]
 
@@ -286,12 +287,12 @@ def test_a_line_across_begins_as_high_as_the_grid_where_the_side_recedes_below()
 
     def height(slope, top):
         memory = ContactMemory()
-        lines = LineScheduler(task(), memory, options, body=object())
-        lines.height, lines.lowest = 0.030, lambda line: 0.010
+        gaps = GapPlanner(task(), memory, options, np.zeros(1), lambda line: 0.010, object(), lambda away: ())
+        gaps.height = 0.030
         normal = np.array([-1.0, 0.0, slope]) / np.hypot(1.0, slope)
         for z in np.arange(0.030, top, 0.001):
             memory.add(centre := np.array([0.0, 0.0, z]), centre - RADIUS * normal, normal, 0.0)
-        return lines._above_receding(Line(0, 0.0, -0.01, 0.0, 0.006))
+        return gaps._lowest_before_receding(Line(0, 0.0, -0.01, 0.0, 0.006))
 
     assert height(-0.2, 0.06) == 0.030
     assert height(0.0, 0.06) == 0.010, "the foot of an upright wall is within reach"

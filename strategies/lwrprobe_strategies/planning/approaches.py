@@ -9,7 +9,7 @@ import numpy as np
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.free_space import BORDER, GAP, FreeSpace
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
-from lwrprobe_strategies.planning.paths import HELD, THERE, SpeedLimit, Speeds, Waypoint, seconds
+from lwrprobe_strategies.planning.paths import HELD, THERE, SpeedLimit, Speeds, Waypoint, seconds, tip_pose
 from lwrprobe_strategies.planning.upright_body import Clear
 
 OWN_COLUMN = 0.0025
@@ -143,8 +143,7 @@ def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> boo
 
 def _allowed(path: list[Waypoint], here: np.ndarray, turn: np.ndarray, allows: Clear) -> bool:
     """Whether a path from `here` (3,), for a tip held by `turn` (3, 3) until a waypoint has another one, is allowed."""
-    begin = np.eye(4)
-    begin[:3, :3], begin[:3, 3] = turn, here
+    begin = tip_pose(here, turn)
     for waypoint in path:
         end = begin.copy()
         end[:3, 3] = waypoint.place

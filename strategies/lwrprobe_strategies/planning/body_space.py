@@ -1,4 +1,4 @@
-"""Where the body behind the stick may go: it feels nothing, so it goes only where nothing can be.
+"""Where the body behind the stick may go: it senses no contact, so it goes only where nothing can be.
 
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
 touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere.

@@ -18,11 +18,10 @@ from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, seconds
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
-DOWN = np.array([0.0, 0.0, -1.0])
 STEEP = 0.9
 """Share of the direction onward along z, downwards, from which on a contour descends a wall."""
 FLAT = sqrt(1.0 - STEEP * STEEP)
@@ -82,7 +81,7 @@ class DescentWatch:
         height = here[Z] - up.height
         there = path_to(up, here + OFF * self._control.normal, rotation, task.area, self._free, speeds)
         top = float(task.area.upper[Z])
-        over = np.array([up.start[0], up.start[1], top])
-        back = [Waypoint(np.array([here[0], here[1], top])), Waypoint(over), Waypoint(up.start)]
+        over = np.array([up.start[X], up.start[Y], top])
+        back = [Waypoint(np.array([here[X], here[Y], top])), Waypoint(over), Waypoint(up.start)]
         climb = height / task.contour_speed + seconds(there, here, speeds) + seconds(back, here, speeds)
         return climb < height / min(speed(DOWN), task.contour_speed)

@@ -12,6 +12,13 @@ SPACING = 0.0005
 """m between two places that are remembered: a quarter of the smallest feature that is planned with."""
 NOT_TOUCHED = (nan,) * 6
 
+POINT, NORMAL = slice(3, 6), slice(6, 9)
+"""Columns of a row: the contact point, and the surface's normal there. The sphere's centre is in the first three."""
+POINT_X, POINT_Y, POINT_Z = 3, 4, 5
+NORMAL_X, NORMAL_Y, NORMAL_Z = 6, 7, 8
+GRID_X = 9
+"""x of the grid line on which the contact lies, NaN off the grid."""
+
 
 class ContactMemory:
     """Places as rows: sphere's centre (3), contact point (3), normal (3), x of the grid line or NaN off the grid.
@@ -57,4 +64,4 @@ def _elsewhere(last: Row | None, place: list[float], grid_x: float) -> bool:
     x, y, z = place
     if abs(last[0] - x) >= SPACING or abs(last[1] - y) >= SPACING or abs(last[2] - z) >= SPACING:
         return True
-    return not (last[9] == grid_x or (isnan(last[9]) and isnan(grid_x)))
+    return not (last[GRID_X] == grid_x or (isnan(last[GRID_X]) and isnan(grid_x)))

@@ -36,7 +36,7 @@ LIFT = 0.001
 CHORD, TURN = 0.0003, 0.05
 """m, and change of the stick's direction, by which a path that is driven back may cut its corners."""
 BROKEN = 0.01
-"""m between two places in a row, above which nobody saw how the probe came from one to the other."""
+"""m between two places in a row, above which it is not known how the probe came from one to the other."""
 SHORT = 0.15
 """m along the axes, as far as the return path may be the quicker one."""
 FAR_COLUMN = 0.4
@@ -51,11 +51,16 @@ BORDER = 0.001
 """m, within which a place is one on the border."""
 CUT = 0.015
 """m from what was touched, within which more of an object may stand on a border through which it goes."""
-CAME_DOWN, JUST_THERE, ON_BORDER = 9, 11, 12
-"""Columns of the table of places."""
+OFF_SURFACE, STICK = slice(3, 6), slice(6, 9)
+CAME_DOWN, STOOD, JUST_THERE, ON_BORDER = 9, 10, 11, 12
+"""Columns of the table of places, after the place itself: the place off the surface that was touched there, or the same
+place again; the stick's direction; and 0 or 1, whether the sphere came down near it, the stick was upright, the sphere
+came down just there, and it is on the area's border."""
+COLUMNS = 13
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Place (3,) m of the sphere's centre, and orientation (3, 3) of the tip."""
+Vector = tuple[float, float, float]
 
 
 class FreeSpace:
@@ -73,9 +78,7 @@ class FreeSpace:
         self._area, self._side, self._body = area, side, body
         self._came_down = CAME_DOWN if side > COLUMN else JUST_THERE
         self._top = float(area.upper[2])
-        # Place, place off the surface, stick's direction; whether the sphere came down near it, the stick is upright,
-        # the sphere came down just there, and it is on the border.
-        self._places = GrowingTable(13)
+        self._places = GrowingTable(COLUMNS)
         self._turns: list[np.ndarray] = []
         self._next_to_touch: set[int] = set()  # indices of places next to a touch, where who comes back may touch again
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
@@ -84,7 +87,7 @@ class FreeSpace:
     def raise_top(self, top: float) -> None:
         """All that may be there reaches higher, up to `top` m: where the sphere came down something may be above."""
         self._top, self._column = top, None
-        rows, self._places = self._places.rows().copy(), GrowingTable(13)
+        rows, self._places = self._places.rows().copy(), GrowingTable(COLUMNS)
         rows[:, [CAME_DOWN, JUST_THERE]] = 0.0
         for row in rows.tolist():
             self._places.add(tuple(row))
@@ -99,27 +102,35 @@ class FreeSpace:
         if last is not None:
             near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING
             near = near and ax * last[6] + ay * last[7] + az * last[8] > TURNED
-            if near and (normal is None or last[3:6] != last[:3]):
+            touched = last[OFF_SURFACE] != last[:3]
+            if near and (normal is None or touched):
                 return
             if near:
                 self._next_to_touch.add(len(self._places) - 1)
-            elif normal is None and last[3:6] != last[:3]:  # a contact that was lost may be no more than a light one
+            elif normal is None and touched:  # a contact that was lost may be no more than a light one
                 self._next_to_touch.add(len(self._places))
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
-        upright = -az > UPRIGHT
-        if z >= self._top - SPACING:  # a little lower where the arm lags behind
-            self._column, self._descent = (x, y, ax, ay, az), len(self._places)
-        elif self._column is not None:
-            cx, cy, *stick = self._column
-            held = ax * stick[0] + ay * stick[1] + az * stick[2] > TURNED
-            held = held and max(abs(x - cx), abs(y - cy)) < SIDE
-            under = held and bool(_in_the_way(self._places.rows()[self._descent :], x, y).any())
-            self._column = self._column if held and not under else None
-        border, column = self._on_border(x, y), self._column
+        column = self._column = self._column_at((x, y, z), (ax, ay, az))
         back = column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN
-        known = float(column is not None), float(upright), float(back), float(border)
+        known = float(column is not None), float(-az > UPRIGHT), float(back), float(self._on_border(x, y))
         self._places.add((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
+
+    def _column_at(self, place: Vector, stick: Vector) -> tuple[float, ...] | None:
+        """Where the sphere came down, x and y, and the stick's direction meanwhile; None once it has left that column.
+
+        `place` m and `stick`, the direction, are those of the tip now.
+        """
+        (x, y, z), (ax, ay, az) = place, stick
+        if z >= self._top - SPACING:  # a little lower where the arm lags behind
+            self._descent = len(self._places)
+            return x, y, ax, ay, az
+        if self._column is None:
+            return None
+        cx, cy, bx, by, bz = self._column
+        within = ax * bx + ay * by + az * bz > TURNED and max(abs(x - cx), abs(y - cy)) < SIDE
+        under = within and bool(_in_the_way(self._places.rows()[self._descent :], x, y).any())
+        return self._column if within and not under else None
 
     def __len__(self) -> int:
         return len(self._places)
@@ -152,7 +163,7 @@ class FreeSpace:
         that; inf where it has not.
         """
         rows = self._places.rows()
-        over = (np.abs(rows[:, :2] - place[:2]).max(axis=1, initial=0.0) <= beside) & (rows[:, 10] > 0.0)
+        over = (np.abs(rows[:, :2] - place[:2]).max(axis=1, initial=0.0) <= beside) & (rows[:, STOOD] > 0.0)
         return float(rows[over, 2].min(initial=np.inf))
 
     def open_places(self, axis: int, place: float) -> np.ndarray:
@@ -166,8 +177,8 @@ class FreeSpace:
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
 
-        It has been as low: who goes lower may go into what it passed above. A surface that was touched from where the
-        line ends, or on it, stands in the way.
+        It has been as low: a lower path may lead into what it passed above. A surface that was touched from where the
+        line ends, or on it, blocks the path.
         """
         motion = end - begin
         length = float(np.sqrt(motion @ motion))
@@ -176,8 +187,8 @@ class FreeSpace:
         rows = self._places.rows()
         # Few are as high: the others are not looked at.
         level = np.abs(rows[:, 2] - begin[2]) < SPACING + (1.0 + GAP / length) * abs(motion[2])
-        rows = rows[level & (rows[:, 10] > 0.0)]
-        touching = (rows[:, 3:6] != rows[:, :3]).any(axis=1)
+        rows = rows[level & (rows[:, STOOD] > 0.0)]
+        touching = _touching(rows)
         rows = rows[:, :3] - begin
         along = rows @ (motion / length)
         beside = rows - along[:, None] * (motion / length)
@@ -210,14 +221,15 @@ class FreeSpace:
                 break
             before = self._first_at(k, end)
             k = before if before < k else k - 1
-            left -= float(np.abs(rows[k, 3:6] - rows[places[-1], 3:6]).max())
+            left -= float(np.abs(rows[k, OFF_SURFACE] - rows[places[-1], OFF_SURFACE]).max())
             places.append(k)
         return self._along(places)
 
     def _first_at(self, k: int, end: int) -> int:
         """Index from `end` on of the first place where the probe was held as at place `k`, and was as good as there."""
         rows = self._places.rows()[end : k + 1]
-        near = (np.abs(rows[:, 3:6] - rows[-1, 3:6]).max(axis=1) < SPACING) & (rows[:, 6:9] @ rows[-1, 6:9] > TURNED)
+        near = np.abs(rows[:, OFF_SURFACE] - rows[-1, OFF_SURFACE]).max(axis=1) < SPACING
+        near &= rows[:, STICK] @ rows[-1, STICK] > TURNED
         return end + int(np.argmax(near))
 
     def back_to(self, place: np.ndarray, reach: float) -> list[Pose] | None:
@@ -245,8 +257,8 @@ class FreeSpace:
         if not found:
             return None
         path = rows[found[-1] :]
-        steps = np.diff(path[:, :3], axis=0)
-        if not path[:, 10].all() or np.abs(steps).max(initial=0.0) > BROKEN or np.abs(steps).sum() > farthest:
+        steps = np.abs(np.diff(path[:, :3], axis=0))
+        if not path[:, STOOD].all() or steps.max(initial=0.0) > BROKEN or steps.sum() > farthest:
             return None
         kept = _around_inner_edges(path)
         if kept is None:
@@ -266,7 +278,7 @@ class FreeSpace:
         Where something was touched on the border the area is cut through an object: that may overhang there, too, near
         what was touched of it.
         """
-        on_border, touching = rows[:, ON_BORDER] > 0.0, (rows[:, 3:6] != rows[:, :3]).any(axis=1)
+        on_border, touching = rows[:, ON_BORDER] > 0.0, _touching(rows)
         border = wanted & on_border
         if border.any() and (on_border & touching).any():
             from scipy.spatial import cKDTree
@@ -285,8 +297,8 @@ class FreeSpace:
         places = [k for k in places if k not in self._next_to_touch]
         if not places:
             return None
-        kept = path_corners(rows[places, 3:6], rows[places, 6:9], CHORD, TURN)
-        return [(rows[places[i], 3:6].copy(), self._turns[places[i]]) for i in kept]
+        kept = path_corners(rows[places, OFF_SURFACE], rows[places, STICK], CHORD, TURN)
+        return [(rows[places[i], OFF_SURFACE].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
         low, high = self._area.lower, self._area.upper
@@ -300,8 +312,8 @@ def _around_inner_edges(rows: np.ndarray) -> np.ndarray | None:
     other; around an outer edge they lie behind. The edge is cut between a place on each side that is off all of what
     was touched in between; None where there is none.
     """
-    at, off = rows[:, :3], rows[:, 3:6]
-    touching = np.flatnonzero((off != at).any(axis=1))
+    at, off = rows[:, :3], rows[:, OFF_SURFACE]
+    touching = np.flatnonzero(_touching(rows))
     faces, normals = at[touching], (off[touching] - at[touching]) / LIFT
     clear = np.ones(len(rows), dtype=bool)
     for k in touching[touching < len(rows) - 1].tolist():  # at the last one is the tip
@@ -320,9 +332,16 @@ def _around_inner_edges(rows: np.ndarray) -> np.ndarray | None:
     return kept
 
 
+def _touching(rows: np.ndarray) -> np.ndarray:
+    """(n,) bool: something was touched at the place of a row (n, 13) of the table."""
+    touching: np.ndarray = (rows[:, OFF_SURFACE] != rows[:, :3]).any(axis=1)
+    return touching
+
+
 def _in_the_way(rows: np.ndarray, x: float, y: float) -> np.ndarray:
     """(n,) bool: at the place of a row (n, 13) of the table something was touched, into which the sphere would get at
     (x, y), as high.
     """
-    inwards = (rows[:, 3] - rows[:, 0]) * (x - rows[:, 0]) + (rows[:, 4] - rows[:, 1]) * (y - rows[:, 1])
-    return inwards < -LIFT * COLUMN
+    at, off = rows[:, :3], rows[:, OFF_SURFACE]
+    outwards = (off[:, 0] - at[:, 0]) * (x - at[:, 0]) + (off[:, 1] - at[:, 1]) * (y - at[:, 1])
+    return outwards < -LIFT * COLUMN

@@ -18,7 +18,8 @@ from itertools import chain, pairwise
 import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL_X, NORMAL_Y, NORMAL_Z, POINT_Y
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 
 ROUGH = 0.002
 """m, by which the path from contact to contact between two lines may exceed the lines' distance."""
@@ -28,7 +29,7 @@ OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
 UNDER = -0.5
 """Share of the normal along z, up to which a touch is one of an underside."""
-FALLS, RIM = 0.3, 0.3
+FALLS, UPWARDS = 0.3, 0.3
 """Share of the normal across a line, and along z, from which on a touch is one of a surface that falls beside the line:
 normals are known to a few degrees."""
 RUN = 3
@@ -70,15 +71,22 @@ def lines_across(
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
-            ends = [_end(trail, xs, heights, i, y, floor) for i in (first, last)]
-            # From its foot up a wall is followed faster than down from its top.
-            low, high = sorted(ends, key=lambda end: end.height)
-            past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
-            down = replace(high, end=low.begin + past) if high.on_surface else None
-            behind = past if high.on_surface else 0.0
-            line = replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
+            one, other = (_end(trail, xs, heights, i, y, floor) for i in (first, last))
+            line = _upwards(one, other, radius)
             lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
     return lines
+
+
+def _upwards(one: Line, other: Line, radius: float) -> Line:
+    """The line between two ends from the lower one to the higher one, with the way down as its fallback.
+
+    From its foot up a wall is followed faster than down from its top. `radius` m as in `lines_across`.
+    """
+    low, high = sorted((one, other), key=lambda end: end.height)
+    past = 0.0 if low.on_surface else float(np.copysign(radius, low.begin - high.begin))
+    down = replace(high, end=low.begin + past) if high.on_surface else None
+    behind = past if high.on_surface else 0.0
+    return replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
 
 
 def _up_to(line: Line, farthest: float) -> Line:
@@ -90,10 +98,10 @@ def _end(trail: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: 
     """A line across that begins on a line of the grid, where that touched or in free space; it leads nowhere yet."""
     x = float(xs[index])
     if heights[index] <= floor + 1e-4:
-        return Line(0, float(y), x, x, floor)
+        return Line(X, float(y), x, x, floor)
     # Where the probe has stood its stick filled the column above.
-    stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - y) < NEAR), 2].max()
-    return Line(0, float(y), x, x, float(heights[index]), True, float(stood))
+    stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - y) < NEAR), Z].max()
+    return Line(X, float(y), x, x, float(heights[index]), True, float(stood))
 
 
 def near_sides(
@@ -111,41 +119,41 @@ def near_sides(
     one may be driven.
     """
     lines: list[Line] = []
-    for x in np.unique(contacts[~np.isnan(contacts[:, 9]), 9]):
-        own = contacts[contacts[:, 9] == x]
-        over = own[own[:, 8] > OVER]
+    for x in np.unique(contacts[~np.isnan(contacts[:, GRID_X]), GRID_X]):
+        own = contacts[contacts[:, GRID_X] == x]
+        over = own[own[:, NORMAL_Z] > OVER]
         # The far side was followed as far down as the links allow; no lower than that goes the near one.
         overhangs = bool((np.abs(raised - x) < 1e-6).any())
-        bottom = float(area.lower[2]) if overhangs else own[:, 2].min()
-        if not (own[0, 2] - bottom > 0.5 * pitch and UNDER < own[0, 8] < OVER and len(over)):
+        bottom = float(area.lower[Z]) if overhangs else own[:, Z].min()
+        if not (own[0, Z] - bottom > 0.5 * pitch and UNDER < own[0, NORMAL_Z] < OVER and len(over)):
             continue
         top = over[0]
-        stood = trail[(trail[:, 9] == x) & (np.abs(trail[:, 1] - top[1]) < NEAR), 2].max()
-        out = float(area.lower[1] if own[0, 7] < 0.0 else area.upper[1])
-        down = Line(1, float(x), float(top[1]), out, float(top[2]), True, float(stood))
+        stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - top[Y]) < NEAR), Z].max()
+        out = float(area.lower[Y] if own[0, NORMAL_Y] < 0.0 else area.upper[Y])
+        down = Line(Y, float(x), float(top[Y]), out, float(top[Z]), True, float(stood))
         if overhangs:
             lines.append(down)
             continue
-        up = Line(1, float(x), out, float(top[1]), float(top[2]), fallback=down)
+        up = Line(Y, float(x), out, float(top[Y]), float(top[Z]), fallback=down)
         lines.append(replace(up, height=lowest(up)))
     return lines
 
 
 def _places_across(contacts: np.ndarray, pitch: float) -> np.ndarray:
     """(k,) m in y, no more than a pitch apart and half of that from the ends of what was touched."""
-    low, high = contacts[:, 4].min(), contacts[:, 4].max()
+    low, high = contacts[:, POINT_Y].min(), contacts[:, POINT_Y].max()
     count = max(int(np.ceil((high - low) / pitch - 1e-6)), 1)
     return low + (np.arange(count) + 0.5) * (high - low) / count
 
 
 def _heights(contacts: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.ndarray:
     """(n,) m, the highest place of the sphere's centre on each grid line at `y`; `floor` where nothing was touched."""
-    near = contacts[np.abs(contacts[:, 1] - y) < NEAR]
+    near = contacts[np.abs(contacts[:, Y] - y) < NEAR]
     heights = np.full(len(xs), floor)
     for i, x in enumerate(xs):
-        own = near[near[:, 9] == x]
+        own = near[near[:, GRID_X] == x]
         if len(own):
-            heights[i] = own[:, 2].max()
+            heights[i] = own[:, Z].max()
     return heights
 
 
@@ -154,14 +162,14 @@ def _hollows(
 ) -> Iterator[tuple[tuple[int, int], float]]:
     """Index pairs of neighbouring lines with a hollow in between, and m in y where it is to be crossed."""
     for i, beside in chain(pairwise(range(len(xs))), pairwise(range(len(xs) - 1, -1, -1))):
-        own = contacts[contacts[:, 9] == xs[i]]
-        falls = np.sign(xs[beside] - xs[i]) * own[:, 6]
-        own = own[(falls > FALLS) & (own[:, 8] > RIM)]
-        own = own[np.argsort(own[:, 1])]
-        for run in np.split(own, np.flatnonzero(np.diff(own[:, 1]) > 2.0 * NEAR) + 1):
+        own = contacts[contacts[:, GRID_X] == xs[i]]
+        falls = np.sign(xs[beside] - xs[i]) * own[:, NORMAL_X]
+        own = own[(falls > FALLS) & (own[:, NORMAL_Z] > UPWARDS)]
+        own = own[np.argsort(own[:, Y])]
+        for run in np.split(own, np.flatnonzero(np.diff(own[:, Y]) > 2.0 * NEAR) + 1):
             if len(run) < RUN:
                 continue
-            low, high = run[0, 1], run[-1, 1]
+            low, high = run[0, Y], run[-1, Y]
             count = max(int(np.ceil((high - low) / pitch)), PLACES)
             for y in (low + (np.arange(count) + 0.5) * (high - low) / count).tolist():
                 heights = _heights(contacts, xs, y, floor)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
-from lwrprobe_strategies.planning.lines import Z
+from lwrprobe_strategies.planning.lines import UP, Z
+from lwrprobe_strategies.planning.paths import tip_pose
 
-UP = np.array([0.0, 0.0, 1.0])
 STEP = float(np.radians(2.5))
 """rad between two angles that are tried."""
 SHELTERED = 0.0015
@@ -48,8 +48,8 @@ class LeanPlanner:
             rotation = turned(UP, towards, angle) @ self._upright
             if angle < self._max_angle and self._foremost(rotation, -towards) > -SHELTERED:
                 continue
-            places = [_pose(place, rotation) for place in turn]
-            further = [_pose(place + SPARE * towards, rotation) for place in reach]
+            places = [tip_pose(place, rotation) for place in turn]
+            further = [tip_pose(place + SPARE * towards, rotation) for place in reach]
             if self._task.clear(places) and self._task.reachable([*places, *further]):
                 return rotation
         return None
@@ -90,9 +90,3 @@ def turned(from_axis: np.ndarray, to_axis: np.ndarray, angle: float) -> np.ndarr
     """(3, 3) rotation by `angle` [rad] that takes `from_axis` towards `to_axis`, both unit and perpendicular."""
     turn = np.outer(to_axis, from_axis) - np.outer(from_axis, to_axis)
     return np.eye(3) + np.sin(angle) * turn + (1.0 - np.cos(angle)) * (turn @ turn)
-
-
-def _pose(place: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, place
-    return pose

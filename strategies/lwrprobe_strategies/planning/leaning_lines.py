@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.low_sides import OVERLAP, Leans, touched_sides, within_reach
+from lwrprobe_strategies.planning.low_sides import OVERLAP, SideOrientations, touched_sides, within_reach
 
 STEP = 0.002
 """m between two places on a line that are looked at, and between the contacts that count."""
@@ -35,7 +36,7 @@ def leaning_lines(
     places: np.ndarray,
     pitch: float,
     task: Task,
-    leans: Leans,
+    orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
     """From the border in under each side that was touched on a line, where it was not over more than a pitch in height.
@@ -47,25 +48,25 @@ def leaning_lines(
     places : (n,) m, of the lines on the other horizontal axis
     pitch : m, between two lines
     task : the area, the probe, and what it keeps from what was touched
-    leans : how the probe may be held
+    orientations : how the probe may be held
     reachable : whether the arm can drive a line
     """
     lines = []
-    for place, side, border, own, facing in touched_sides(contacts, axis, places, task.area):
-        above = facing[np.argsort(facing[:, Z])]
+    for side in touched_sides(contacts, axis, places, task.area):
+        above = side.facing[np.argsort(side.facing[:, Z])]
         heights = np.append(task.area.lower[Z], above[:, Z])
         widest = int(np.argmax(np.diff(heights)))
-        height, low, middle = float(heights[widest]), above[widest], float(own[:, axis].mean())
+        height, low, middle = float(heights[widest]), above[widest], float(side.on_line[:, axis].mean())
         if low[Z] - height <= pitch:
             continue
-        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - place) < BESIDE * pitch, 3:6])
+        around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - side.place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP
-        whole = Line(axis, place, border, middle, height, low=True, ceiling=ceiling, expected=height)
-        inmost, best = float(low[axis]) - side * task.probe.radius, None  # less would not be worth a line
-        for rotation in leans(side * np.eye(3)[axis]):
-            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else border
-            if side * (inmost - end) > 0.0:
-                inmost, best = end - side * DEEPER, replace(whole, end=end, rotation=rotation)
+        whole = Line(axis, side.place, side.border, middle, height, low=True, ceiling=ceiling, expected=height)
+        inmost, best = float(low[axis]) - side.sign * task.probe.radius, None  # less would not be worth a line
+        for rotation in orientations(side.sign * np.eye(3)[axis]):
+            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.border
+            if side.sign * (inmost - end) > 0.0:
+                inmost, best = end - side.sign * DEEPER, replace(whole, end=end, rotation=rotation)
         best = within_reach(best, reachable) if best is not None else None
         if best is not None:
             end = best.end + best.sign * ONWARD

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
 from lwrprobe_strategies.planning.lines import Line, Z
 
 STEEP = 0.5
@@ -43,44 +44,44 @@ def left_strips(contacts: np.ndarray, area: Area, pitch: float, lowest: Callable
     pitch : m, between two lines
     lowest : m, height at which a line may be driven
     """
-    wall = contacts[np.abs(contacts[:, 8]) < STEEP]
+    wall = contacts[np.abs(contacts[:, NORMAL_Z]) < STEEP]
     if not len(wall):
         return []
-    wall = _thinned(wall, wall[:, 3:6])
+    wall = _thinned(wall)
     near = 0.5 * pitch + MARGIN
-    middles = _between(wall[np.argsort(wall[:, 5])], near, 2.0 * pitch)
-    middles = _thinned(middles, middles[:, :3])
+    middles = _between(wall[np.argsort(wall[:, POINT_Z])], near, 2.0 * pitch)
+    middles = _thinned(middles)
     middles = middles[~_touched(middles, wall, near)]
     lines: list[Line] = []
     while len(middles):
         around = _beside(middles, middles[0], 0.5 * pitch)
         own = _beside(middles, np.median(middles[around], axis=0), 0.5 * pitch) | (np.arange(len(middles)) == 0)
         strip, middles = middles[own], middles[~own]
-        if np.ptp(strip[:, Z]) < TALL * pitch:
+        if np.ptp(strip[:, POINT_Z]) < TALL * pitch:
             continue
-        place, normal = np.median(strip[:, 6:9], axis=0), np.median(strip[:, 3:6], axis=0)
+        place, normal = np.median(strip[:, :3], axis=0), np.median(strip[:, NORMAL], axis=0)
         axis = int(np.argmax(np.abs(normal[:2])))
         sign = -float(np.sign(normal[axis]))
         low, high = float(area.lower[axis]), float(area.upper[axis])
         begin = min(max(float(place[axis]) - sign * BEFORE, low), high)
         line = Line(axis, float(place[1 - axis]), begin, float(place[axis]) + sign * BEHIND, float(area.lower[Z]))
-        height, ceiling = lowest(line), float(strip[:, 8].max()) + OVERLAP
+        height, ceiling = lowest(line), float(strip[:, Z].max()) + OVERLAP
         if ceiling - height > 0.5 * pitch:
             lines.append(replace(line, height=height, ceiling=ceiling, low=True))
     return lines
 
 
-def _thinned(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The first of the rows (m, k) in each cube around their points (m, 3)."""
-    return rows[np.unique(np.round(points / GRAIN).astype(int), axis=0, return_index=True)[1]]
+def _thinned(rows: np.ndarray) -> np.ndarray:
+    """The first of the touches (m, 10) in each cube around their points."""
+    return rows[np.unique(np.round(rows[:, POINT] / GRAIN).astype(int), axis=0, return_index=True)[1]]
 
 
 def _between(wall: np.ndarray, near: float, farthest: float) -> np.ndarray:
-    """(k, 9) point, normal and sphere's centre half way between each two touches (m, 10) of one face at one height.
+    """(k, 10), columns as those of a contact, half way between each two touches (m, 10) of one face at one height.
 
     The touches go upwards. Two are more than twice `near` m apart, and up to `farthest` m.
     """
-    points, normals, found = wall[:, 3:6], wall[:, 6:9], []
+    points, normals, found = wall[:, POINT], wall[:, NORMAL], []
     ends = np.searchsorted(points[:, Z], points[:, Z] + LEVEL)
     for k, end in enumerate(ends):
         step = points[k + 1 : end] - points[k]
@@ -90,21 +91,20 @@ def _between(wall: np.ndarray, near: float, farthest: float) -> np.ndarray:
         other = np.flatnonzero(pair) + k + 1
         if len(other):
             found.append(0.5 * (wall[other] + wall[k]))
-    middles = np.concatenate(found) if found else np.empty((0, wall.shape[1]))
-    return middles[:, [3, 4, 5, 6, 7, 8, 0, 1, 2]]
+    return np.concatenate(found) if found else np.empty((0, wall.shape[1]))
 
 
 def _beside(middles: np.ndarray, middle: np.ndarray, reach: float) -> np.ndarray:
-    """(k,) bool, which middles (k, 9) lie within a reach [m] of one (9,) in the plan view and face as it does."""
-    apart = np.hypot(middles[:, 0] - middle[0], middles[:, 1] - middle[1])
-    near: np.ndarray = (apart < reach) & (middles[:, 3:6] @ middle[3:6] > ALIKE)
+    """(k,) bool, which middles (k, 10) lie within a reach [m] of one (10,) in the plan view and face as it does."""
+    apart = np.hypot(middles[:, POINT_X] - middle[POINT_X], middles[:, POINT_Y] - middle[POINT_Y])
+    near: np.ndarray = (apart < reach) & (middles[:, NORMAL] @ middle[NORMAL] > ALIKE)
     return near
 
 
 def _touched(middles: np.ndarray, wall: np.ndarray, near: float) -> np.ndarray:
-    """(k,) bool, where a touch (m, 10) that faces alike is within `near` m of the middles (k, 9)."""
+    """(k,) bool, where a touch (m, 10) that faces alike is within `near` m of the middles (k, 10)."""
     from scipy.spatial import cKDTree
 
-    close = cKDTree(wall[:, 3:6]).query_ball_point(middles[:, :3], near)
-    alike = [bool((wall[rows, 6:9] @ middle[3:6] > STEEP).any()) for rows, middle in zip(close, middles)]
+    close = cKDTree(wall[:, POINT]).query_ball_point(middles[:, POINT], near)
+    alike = [bool((wall[rows, NORMAL] @ middle[NORMAL] > STEEP).any()) for rows, middle in zip(close, middles)]
     return np.array(alike, dtype=bool)

@@ -10,8 +10,11 @@ from lwrprobe.contracts import Area, InputError
 
 X, Y, Z = range(3)
 """Indices of the world axes."""
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 AT_END = 1e-4
 """m, within which a line's end is reached: play and waves of the gears keep the tip from it by half as much."""
+NEIGHBOUR = 1.5
+"""Line spacings across a line, within which another line is its neighbour."""
 ON_FLOOR = 0.003
 """m above the area's floor, up to which a line that begins there counts as one on the floor."""
 
@@ -31,7 +34,7 @@ class Line:
     outline : 0, or the sign on the other horizontal axis towards which a contact is followed in the horizontal plane
     fallback : the line to drive where this one has to be given up
     raised : begins above something that the stick has touched
-    foot_felt : the wall that it meets has been followed down to its foot already
+    foot_followed : the wall that it meets has been followed down to its foot already
     low : what is above it was passed before, so it is not raised
     ceiling : m, height above which the surface was touched already
     rotation : (3, 3) in which it is driven, None = upright
@@ -51,7 +54,7 @@ class Line:
     low: bool = False
     free_end: bool = False
     raised: bool = False
-    foot_felt: bool = False
+    foot_followed: bool = False
     ceiling: float = np.inf
     expected: float | None = None
     rotation: np.ndarray | None = field(default=None, compare=False)

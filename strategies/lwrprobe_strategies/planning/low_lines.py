@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import Task
+from lwrprobe_strategies.planning.contact_memory import NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.upright_body import RISE, body
 
@@ -42,15 +43,15 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
     step = float(ys[1] - ys[0])
     lines: list[Line] = []
     for x in np.sort(places).tolist():
-        beside = contacts[np.abs(contacts[:, 3] - x) < NEIGHBOURS * pitch]
-        lowest = _lowest(contacts[:, 3:6], x, ys, task)
+        beside = contacts[np.abs(contacts[:, POINT_X] - x) < NEIGHBOURS * pitch]
+        lowest = _lowest(contacts[:, POINT], x, ys, task)
         own = np.abs(trail[:, X] - x) < NEAR
         passed = _least(trail[own, Y], trail[own, Z], ys)
         mine = np.abs(contacts[:, X] - x) < NEAR
         touched = np.isfinite(_least(contacts[mine, Y], contacts[mine, Z], ys))
-        near = np.isfinite(_least(beside[:, 4], beside[:, 5], ys, NEIGHBOURS * pitch))
-        upwards = beside[beside[:, 8] > UPWARDS]
-        tread = _least(upwards[:, 4], upwards[:, 5], ys, NEIGHBOURS * pitch)
+        near = np.isfinite(_least(beside[:, POINT_Y], beside[:, POINT_Z], ys, NEIGHBOURS * pitch))
+        upwards = beside[beside[:, NORMAL_Z] > UPWARDS]
+        tread = _least(upwards[:, POINT_Y], upwards[:, POINT_Z], ys, NEIGHBOURS * pitch)
         promising = (tread < passed - LOWER) | ~np.isfinite(passed)
         wanted = (passed > lowest + LOWER) & ~touched & near & promising
         nearer = ys - low <= high - ys

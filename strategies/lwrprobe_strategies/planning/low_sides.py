@@ -7,12 +7,13 @@ grid has shown to be free lets the body come down beside the object, upright or 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Z, POINT, POINT_X, POINT_Z
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 
@@ -29,7 +30,7 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
-NEARER, ROOM = 0.010, 0.015
+NEARER, SHORTEST = 0.010, 0.015
 """m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least."""
 GRAIN = 0.0015
 """m between two places of a side that are looked at."""
@@ -43,7 +44,7 @@ RECEDES = -0.05
 LEAST = 0.5
 """Pitches in height that a line up a side must add, where no foot may be below it."""
 
-Leans = Callable[[np.ndarray], Sequence[np.ndarray]]
+SideOrientations = Callable[[np.ndarray], Sequence[np.ndarray]]
 """Orientations (3, 3) in which the side may be driven that faces along a horizontal unit vector (3,), best first.
 
 The side's own normal counts, not the line's axis: an object stands as it likes."""
@@ -56,7 +57,7 @@ def low_sides(
     area: Area,
     pitch: float,
     body: BodySpace,
-    leans: Leans,
+    orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
     """From the border to each side that a line touched, as low as the body may go, and up to where it was touched.
@@ -70,61 +71,94 @@ def low_sides(
     places : (n,) m, of the lines on the other horizontal axis
     pitch : m, between two lines
     body : where the body may be
-    leans : how the probe may be held
+    orientations : how the probe may be held
     reachable : whether the arm can drive a line
     """
     floor = float(area.lower[Z])
     lines: list[Line] = []
-    for place, side, border, own, facing in touched_sides(contacts, axis, places, area):
-        low = facing[np.argmin(facing[:, Z])]
+    for side in touched_sides(contacts, axis, places, area):
+        low = side.lowest
         if low[Z] - floor <= 0.5 * pitch:
             continue
         end = float(low[axis])
-        whole = Line(axis, place, border, end - side * SPARE, floor, low=True, ceiling=float(low[Z]) + OVERLAP)
-        last = facing[facing[:, Z] < low[Z] + ALIKE]
-        out = np.median(last[:, 6:9], axis=0) * (1.0, 1.0, 0.0)
-        away = out / float(np.sqrt(out @ out))
-        onwards = float(np.median(last[:, 8] / (side * last[:, 6 + axis])))
-        slope = max(onwards, 0.0)
-        best: Line | None = None
-        for rotation in leans(away):
-            line = _lowest(replace(whole, rotation=rotation), float(low[Z]) - 0.5 * pitch, slope, body)
-            if line is not None and (best is None or line.height < best.height - HIGHER):
-                best = within_reach(line, reachable) or best
-            if best is not None and best.height <= floor + HIGHER:
-                break
-        if best is None or left_below(best, low[3:6], away, slope, contacts, pitch) <= WORTH * pitch * pitch:
+        whole = Line(axis, side.place, side.border, end - side.sign * SPARE, floor, low=True)
+        whole = replace(whole, ceiling=float(low[Z]) + OVERLAP)
+        away, slope = side.away(), side.slope()
+        widens = max(slope, 0.0)
+        best = _lowest_of(whole, orientations(away), float(low[Z]) - 0.5 * pitch, widens, body, reachable)
+        if best is None or left_below(best, low[POINT], away, widens, contacts, pitch) <= WORTH * pitch * pitch:
             continue
         assert best.rotation is not None
-        if onwards < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
-            # The stick stays beside what stands out farthest, and the sphere comes in under that by as much.
-            room = body.under - float((side * (own[:, 3 + axis] - low[3 + axis])).max())
-            expected = max(float(low[Z]) + max(room, 0.0) / onwards, floor)
+        if slope < RECEDES and -best.rotation[Z, Z] > UPRIGHT:
+            expected = max(float(low[Z]) + max(body.under - side.stands_out(), 0.0) / slope, floor)
             if best.height > floor + HIGHER and best.ceiling - max(expected, best.height) < LEAST * pitch:
                 continue
             best = replace(best, expected=expected)
-        lines.append(replace(best, end=end - side * BEYOND))
+        lines.append(replace(best, end=end - side.sign * BEYOND))
     return lines
 
 
-def touched_sides(
-    contacts: np.ndarray, axis: int, places: np.ndarray, area: Area
-) -> Iterator[tuple[float, float, float, np.ndarray, np.ndarray]]:
-    """Place m, sign of the side, and its border m, for each side that was touched on lines along an axis.
+@dataclass(slots=True, frozen=True, eq=False)
+class TouchedSide:
+    """A side of the object that was touched on one line.
 
-    With them the rows of `contacts` (m, 10) that are on that line, and those of them that face to that side.
+    Attributes
+    ----------
+    axis, place : of the line, and m on the other horizontal axis
+    sign : -1 or +1, towards which end of the axis the side faces
+    border : m, that end of the area
+    on_line : (n, 10) contacts on the line, as in `ContactMemory.contacts`
+    facing : (m, 10) those of them that face to that side
     """
+
+    axis: int
+    place: float
+    sign: float
+    border: float
+    on_line: np.ndarray
+    facing: np.ndarray
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """(10,) the lowest contact."""
+        lowest: np.ndarray = self.facing[np.argmin(self.facing[:, Z])]
+        return lowest
+
+    def away(self) -> np.ndarray:
+        """(3,) unit, horizontal normal near the lowest contact."""
+        out = np.median(self._near_lowest()[:, NORMAL], axis=0) * (1.0, 1.0, 0.0)
+        return np.asarray(out / float(np.sqrt(out @ out)))
+
+    def slope(self) -> float:
+        """m by which the side goes out for each m below the lowest contact; negative where it recedes."""
+        last = self._near_lowest()
+        return float(np.median(last[:, NORMAL_Z] / (self.sign * last[:, NORMAL_X + self.axis])))
+
+    def stands_out(self) -> float:
+        """m by which the outermost contact on the line is farther out than the lowest one of the side.
+
+        The stick stays beside that, and the sphere comes in under it by as much as it is wider.
+        """
+        out = self.sign * (self.on_line[:, POINT_X + self.axis] - self.lowest[POINT_X + self.axis])
+        return float(out.max())
+
+    def _near_lowest(self) -> np.ndarray:
+        return self.facing[self.facing[:, Z] < self.lowest[Z] + ALIKE]
+
+
+def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Area) -> Iterator[TouchedSide]:
+    """Each side that was touched on the lines along an axis at `places` (n,) m; `contacts` (m, 10)."""
     for place in np.sort(places).tolist():
         own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
-        for side, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
-            facing = own[side * own[:, 6 + axis] > FACING]
+        for sign, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
+            facing = own[sign * own[:, NORMAL_X + axis] > FACING]
             if len(facing):
-                yield place, side, border, own, facing
+                yield TouchedSide(axis, place, sign, border, own, facing)
 
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
     """The line from as far out as the arm can drive it; None where that is right before the side, or nowhere."""
-    for inwards in np.arange(0.0, abs(line.end - line.begin) - ROOM, NEARER).tolist():
+    for inwards in np.arange(0.0, abs(line.end - line.begin) - SHORTEST, NEARER).tolist():
         nearer = replace(line, begin=line.begin + line.sign * inwards)
         if reachable(nearer):
             return nearer
@@ -145,10 +179,29 @@ def left_below(
     s, z = (ticks.ravel() for ticks in np.meshgrid(beside, heights, indexing="ij"))
     out = slope * (touch[Z] - z)
     there = np.stack([touch[0] + out * away[0] - s * away[1], touch[1] + out * away[1] + s * away[0], z], axis=1)
-    near = contacts[contacts[:, 6:9] @ away > FACING]
-    near = near[np.abs(near[:, 3:5] - touch[:2]).max(axis=1) < 2.0 * pitch, 3:6]
+    near = contacts[contacts[:, NORMAL] @ away > FACING]
+    near = near[np.abs(near[:, POINT_X:POINT_Z] - touch[:Z]).max(axis=1) < 2.0 * pitch, POINT]
     apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1)
     return float((apart > half * half).mean()) * pitch * max(line.ceiling - line.height + half, 0.0)
+
+
+def _lowest_of(
+    whole: Line,
+    orientations: Sequence[np.ndarray],
+    highest: float,
+    slope: float,
+    body: BodySpace,
+    reachable: Callable[[Line], bool],
+) -> Line | None:
+    """The line in that of the orientations (3, 3) in which it is the lowest; the first of those that are alike."""
+    best: Line | None = None
+    for rotation in orientations:
+        line = _lowest(replace(whole, rotation=rotation), highest, slope, body)
+        if line is not None and (best is None or line.height < best.height - HIGHER):
+            best = within_reach(line, reachable) or best
+        if best is not None and best.height <= whole.height + HIGHER:
+            break
+    return best
 
 
 def _lowest(line: Line, highest: float, slope: float, body: BodySpace) -> Line | None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Task
+from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Y, POINT
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import FACING, WORTH, left_below
 from lwrprobe_strategies.planning.upright_body import lowest_beside
@@ -39,7 +40,7 @@ def outer_parts(
     lines: list[Line] = []
     area = task.area
     for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
-        facing = contacts[sign * contacts[:, 7] > FACING]
+        facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]
         left = np.array([place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)])
         for place in np.sort(places).tolist():
             if not (np.abs(left - place) < pitch + NEAR).any():
@@ -58,12 +59,12 @@ def _left(place: float, border: float, facing: np.ndarray, contacts: np.ndarray,
     if not len(side) or side[:, Z].min() - floor <= 0.5 * pitch:
         return False
     low = side[np.argmin(side[:, Z])]
-    away = low[6:9] * (1.0, 1.0, 0.0) / np.hypot(low[6], low[7])
+    away = low[NORMAL] * (1.0, 1.0, 0.0) / np.hypot(low[NORMAL_X], low[NORMAL_Y])
     whole = Line(Y, place, border, float(low[Y]), floor, ceiling=float(low[Z]))
-    whole = replace(whole, height=lowest_beside(whole, contacts[:, 3:6], task))
+    whole = replace(whole, height=lowest_beside(whole, contacts[:, POINT], task))
     if low[Z] - whole.height <= 0.5 * pitch:
         return False
-    return left_below(whole, low[3:6], away, 0.0, contacts, pitch) > WORTH * pitch * pitch
+    return left_below(whole, low[POINT], away, 0.0, contacts, pitch) > WORTH * pitch * pitch
 
 
 def _outline(sign: float, place: float, facing: np.ndarray) -> float:

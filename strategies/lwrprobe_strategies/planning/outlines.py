@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.contact_memory import NORMAL_X, NORMAL_Y, NORMAL_Z, POINT_X
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 
 BELOW = 0.003
 """m below the height of a line, down to which an outermost touch may lie and be sought at that height instead."""
@@ -28,20 +29,20 @@ def outlines(contacts: np.ndarray, places: np.ndarray, height: float) -> list[Li
     """
     lines: list[Line] = []
     for sign in (1.0, -1.0):
-        facing = contacts[sign * contacts[:, 6] > FACING]
+        facing = contacts[sign * contacts[:, NORMAL_X] > FACING]
         if not len(facing):
             continue
         # An upper edge is touched as far out as the wall under it, but beside it the probe would pass over the top.
-        walls = facing[np.abs(facing[:, 8]) < UPWARD]
+        walls = facing[np.abs(facing[:, NORMAL_Z]) < UPWARD]
         facing = walls if len(walls) else facing
-        last = facing[np.argmax(sign * facing[:, 3])]
-        free = places[sign * places > sign * last[0] + 1e-3]
-        across = last[7] / max(float(np.hypot(last[6], last[7])), 1e-9)
-        if abs(across) < BENT or not len(free) or last[2] < height - BELOW:
+        last = facing[np.argmax(sign * facing[:, POINT_X])]
+        free = places[sign * places > sign * last[X] + 1e-3]
+        across = last[NORMAL_Y] / max(float(np.hypot(last[NORMAL_X], last[NORMAL_Y])), 1e-9)
+        if abs(across) < BENT or not len(free) or last[Z] < height - BELOW:
             continue
         begin = float(free[np.argmin(sign * free)])
         # What faces up there reaches further out below.
-        level = height if last[8] > WIDENS else max(float(last[2]), height)
-        end = float(last[0]) - sign * BEYOND
-        lines.append(Line(0, float(last[1]), begin, end, level, outline=-1 if across > 0.0 else 1))
+        level = height if last[NORMAL_Z] > WIDENS else max(float(last[Z]), height)
+        end = float(last[X]) - sign * BEYOND
+        lines.append(Line(X, float(last[Y]), begin, end, level, outline=-1 if across > 0.0 else 1))
     return lines

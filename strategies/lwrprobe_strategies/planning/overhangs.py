@@ -22,12 +22,12 @@ CELL = 0.001
 """m, edge of the squares in the plan view for which heights are kept."""
 LEANS = -0.15
 """Share of the normal along z, below which a touch is one of an overhang (9 degrees)."""
-WITNESSES = 4
+MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
 """Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
-"""m by which a place ahead is checked: the stick's radius, and the way of braking."""
+"""m by which a place ahead is checked: the stick's radius, and the braking distance."""
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does; and
 along another normal, from which on both surfaces face alike."""
@@ -96,7 +96,7 @@ class Overhangs:
                 self._raise(k, m, pz)
             if up < LEANS:
                 self._leaning += 1
-                if self._leaning >= WITNESSES:
+                if self._leaning >= MIN_LEANING:
                     self._add(k, m, pz)
             else:
                 self._leaning = 0
@@ -137,7 +137,7 @@ class Overhangs:
     def reach(self, place: np.ndarray, along: np.ndarray | None = None) -> float:
         """m above the sphere's centre, at a place (3,), up to which something may meet the stick.
 
-        On the way along a unit vector (3,) that is no higher than from where the stick has stood just ahead.
+        For a motion along a unit vector (3,) that is no higher than from where the stick has stood just ahead.
         """
         tallest = self._tallest
         if along is not None:
@@ -187,10 +187,10 @@ class Overhangs:
         return min(tallest - z, self.reach(place, along))
 
     def above(self, place: np.ndarray, normal: np.ndarray) -> bool:
-        """Whether the sphere may meet one on the way up a surface with a normal (3,), from a place (3,).
+        """Whether the sphere may meet one when it goes up a surface with a normal (3,), from a place (3,).
 
         It may where something overhangs near, higher up; where the sphere has touched nothing near from as high, since
-        nobody knows then what is above; and where on a surface that faces alike it was further out there than this one
+        what is above is not known then; and where on a surface that faces alike it was further out there than this one
         is, by no more than the sphere's radius: the stick shows that nothing above stands out further here.
         """
         x, y, z = place.tolist()

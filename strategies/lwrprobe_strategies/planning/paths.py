@@ -74,6 +74,13 @@ class Waypoint:
         return there and (self.rotation is None or held(pose, self.rotation))
 
 
+def tip_pose(place: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """(4, 4), the tip's pose with the sphere's centre at a place (3,) m, held by `rotation` (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, place
+    return pose
+
+
 def held(pose: np.ndarray, rotation: np.ndarray) -> bool:
     """Whether the orientation of a pose (4, 4) is the wanted one (3, 3)."""
     return bool(np.vdot(rotation, pose[:3, :3]) > HELD)

@@ -32,7 +32,7 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[
     return [Waypoint(place, SpeedLimit.FREE if own_column else SpeedLimit.GUARDED)]
 
 
-def return_path(seen: Observation, free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
+def return_path(free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
     """Back on the probe's path: for `distance` m, or to where the path up is free."""
     return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance) or []]
 

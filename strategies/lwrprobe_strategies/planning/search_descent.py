@@ -1,8 +1,8 @@
 """How low the probe may come at a place where it searches, and on which circles it comes down there.
 
-The body above the stick is wider than the sphere, and feels nothing. A helix comes down to where the body is above all
-that may be there; within that the probe goes straight down. What of the body is wider still has its own circle, near
-the top of the area, before the probe goes lower than that part allows.
+The body above the stick is wider than the sphere, and senses no contact. A helix comes down to where the body is above
+all that may be there; within that the probe goes straight down. What of the body is wider still has its own circle,
+near the top of the area, before the probe goes lower than that part allows.
 """
 
 from __future__ import annotations

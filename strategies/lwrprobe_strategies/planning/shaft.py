@@ -1,14 +1,14 @@
 """Which stretches of a line are driven as if the stick could meet something, before anything is known to overhang.
 
-Nobody knows what stands out above a line that is driven for the first time. A wall that goes straight up on one line
-mostly does so on the next one.
+What stands out above a line is not known when that is driven for the first time. A wall that goes straight up on one
+line mostly does so on the next one.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.contact_memory import NORMAL_X, ContactMemory
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import THERE
 
@@ -43,13 +43,14 @@ def stretch(
 
 
 def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float, float]:
-    """The stretch of the line, by the way along it, that is driven with care, and where that ends beyond which the line
-    beside was above this one.
+    """The stretch of the line, by the distance along it, that is driven with care.
+
+    And where that ends beyond which the line beside was above this one.
     """
     touched = memory.contacts()
     near = np.abs(touched[:, line.aside] - line.place) < beside
     along = line.sign * touched[near, line.axis]
-    facing = line.sign * touched[near, 6 + line.axis] < 0.0
+    facing = line.sign * touched[near, NORMAL_X + line.axis] < 0.0
     if not facing.any():
         return *_not_passed(line, memory.trail(), beside), -np.inf
     wall = float(along[facing].min()) + BEHIND
@@ -58,7 +59,7 @@ def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, f
 
 
 def _not_passed(line: Line, trail: np.ndarray, beside: float) -> tuple[float, float]:
-    """The stretch of the line, by the way along it, beside which the probe has not been; from inf to -inf without one.
+    """The stretch of the line, by the distance along it, beside which the probe has not been; inf, -inf without one.
 
     A line beside it may have come from the other end, and no farther than to what it met there.
     """

@@ -9,6 +9,8 @@ from math import cos, pi, sin
 
 import numpy as np
 
+from lwrprobe_strategies.planning.lines import UP
+
 Lean = tuple[float, float, float]
 """Orientation of the probe against that of the start: tilt, direction of the tilt, turn about the stick [rad]."""
 LEANS = (1.45, 0.8, 1.45, 0.0)
@@ -58,7 +60,7 @@ def sphere_touches(
 def leaned(upright: np.ndarray, tilt: float, side: float, spin: float) -> np.ndarray:
     """(3, 3) turned about the stick by `spin`, then leaned by `tilt` about a horizontal axis at the angle `side`."""
     axis = np.array([cos(side), sin(side), 0.0])
-    return rotation_about(axis, tilt) @ upright @ rotation_about(np.array([0.0, 0.0, 1.0]), spin)
+    return rotation_about(axis, tilt) @ upright @ rotation_about(UP, spin)
 
 
 def _normal(back: np.ndarray, side: np.ndarray, lean: float, phi: float) -> np.ndarray | None:
@@ -78,9 +80,8 @@ def path_around(
 
     Over the top where the ends lie opposite to each other.
     """
-    top = np.array([0.0, 0.0, 1.0])
     angle = float(np.arccos(np.clip(begin @ end, -1.0, 1.0)))
-    corners = [begin, top, end] if angle > 1.8 else [begin, end]
+    corners = [begin, UP, end] if angle > 1.8 else [begin, end]
     axis, turn = _turn(begin_rotation, end_rotation)
     steps: list[np.ndarray] = []
     for a, b in pairwise(corners):

@@ -1,4 +1,4 @@
-"""The stroke scheduler: which stroke is driven next, by what it is expected to teach per second."""
+"""The stroke scheduler: which stroke is driven next, by the error that it is expected to remove per second."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.approaches import path_to
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import Line
+from lwrprobe_strategies.planning.lines import DOWN, Line
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
@@ -24,7 +24,7 @@ PATIENCE, ROUNDS, PROGRESS = 200.0, 2.0, 0.9
 """s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
 expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach. A
 surface that is found anew makes it larger, and is no reason to end."""
-DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+ASIDE = np.array([0.0, 1.0, 0.0])
 
 
 class StrokeScheduler(LineScheduler):

@@ -1,4 +1,4 @@
-"""Strokes: long lines and outlines over the estimated surface, and what each is expected to teach.
+"""Strokes: long lines and outlines over the estimated surface, and the error that each is expected to remove.
 
 A stroke is worth the expected error that it removes, integrated over the surface, for each second that it takes. A face
 beside a stroke is afterwards no farther from a contact than from the stroke.
@@ -15,9 +15,10 @@ from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import EXTRUDED, Faces
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import STOP
+from lwrprobe_strategies.planning.stroke_profile import StrokeProfile
 
 LIFT = 1.5
-"""s, of leaving a surface and of coming to rest on another one, beside the way itself."""
+"""s, of leaving a surface and of coming to rest on another one, besides the path itself."""
 CLIMB_BACK = 4.0
 """s, of leaving the upper edge of a wall and coming to its foot, from where it is climbed."""
 INSIDE = 0.006
@@ -31,14 +32,12 @@ UPRIGHT = 0.7
 """Share of the normal along a line, from which on a face is one of the walls at its ends."""
 SQUARE = 0.9
 """Share of the normal along the approach, from which on a wall is met squarely."""
-LOST = 0.04
-"""Share of a stroke's worth that may be clipped from each of its ends."""
 LEVELS = 0.008
 """m between the heights of outlines that are considered."""
 BELOW = 0.008
 """m under the top, down to which an outline would run along the top's rounded edge."""
 RETRY_WEIGHT = 0.3
-"""Weight of what a stroke was to teach and did not, each time."""
+"""Weight of error that a stroke was expected to remove and did not, each time."""
 CELL = 0.006
 """m, of the cells in which that is remembered."""
 
@@ -64,56 +63,6 @@ class Stroke:
     def score(self) -> float:
         """m^3/s"""
         return self.gain / self.seconds
-
-
-@dataclass(slots=True, eq=False)
-class Profile:
-    """What the surface is like along one straight line over the area.
-
-    Attributes
-    ----------
-    along : (n,) m, of the faces within reach, on the line's axis
-    removed : (n,) m^3, of each of them by a stroke along the whole line
-    wall : (n,) -1 and +1 for faces of the walls that look along the axis towards - and +, else 0
-    path_along, lengths : (k,) m, of the faces under the line and how much of its path each is
-    path_wall : (k,) -1 and +1 on these walls, else 0
-    """
-
-    along: np.ndarray
-    removed: np.ndarray
-    wall: np.ndarray
-    path_along: np.ndarray
-    lengths: np.ndarray
-    path_wall: np.ndarray
-
-    def walled(self, sign: int) -> tuple[float, float]:
-        """m^3 and m, of the walls that look towards a sign of the axis."""
-        return float(self.removed[self.wall == sign].sum()), float(self.lengths[self.path_wall == sign].sum())
-
-    def between(self, begin: float, end: float) -> tuple[float, float]:
-        """m^3 and m, of all but the walls from `begin` to `end` m on the axis."""
-        low, high = min(begin, end), max(begin, end)
-        gained = (self.along >= low) & (self.along <= high) & (self.wall == 0)
-        passed = (self.path_along >= low) & (self.path_along <= high) & (self.path_wall == 0)
-        return float(self.removed[gained].sum()), float(self.lengths[passed].sum())
-
-    def top(self) -> tuple[float, float] | None:
-        """m, from where to where on the axis there is more than walls under the line; None where there is not."""
-        over = self.path_along[self.path_wall == 0]
-        return (float(over.min()), float(over.max())) if len(over) else None
-
-    def clipped(self, begin: float, end: float) -> tuple[float, float]:
-        """m, `begin` and `end` on the axis without what is not worth its time at either end."""
-        low, high = min(begin, end), max(begin, end)
-        inside = (self.along >= low) & (self.along <= high) & (self.wall == 0)
-        worth, along = self.removed[inside], self.along[inside]
-        if not worth.sum() > 0.0:
-            return begin, begin
-        order = np.argsort(along)
-        share = np.cumsum(worth[order]) / worth.sum()
-        first, last = np.searchsorted(share, (LOST, 1.0 - LOST))
-        low, high = float(along[order][first]), float(along[order][min(last, len(order) - 1)])
-        return (low, high) if begin <= end else (high, low)
 
 
 @dataclass(slots=True)
@@ -166,7 +115,7 @@ class StrokePlanner:
         return [stroke for stroke in found if stroke.gain > 0.0 and not self._again(stroke.line, edge)]
 
     def _again(self, line: Line, edge: float) -> bool:
-        """Whether as good as the same stroke has been driven: what it has not taught it never will."""
+        """Whether nearly the same stroke has been driven: what it has not shown, it will not show the next time."""
         if line.outline:
             return any(abs(line.height - other.height) < LEVELS for other in self._driven if other.outline)
         low, high = min(line.begin, line.end) + SHORTEST, max(line.begin, line.end) - SHORTEST
@@ -180,7 +129,7 @@ class StrokePlanner:
         )
 
     def driven(self, faces: Faces, stroke: Stroke) -> None:
-        """A stroke is driven: what it was to teach and does not, counts less from now on."""
+        """A stroke is driven: error that it was to remove and does not, counts less from now on."""
         line = stroke.line
         self._driven.append(line)
         beside = faces.centres[:, Z] - line.height if line.outline else faces.centres[:, line.aside] - line.place
@@ -192,7 +141,7 @@ class StrokePlanner:
             self._failed[key] = RETRY_WEIGHT * self._failed.get(key, 1.0)
 
     def _success(self, faces: Faces) -> np.ndarray:
-        """(n,) weight of each face, by how often it a touch nearby has failed."""
+        """(n,) weight of each face, by how often a touch nearby has failed."""
         if not self._failed:
             return np.ones(len(faces.areas))
         success = np.array([self._failed.get(key, 1.0) for key in self._cells(faces.centres)])
@@ -202,7 +151,7 @@ class StrokePlanner:
     def _cells(places: np.ndarray) -> list[tuple[int, ...]]:
         return list(map(tuple, np.floor(places / CELL).astype(np.int64).tolist()))
 
-    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> Profile | None:
+    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> StrokeProfile | None:
         """Along the line at `place` m on the other axis; None where there is no surface under it."""
         beside = np.abs(faces.centres[:, 1 - axis] - place)
         path = beside <= 0.51 * edge
@@ -211,7 +160,7 @@ class StrokePlanner:
         near = beside < faces.reach
         facing = faces.normals[:, axis]
         wall = np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
-        return Profile(
+        return StrokeProfile(
             along=faces.centres[near, axis],
             removed=faces.removed(worth, near, beside[near]),
             wall=wall[near],
@@ -220,7 +169,7 @@ class StrokePlanner:
             path_wall=wall[path],
         )
 
-    def _cuts(self, profile: Profile, axis: int, place: float, low: float) -> Iterator[Stroke]:
+    def _cuts(self, profile: StrokeProfile, axis: int, place: float, low: float) -> Iterator[Stroke]:
         """Lines both ways: from the side to the other side, from the side over the top, and over the top alone."""
         task, top = self.task, profile.top()
         if top is None:
@@ -243,7 +192,7 @@ class StrokePlanner:
                 line = Line(axis, place, begin, stop, low, on_surface=True, free_to=roof)
                 yield Stroke(line, gain, LIFT + length / speed)
 
-    def _chained(self, profile: Profile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
+    def _chained(self, profile: StrokeProfile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
         """Lines both ways from where the tip touches: over the top, and up the wall that it touches before."""
         top = profile.top()
         if top is None:

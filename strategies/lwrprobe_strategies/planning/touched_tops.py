@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lwrprobe_strategies.planning.contact_memory import NORMAL_Z
 from lwrprobe_strategies.planning.lines import Z
 
 LEVEL = 0.7
@@ -14,7 +15,7 @@ BESIDE = 0.003
 
 def crown(contacts: np.ndarray) -> np.ndarray | None:
     """(n, 3) m, of the sphere's centre on tops, or of all contacts where no top was touched; None without contacts."""
-    level = contacts[contacts[:, 8] > LEVEL]
+    level = contacts[contacts[:, NORMAL_Z] > LEVEL]
     rows = level if len(level) else contacts
     return rows[:, :3] if len(rows) else None
 
@@ -31,7 +32,7 @@ def lowest_top_since(contacts: np.ndarray, place: np.ndarray) -> float | None:
     if not len(near):
         return None
     rows = contacts[near[-1] :]
-    return float(rows[rows[:, 8] > LEVEL, Z].min(initial=np.inf))
+    return float(rows[rows[:, NORMAL_Z] > LEVEL, Z].min(initial=np.inf))
 
 
 def is_outer(contacts: np.ndarray) -> bool:

@@ -6,9 +6,12 @@ a line down to the plate, the plate most likely goes on beside it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.contact_memory import NORMAL_X, NORMAL_Y, NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
 from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 
 CELL = 0.002
@@ -40,32 +43,50 @@ def treads(
     radius : m, of the sphere
     pitch : m, between two lines
     """
-    flat = contacts[contacts[:, 8] > UPWARDS]
+    flat = contacts[contacts[:, NORMAL_Z] > UPWARDS]
     ys = np.arange(float(area.lower[Y]), float(area.upper[Y]) + CELL, CELL)
     lines: list[Line] = []
     for place in np.sort(places).tolist() if len(flat) else ():
-        tread = _lowest_within(flat[:, 3:6], place, ys, GOES_ON * pitch)
+        tread = _lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch)
         own = trail[np.abs(trail[:, X] - place) < NEAR]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
-        wall = contacts[:, 3:6]
+        wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= ~_touched(flat, place, ys, tread, 0.5 * pitch) & ~_beyond(contacts, place, ys, tread, GOES_ON * pitch)
         for first, last in _runs(left):
-            if (last - first) * CELL < SHORTEST * pitch:
-                continue
-            height = max(float(tread[first : last + 1].min()) + radius - ALIKE, float(area.lower[Z]))
-            ceiling = float(tread[first : last + 1].max()) + 2.0 * radius
-            low = passed < ceiling - radius + PASSED
-            onward = range(last, len(ys)), range(first, -1, -1)
-            ends = [next((k for k in way if low[k]), way[-1]) for way in onward]
-            begins = first, last
-            if _room(wall, place, float(ys[first]), ceiling) < _room(wall, place, float(ys[last]), ceiling):
-                begins, ends = begins[::-1], ends[::-1]
-            begin, end = float(ys[begins[0]]), float(ys[ends[0]])
-            free_to = min(float(passed[begins[0]]), float(area.upper[Z]))
-            lines.append(Line(Y, place, begin, end, height, True, free_to, low=True, ceiling=ceiling, expected=height))
+            if (last - first) * CELL >= SHORTEST * pitch:
+                line = _line_over(first, last, place, ys, tread, passed, wall, radius)
+                height, free_to = max(line.height, float(area.lower[Z])), min(line.free_to, float(area.upper[Z]))
+                lines.append(replace(line, height=height, free_to=free_to, expected=height))
     return lines
+
+
+def _line_over(
+    first: int,
+    last: int,
+    place: float,
+    ys: np.ndarray,
+    tread: np.ndarray,
+    passed: np.ndarray,
+    wall: np.ndarray,
+    radius: float,
+) -> Line:
+    """A line along y at a `place` m over the stretch from index `first` to `last` of `ys` (n,) m.
+
+    It begins at the end of the stretch that is farther from what is taller, `wall` (m, 3), and leads over the other end
+    to where a line has come down before. The `tread` (n,) m is as high as that, and `passed` (n,) m the sphere.
+    """
+    height = float(tread[first : last + 1].min()) + radius - ALIKE
+    ceiling = float(tread[first : last + 1].max()) + 2.0 * radius
+    if _room(wall, place, float(ys[first]), ceiling) < _room(wall, place, float(ys[last]), ceiling):
+        begin, onward = last, range(first, -1, -1)
+    else:
+        begin, onward = first, range(last, len(ys))
+    low = passed < ceiling - radius + PASSED
+    end = next((k for k in onward if low[k]), onward[-1])
+    free_to = float(passed[begin])
+    return Line(Y, place, float(ys[begin]), float(ys[end]), height, True, free_to, low=True, ceiling=ceiling)
 
 
 def _lowest_within(points: np.ndarray, place: float, ys: np.ndarray, reach: float) -> np.ndarray:
@@ -79,19 +100,19 @@ def _lowest_within(points: np.ndarray, place: float, ys: np.ndarray, reach: floa
 
 def _touched(flat: np.ndarray, place: float, ys: np.ndarray, tread: np.ndarray, reach: float) -> np.ndarray:
     """(n,) bool, where a tread as high as expected was touched within a reach [m]."""
-    near = flat[np.abs(flat[:, 3] - place) < reach]
-    apart = np.hypot(near[:, 3] - place, near[:, 4] - ys[:, None])
+    near = flat[np.abs(flat[:, POINT_X] - place) < reach]
+    apart = np.hypot(near[:, POINT_X] - place, near[:, POINT_Y] - ys[:, None])
     with np.errstate(invalid="ignore"):
-        return ((apart < reach) & (near[:, 5] < tread[:, None] + ALIKE)).any(axis=1)
+        return ((apart < reach) & (near[:, POINT_Z] < tread[:, None] + ALIKE)).any(axis=1)
 
 
 def _beyond(contacts: np.ndarray, place: float, ys: np.ndarray, tread: np.ndarray, reach: float) -> np.ndarray:
     """(n,) bool, where a side below a tread has been touched, within a reach [m], between the tread and the place."""
-    near = contacts[np.abs(contacts[:, 3] - place) < reach]
-    x, y = place - near[:, 3], ys[:, None] - near[:, 4]
+    near = contacts[np.abs(contacts[:, POINT_X] - place) < reach]
+    x, y = place - near[:, POINT_X], ys[:, None] - near[:, POINT_Y]
     apart = np.hypot(x, y)
-    flat, outside = near[:, 8] > UPWARDS, x * near[:, 6] + y * near[:, 7] > 0.0
-    below = near[:, 5] < tread[:, None] - PASSED
+    flat, outside = near[:, NORMAL_Z] > UPWARDS, x * near[:, NORMAL_X] + y * near[:, NORMAL_Y] > 0.0
+    below = near[:, POINT_Z] < tread[:, None] - PASSED
     side = np.where(~flat & outside & below, apart, np.inf).min(axis=1, initial=np.inf)
     found: np.ndarray = side < np.minimum(reach, np.where(flat, apart, np.inf).min(axis=1, initial=np.inf))
     return found

@@ -8,15 +8,15 @@ import numpy as np
 
 from lwrprobe.contracts import Confidence, Doubt, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload
+from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.corner_watch import CornerWatch
-from lwrprobe_strategies.planning.lines import Z
+from lwrprobe_strategies.planning.lines import DOWN, Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.inner_edge import InnerEdge
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
-DOWN = np.array([0.0, 0.0, -1.0])
 PRESSED, HELD_BACK = 1.25, 0.5
 """Times the wanted force along the stick, from which on the tip goes along it more slowly, and how much more until it
 goes no farther: there the probe is stiff, and a normal that is wrong by ten degrees leads into the surface faster than
@@ -86,7 +86,7 @@ def last_touched(tip: Tip, here: np.ndarray, normal: np.ndarray, met: bool) -> n
     """
     radius = tip.task.probe.radius
     if met and len(tip.memory):
-        before = tip.memory.contacts()[-1, 3:6]
+        before = tip.memory.contacts()[-1, POINT]
         if np.abs(before - here).max() < 2.0 * radius:
             return before.copy()
     return here - radius * normal
@@ -100,29 +100,30 @@ def leaves_upwards(tip: Tip, frame: TrackingFrame, motion: VelocityCommand) -> b
 
 def slide(tip: Tip, frame: TrackingFrame, normal: np.ndarray, reason: str, careful: bool = False) -> VelocityCommand:
     """Along the tangent, and along the normal (3,) by the force law; with care where the stick may be met."""
-    seen, task = tip.seen, tip.task
-    here, held = tip.here, seen.pose[:3, :3]
-    sliding_speed = task.contour_speed
+    seen, binormal = tip.seen, frame.binormal
+    speed = sliding_speed(tip, frame, np.array(tip.control.tangent(binormal)), careful)
+    force = max(float(seen.force.dot(normal)), 0.0)
+    velocity = tip.control.velocity(normal, force, binormal, speed, seen.pose[:3, :3], tip.period)
+    velocity = frame.guided(tip.here, velocity, tip.control.normal)
+    return VelocityCommand(held_back(tip, velocity), reason=reason, pose=tip.turn())
+
+
+def sliding_speed(tip: Tip, frame: TrackingFrame, onward: np.ndarray, careful: bool) -> float:
+    """m/s along the tangent `onward` (3,) unit; with care where the stick may be met."""
+    speed, contact = tip.task.contour_speed, tip.seen.contact
     if not tip.reliable:
         # The stick may be what touches, and above the sphere nothing is known then.
-        slow, contact = tip.control.approach_speed(DOWN, held), seen.contact
+        slow = tip.control.approach_speed(DOWN, tip.seen.pose[:3, :3])
         imprecise = (
             contact is not None and contact.reason is Doubt.IMPRECISE and contact.confidence > Confidence.DOUBTFUL
         )
-        sliding_speed = min(sliding_speed, slow / MISLED if imprecise else slow)
+        speed = min(speed, slow / MISLED if imprecise else slow)
     if frame.level:
-        sliding_speed = min(sliding_speed, tip.level_limit(np.array(tip.control.tangent(frame.binormal))))
+        speed = min(speed, tip.level_limit(onward))
     if careful:
-        sliding_speed = min(sliding_speed, tip.control.stick_speed(tip.overhangs.reach(here)))
-    binormal = frame.binormal
-    onward = tip.control.tangent(binormal)
-    sliding_speed = min(sliding_speed, tip.climb_limit(onward))
-    if tip.stick_may_meet:
-        sliding_speed = min(sliding_speed, tip.stick_limit(np.array(onward)))
-    force = max(float(seen.force.dot(normal)), 0.0)
-    velocity = tip.control.velocity(normal, force, binormal, sliding_speed, held, tip.period)
-    velocity = frame.guided(here, velocity, tip.control.normal)
-    return VelocityCommand(held_back(tip, velocity), reason=reason, pose=tip.turn())
+        speed = min(speed, tip.control.stick_speed(tip.overhangs.reach(tip.here)))
+    speed = min(speed, tip.climb_limit(onward))
+    return min(speed, tip.stick_limit(onward)) if tip.stick_may_meet else speed
 
 
 def held_back(tip: Tip, velocity: np.ndarray) -> np.ndarray:

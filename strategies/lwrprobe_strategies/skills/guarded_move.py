@@ -20,7 +20,7 @@ ALIKE = 0.1
 HELD_BACK = 5e-4
 """m, by which play and waves of its gears may keep the tip from a goal at which the motors rest."""
 FACING = -0.3
-"""Normal along the motion, below which what is being left stands in the way."""
+"""Normal along the motion, below which what is being left blocks the path."""
 
 Stretch = Callable[[np.ndarray], tuple[np.ndarray, float]]
 """From a place (3,) to how far the tip may go in one piece (3,), and at how many times the speed at which the stick may

@@ -6,7 +6,7 @@ import numpy as np
 
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.lines import Z
+from lwrprobe_strategies.planning.lines import UP, Z
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
@@ -21,10 +21,10 @@ def retract(tip: Tip, frame: TrackingFrame, along: np.ndarray, distance: float) 
 
     Returns
     -------
-    Ended.RETRACTED, also where something stands in the way, or Ended.LINE_END where the line ends on the way
+    Ended.RETRACTED, also where something blocks the path, or Ended.LINE_END where the line ends on the path
     """
     size = float(np.sqrt(along @ along))
-    along = along / size if size > 1e-9 else np.array([0.0, 0.0, 1.0])
+    along = along / size if size > 1e-9 else UP
     left = distance
     speed = tip.control.column_speed if along[Z] > COLUMN else tip.control.approach_speed(along, tip.seen.pose[:3, :3])
     while True:

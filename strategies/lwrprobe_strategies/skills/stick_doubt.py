@@ -11,7 +11,7 @@ from lwrprobe_strategies.tip import Tip
 DECIDED = 2
 """Samples in a row from which on they decide: the first may be a spike."""
 CLEAR = 0.7
-"""Share of the target force, from which on a force tells which of the two touches."""
+"""Share of the target force, from which on a force shows which of the two touches."""
 SETTLED = 2.0
 """Delays of the loop, after which a touch has come to rest; until then it may decide without a harder press."""
 PATIENCE = 0.3

@@ -9,7 +9,8 @@ import numpy as np
 
 from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.lines import DOWN
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint, tip_pose
 from lwrprobe_strategies.skills.guarded_move import slowed
 from lwrprobe_strategies.skills.inner_edge import MAX_FRICTION
 from lwrprobe_strategies.skills.skill import Procedure, skill
@@ -41,10 +42,8 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
     for waypoint in path:
         if waypoint.rotation is not None:
             rotation = waypoint.rotation
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation, waypoint.place
         speed = speed_to(tip, waypoint, rotation)
-        goal = Goal(pose, speed, transit.name)
+        goal = Goal(tip_pose(waypoint.place, rotation), speed, transit.name)
         while True:
             if waypoint.speed_limit is SpeedLimit.GUARDED:
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
@@ -78,7 +77,7 @@ def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     """(3,) unit, from one place (3,) to another; downwards where they are the same."""
     motion = there - here
     size = sqrt(motion.dot(motion))
-    return motion / size if size > 1e-9 else np.array([0.0, 0.0, -1.0])
+    return motion / size if size > 1e-9 else DOWN
 
 
 def meets(tip: Tip, waypoint: Waypoint) -> bool:

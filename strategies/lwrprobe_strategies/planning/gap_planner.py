@@ -1,0 +1,230 @@
+"""Lines that close what the grid of lines has left out, planned pass after pass from the contacts so far."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from lwrprobe.contracts import Task
+from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL, NORMAL_X, NORMAL_Z, ContactMemory
+from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
+from lwrprobe_strategies.planning.leaning_lines import leaning_lines
+from lwrprobe_strategies.planning.left_strips import left_strips
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
+from lwrprobe_strategies.planning.low_lines import low_lines
+from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
+from lwrprobe_strategies.planning.outer_parts import outer_parts
+from lwrprobe_strategies.planning.outlines import outlines
+from lwrprobe_strategies.planning.treads import treads
+from lwrprobe_strategies.planning.upright_body import line_height
+
+ONWARD = 0.3
+"""Share of a normal along a line, from which on a contact is on the far side of the object."""
+
+
+class GapPlanner:
+    """Plans one pass of lines after another. Each pass looks for one kind of gap that the lines before it have left.
+
+    Parameters
+    ----------
+    task : the area, the probe and where it stands
+    memory : the contacts so far
+    options : how far lines are apart, and which passes are wanted
+    grid_x : (n,) m, x of the lines of the grid
+    lowest : m, height at which a line may be driven beside what was touched
+    body : where the body of the probe may go; None = it is above all there is
+    orientations : how the probe may be held beside a side
+
+    Attributes
+    ----------
+    height : m, of the lines of the grid
+    stopped : lines of the grid that were given up; the scheduler adds to them
+    raised : lines that had to be raised over what the stick met; the scheduler adds to them
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        memory: ContactMemory,
+        options: CoverageConfig,
+        grid_x: np.ndarray,
+        lowest: Callable[[Line], float],
+        body: BodySpace | None,
+        orientations: SideOrientations,
+    ) -> None:
+        self._task, self._memory, self._options, self._spacing = task, memory, options, options.step
+        self._grid_x, self._lowest, self._body, self._orientations = grid_x, lowest, body, orientations
+        self.height = line_height(task)
+        self.stopped: list[Line] = []
+        self.raised: list[Line] = []
+        self._across_y = np.empty(0)  # m, y of the lines across
+        self._treads: list[Line] = []  # planned so far
+        self._strips: list[Line] = []  # likewise
+        self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
+        tall, sides, across = body is not None, options.near_sides, options.across
+        passes = (
+            (True, self._from_the_other_end),
+            (tall and sides, self._outer_parts),
+            (sides, self._near_sides),
+            (options.low_lines, self._low_lines),
+            (across, self._lines_across),
+            (across and sides, self._left_strips),
+            (tall and across and sides, self._low_ends),
+            (tall and across and sides, self._lower_sides),
+            (across and sides, self._leaning_lines),
+            (options.find_ends, self._outlines),
+            (tall and sides, self._left_treads),
+            (across and sides, self._left_strips),
+        )
+        self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
+
+    def next_pass(self) -> list[Line] | None:
+        """The lines of the next pass, in the order of planning; None when no pass is left."""
+        if not self._passes:
+            return None
+        plan = self._passes.popleft()
+        lines = plan()
+        if lines and plan in (self._lower_sides, self._left_treads):
+            self._passes.appendleft(plan)  # each of its lines shows more
+        return lines
+
+    def raise_area(self, task: Task) -> None:
+        """The area of the task reaches higher than before."""
+        self._task, self.height = task, line_height(task)
+
+    # The passes
+
+    def _from_the_other_end(self) -> list[Line]:
+        """The grid's lines that were given up on the side of the object where they met it, each the other way round."""
+        contacts, area, lines = self._memory.contacts(), self._task.area, []
+        for line in self.stopped:
+            normals = contacts[contacts[:, GRID_X] == line.place, NORMAL]
+            came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
+            if len(normals) and not came_over.any():
+                low, high = sorted((float(area.lower[Y]), float(area.upper[Y])), reverse=line.sign > 0.0)
+                lines.append(Line(Y, line.place, low, high, self.height, free_end=True))
+        return lines
+
+    def _outer_parts(self) -> list[Line]:
+        """Beside the object, where no line of the grid has passed."""
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return outer_parts(contacts, trail, self._grid_x, self._task, self.height, self._spacing)
+
+    def _near_sides(self) -> list[Line]:
+        """Along y, up the sides that a line of the grid met above their foot."""
+        if self._body is not None:
+            return self._low_sides(Y, self._grid_x)
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        raised = np.array([line.place for line in self.raised if line.axis == Y])
+        return near_sides(contacts, trail, self._task.area, self._spacing, self._lowest, raised)
+
+    def _low_lines(self) -> list[Line]:
+        """Along y, lower than the grid, beside what is tall."""
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return low_lines(contacts, trail, self._grid_x, self._spacing, self._task)
+
+    def _lines_across(self) -> list[Line]:
+        """Along x, over the faces that lie along the lines of the grid."""
+        contacts, trail, floor = self._memory.contacts(), self._memory.trail(), float(self._task.area.lower[Z])
+        radius = self._task.probe.radius
+        lowest = self._lowest_before_receding if self._body is not None and self._options.near_sides else self._lowest
+        lines = lines_across(contacts, trail, self._grid_x, self._spacing, floor, lowest, radius)
+        self._across_y = np.unique([line.place for line in lines])
+        return lines
+
+    def _left_strips(self) -> list[Line]:
+        """Up what is left between two touched strips of one steep face."""
+        lines = left_strips(self._memory.contacts(), self._task.area, self._spacing, self._lowest)
+        return self._not_planned_before(lines, self._strips)
+
+    def _low_ends(self) -> list[Line]:
+        """Along x, up the sides that face along it."""
+        return self._low_sides(X, self._places(X))
+
+    def _lower_sides(self) -> list[Line]:
+        """What the lines since then have shown to be free may let the body come lower beside some sides."""
+        return self._low_sides(Y, self._places(Y)) + self._low_sides(X, self._places(X))
+
+    def _leaning_lines(self) -> list[Line]:
+        """In under what stands out over a side, with a leaning probe."""
+        contacts, lines = self._memory.contacts(), []
+        for axis in (Y, X):
+            lines += leaning_lines(
+                contacts, axis, self._places(axis), self._spacing, self._task, self._orientations, self._reachable
+            )
+        return lines
+
+    def _outlines(self) -> list[Line]:
+        """Around the object's ends in x."""
+        return outlines(self._memory.contacts(), self._grid_x, self.height)
+
+    def _left_treads(self) -> list[Line]:
+        """Over plates that the grid has passed above."""
+        contacts, trail, radius = self._memory.contacts(), self._memory.trail(), self._task.probe.radius
+        lines = treads(contacts, trail, self._grid_x, self._task.area, radius, self._spacing)
+        return self._not_planned_before(lines, self._treads)
+
+    # What passes have in common
+
+    def _low_sides(self, axis: int, places: np.ndarray) -> list[Line]:
+        """Up the sides at places (n,) m, as low as the body may go: lower than any line up the same side before."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        contacts, area, orientations = self._memory.contacts(), self._task.area, self._orientations
+        lines = low_sides(contacts, axis, places, area, self._spacing, body, orientations, self._reachable)
+        lower = [line for line in lines if line.height < self._sides.get(_side(line), np.inf) - HIGHER]
+        self._sides |= {_side(line): line.height for line in lower}
+        return lower
+
+    def _places(self, axis: int) -> np.ndarray:
+        """(n,) m, of the lines along an axis, those up left strips included."""
+        lines = self._grid_x if axis == Y else self._across_y
+        return np.concatenate([lines, [line.place for line in self._strips if line.axis == axis]])
+
+    def _not_planned_before(self, lines: list[Line], planned: list[Line]) -> list[Line]:
+        """The lines that begin where none was `planned` before; they are added to those."""
+        apart = 0.5 * self._spacing
+        new = [line for line in lines if not any(_begin_alike(line, other, apart) for other in planned)]
+        planned += new
+        return new
+
+    def _reachable(self, line: Line) -> bool:
+        """Whether the arm can go over the line's beginning, and down and along it."""
+        over = np.array([*line.start[:2], self._task.area.upper[Z]])
+        poses = np.tile(np.eye(4), (3, 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = line.rotation, (over, line.start, line.at(line.end))
+        return self._task.reachable(list(poses))
+
+    def _lowest_before_receding(self, line: Line) -> float:
+        """m, height at which a line across may be driven: that of the grid where the side that it meets recedes below.
+
+        There the grid's lines have shown the path to be free. Farther down nothing would be met; what can be touched
+        there is left to the lines up the sides.
+        """
+        lowest, contacts = self._lowest(line), self._memory.contacts()
+        along, aside = (contacts[:, axis] for axis in (line.axis, line.aside))
+        low, high = sorted((line.begin, line.end))
+        near = (np.abs(aside - line.place) < NEIGHBOUR * self._spacing) & (along > low - self._spacing)
+        near &= (along < high + self._spacing) & (line.sign * contacts[:, NORMAL_X + line.axis] < -FACING)
+        side = contacts[near]
+        if not len(side):
+            return lowest
+        last = side[side[:, Z] < side[:, Z].min() + ALIKE]
+        recedes = float(np.median(last[:, NORMAL_Z])) < RECEDES
+        tall = float(side[:, Z].max()) > self.height + self._task.probe.radius
+        return max(lowest, self.height) if recedes and tall else lowest
+
+
+def _begin_alike(line: Line, other: Line, apart: float) -> bool:
+    """Whether two lines along one axis begin in the same place, up to `apart` m."""
+    return line.axis == other.axis and bool(np.abs(line.start - other.start).max() < apart)
+
+
+def _side(line: Line) -> tuple[int, float, float]:
+    """Which side a line leads up to: axis, place [m], and sign of the travel."""
+    return line.axis, line.place, line.sign

@@ -1,0 +1,119 @@
+"""How the tip leaves what it touches, before the path to the next line begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lwrprobe_strategies.planning.lines import UP, Line
+from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint, tip_pose
+from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
+from lwrprobe_strategies.skills import guarded_move
+from lwrprobe_strategies.tip import Tip
+
+FALLBACKS = 3
+"""Other paths off a place that are tried, one after the other, where the planned one has not moved the tip."""
+AWAY = 1.5
+"""Retractions from where a line began, from which on the tip has left that place."""
+
+
+class RetractionPlanner:
+    """Plans the path off what is touched: off the surface, or back on the probe's own path.
+
+    Parameters
+    ----------
+    tip : what the skills share
+    upright : (3, 3), the orientation of the upright tip
+    distance : m, by which the probe retracts
+
+    Attributes
+    ----------
+    line : the present one; None before the first
+    back : m, that the next path leads back on the probe's own one; inf where what is touched decides
+    """
+
+    def __init__(self, tip: Tip, upright: np.ndarray, distance: float) -> None:
+        self._tip, self._upright, self._distance = tip, upright, distance
+        self.line: Line | None = None
+        self.back, self._stays = np.inf, 0
+
+    def go_back(self) -> None:
+        """The next path leads back on the probe's own one: the stick has met something."""
+        self.back = self._distance
+
+    def line_begins(self) -> None:
+        """A line begins, with the path to it."""
+        tip = self._tip
+        self._begin, self._known = tip.here, (len(tip.memory.trail()), len(tip.free))
+
+    def line_ends(self) -> None:
+        """The line has been driven or was given up."""
+        self._stays = self._stays + 1 if self._stayed() else 0
+
+    @property
+    def stays(self) -> bool:
+        """The last line has left the tip where it was."""
+        return self._stays > 0
+
+    @property
+    def stuck(self) -> bool:
+        """All fallbacks have left the tip where it was."""
+        return self._stays > FALLBACKS
+
+    def _stayed(self) -> bool:
+        """Whether the tip is where it was when the line began, and in between came no farther than a retraction leads.
+
+        The path to a line may end where it began, because the line begins in the object: that one does lead away.
+        """
+        tip, (trail, free) = self._tip, self._known
+        been = np.vstack([tip.here, tip.memory.trail()[trail:, :3]])
+        moved = np.abs(been - self._begin).max()
+        return bool(moved < THERE) and tip.free.farthest(self._begin, free) < AWAY * self._distance
+
+    def path(self) -> list[Waypoint]:
+        """Off the surface that is touched; from under something, or leaning, back on the probe's path.
+
+        Waypoints that the arm cannot reach from here, and those to which the body may not go, are left out. What leads
+        off a wall may lead beyond the range of a joint, and what leads off something above leads down; what leads along
+        it, as the probe came, does neither.
+        """
+        if self._tip.body is not None:
+            self._tip.body.survey()
+        path = self._fallback() if self.stays else self._off_or_back()
+        first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
+        return path[first:]
+
+    def _off_or_back(self) -> list[Waypoint]:
+        """The planned path: off the surface where the tip may go up from there, else back."""
+        tip = self._tip
+        normal = tip.normal()
+        tip.leave()
+        back, self.back = self.back, np.inf
+        if np.isfinite(back) or not goes_up(tip.seen, normal, self._upright):
+            return return_path(tip.free, back) or out_from_under(tip.seen, normal, tip.task.probe.radius)
+        if tip.trace.ended is guarded_move and not tip.leaving:
+            return return_path(tip.free) if self.line is not None and self.line.fallback is not None else []
+        return off_surface(tip.seen, normal, self._distance)
+
+    def _fallback(self) -> list[Waypoint]:
+        """Off a place that the planned path did not leave: along the force, else back, else up.
+
+        The force is what presses, whatever normal is taken from it.
+        """
+        tip = self._tip
+        tip.leave()
+        self.back = np.inf
+        force = tip.seen.force
+        size = float(np.linalg.norm(force))
+        if self._stays == 1 and size > tip.task.force_threshold:
+            return [Waypoint(tip.here + self._distance * force / size, SpeedLimit.GUARDED)]
+        if self._stays <= 2 and (back := return_path(tip.free, self._distance)):
+            return back
+        return [Waypoint(tip.here + self._distance * UP, SpeedLimit.GUARDED)]
+
+    def _leads_to(self, waypoint: Waypoint) -> bool:
+        """Whether the probe may go straight to a waypoint."""
+        seen, body = self._tip.seen, self._tip.body
+        pose = tip_pose(waypoint.place, seen.pose[:3, :3] if waypoint.rotation is None else waypoint.rotation)
+        if body is not None and not body.allows(seen.pose, pose):
+            return False
+        return not seen.blocked or self._tip.task.reachable([pose])
