@@ -59,6 +59,19 @@ def test_saturation_in_a_row():
         guard.update(SampleStatus.SATURATED)
 
 
+@pytest.mark.parametrize("rate", [125.0, 1000.0, 7000.0])
+def test_a_quick_sensor_may_be_at_its_end_for_as_long_as_a_slow_one(rate):
+    """A blow that lasts a few milliseconds is over before any arm yields."""
+    guard = SilenceGuard(0.1, 0.001, 1.0 / rate)
+    for _ in range(int(0.015 * rate)):
+        guard.update(SampleStatus.SATURATED)
+    guard.update(0)
+    for _ in range(int(0.0199 * rate)):
+        guard.update(SampleStatus.SATURATED)
+    with pytest.raises(SensorLost, match="end of its range"):
+        guard.update(SampleStatus.SATURATED)
+
+
 def test_torque_yields_as_force_does():
     guard = ForceGuard(3.0, 0.8, 0.04, np.full(3, 0.09))
     force, torque = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.05, 0.0])

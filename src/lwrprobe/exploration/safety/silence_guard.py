@@ -6,12 +6,13 @@ Set points have a guard of their own.
 from __future__ import annotations
 
 from enum import IntEnum
+from math import ceil
 
 from lwrprobe.contact.wrench import UNUSABLE
 from lwrprobe.contracts import SafetyStop, SampleStatus
 
 _SATURATED = int(SampleStatus.SATURATED)
-_SATURATED_RUN = 3  # samples in a row; one alone may be a spike
+_SATURATED_RUN, _SATURATED_FOR = 3, 0.02  # samples in a row, and s: a spike, or over before the arm can yield
 _OVERDUE, _MISSING = 1.5, 2.5  # periods of the sensor; one lost sample alone is two of them
 
 
@@ -61,6 +62,7 @@ class SilenceGuard:
         self._silent = 0.0
         self._stage = Silence.NOTHING
         self._saturated = 0
+        self._saturated_run = max(_SATURATED_RUN, ceil(_SATURATED_FOR / period))
 
     def update(self, status: int) -> None:
         """A sample of this status came, the driver's and the conditioner's.
@@ -71,7 +73,7 @@ class SilenceGuard:
             return
         self._silent, self._stage = 0.0, Silence.NOTHING
         self._saturated = self._saturated + 1 if status & _SATURATED else 0
-        if self._saturated >= _SATURATED_RUN:
+        if self._saturated >= self._saturated_run:
             raise SensorLost(f"the sensor is at the end of its range, {self._saturated} samples in a row")
 
     @property
