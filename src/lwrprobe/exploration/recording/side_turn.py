@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.stages.sensor_errors import friction_turn
+from lwrprobe.exploration.stages.sensor_errors import FRICTION, friction_turn
 from lwrprobe.scene import Scene
 
 THIN = 1e-3
@@ -34,6 +34,8 @@ FEWEST = 40
 """Chords, and two pieces of surface, below which nothing is learnt."""
 MEDIAN = 1.2533 * 1.4826
 """Standard deviation of a median: times the median deviation over the root of the number."""
+DRAWN = 200
+"""Times that the pieces of surface are drawn anew, with replacement (bootstrap, Efron 1979)."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -55,7 +57,7 @@ def take_side_turn_off(recorder: Recorder, scene: Scene, spacing: float | None) 
     `spacing` m of the strategy's lines. None where the run shows no angle, where friction is stated to be opposite to
     the slip, and where some contacts belong to an earlier part of the run, of which the path is not known.
     """
-    stated = friction_turn(scene)
+    stated = friction_turn(scene) * _friction(recorder) / FRICTION
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts) or stated <= 0.0 or spacing is None:
         return None
@@ -98,27 +100,54 @@ def learn(
     first, second, across = first[good], second[good], across[good]
     angles = np.einsum("ni,ni->n", chords[good], normals[first] + normals[second]) / across
     # Chords over the same piece of surface cross the same bends.
-    pieces = np.unique(np.floor((centres[first] + 0.5 * chords[good]) / (FAR * spacing)), axis=0)
-    if len(angles) < FEWEST or len(pieces) < 2:
+    piece = np.unique(np.floor((centres[first] + 0.5 * chords[good]) / (FAR * spacing)), axis=0, return_inverse=True)[
+        1
+    ].ravel()
+    if len(angles) < FEWEST or piece.max() < 1:
         return None
-    angle = float(np.median(angles))
-    error = MEDIAN * float(np.median(np.abs(angles - angle))) / sqrt(len(pieces))
-    error = hypot(error, _between(angles, np.concatenate([normals[first], aside[first]], axis=1)))
+    sides = np.concatenate([normals[first], aside[first]], axis=1)
+    error = hypot(_by_pieces(angles, piece), _between(angles, sides, piece))
     share = stated**2 / (stated**2 + error**2)
-    return SideTurn(share * angle, sqrt(share) * error)
+    return SideTurn(share * float(np.median(angles)), sqrt(share) * error)
 
 
-def _between(angles: np.ndarray, ways: np.ndarray) -> float:
+def _friction(recorder: Recorder) -> float:
+    """Tangent of the friction angle, as most contacts show it."""
+    forces, normals = np.array([contact.force for contact in recorder.contacts]).reshape(-1, 3), recorder.normals()
+    along = np.einsum("ni,ni->n", forces, normals)
+    across = np.linalg.norm(forces - along[:, None] * normals, axis=1)
+    return float(np.median(across / np.maximum(along, 1e-9))) if len(forces) else 0.0
+
+
+def _by_pieces(angles: np.ndarray, piece: np.ndarray) -> float:
+    """rad, standard deviation of the median of angles (n,) by which pieces of surface (n,) were touched.
+
+    On lines to and fro over the same piece its bends count with opposite signs, so that a draw of pieces keeps both.
+    """
+    random, count, order = np.random.default_rng(0), int(piece.max()) + 1, np.argsort(angles)
+    angles, piece = angles[order], piece[order]
+    medians = []
+    for _ in range(DRAWN):
+        drawn = np.cumsum(np.bincount(random.integers(0, count, count), minlength=count)[piece])
+        medians.append(angles[np.searchsorted(drawn, 0.5 * drawn[-1])])
+    return float(np.std(medians))
+
+
+def _between(angles: np.ndarray, sides: np.ndarray, piece: np.ndarray) -> float:
     """rad, standard deviation of the median of angles (n,) by what differs between sides of the object and directions
-    of travel, from (n, 6) normals and directions aside.
+    of travel, from (n, 6) normals and directions aside, beyond what the bends of their pieces (n,) explain.
 
     The sensor's own matrix turns all normals of one side that is followed in one direction alike.
     """
-    group, counts = np.unique(np.round(ways), axis=0, return_inverse=True, return_counts=True)[1:]
-    weights = counts / len(angles)
-    medians = np.array([np.median(angles[group.ravel() == k]) for k in range(len(counts))])
-    spread = weights @ (medians - np.median(angles)) ** 2
-    return sqrt(float(spread * (weights @ weights)))
+    group, counts = np.unique(np.round(sides), axis=0, return_inverse=True, return_counts=True)[1:]
+    weights, middle = counts / len(angles), np.median(angles)
+    excess = np.empty(len(counts))
+    for k in range(len(counts)):
+        own = angles[group.ravel() == k]
+        median = np.median(own)
+        bends = MEDIAN * np.median(np.abs(own - median)) / sqrt(len(np.unique(piece[group.ravel() == k])))
+        excess[k] = (median - middle) ** 2 - bends**2
+    return sqrt(max(float(weights @ excess), 0.0) * float(weights @ weights))
 
 
 def aside_of(normals: np.ndarray, velocities: np.ndarray) -> np.ndarray:
