@@ -138,7 +138,7 @@ def test_a_way_to_the_table_is_refused_with_its_reason_and_the_way_back_is_not()
     for _ in range(2):  # what was refused is not remembered as agreed to
         assert "of the table" in watched.objection(begin, low, q)
     assert watched.objection(begin, upright, q) == ""
-    at_table = leaning(-70.0, (0.0, 0.0, 0.012))
+    at_table = leaning(-75.0, (0.0, 0.0, 0.012))
     held = IKSolver(ROBOT).solve(at_table, q).q
     assert watched.nearest(at_table, held).against == "table"
     assert watched.objection(at_table, begin, held) == ""
