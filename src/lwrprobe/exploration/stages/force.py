@@ -35,7 +35,7 @@ NORMAL_ERROR, FRICTION_ANGLE = 0.04, 0.3
 GUARD = 0.25
 """s before a touch that are not trusted to have been free."""
 
-SPEED_STEPS = 20
+SPEED_STEPS = 40
 """Steps in which a speed is reduced."""
 COVERED = 1.25
 """Ratio of found to stated stiffness that the reserves of the speeds cover."""
