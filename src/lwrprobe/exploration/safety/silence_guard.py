@@ -12,7 +12,7 @@ from lwrprobe.contact.wrench import UNUSABLE
 from lwrprobe.contracts import SafetyStop, SampleStatus
 
 _SATURATED = int(SampleStatus.SATURATED)
-_SATURATED_RUN, _SATURATED_FOR = 3, 0.02  # samples in a row, and s: a spike, or over before the arm can yield
+_SATURATED_RUN, _SATURATED_FOR = 3, 0.02  # samples in a row, and s; less is a spike, or over before the arm yields
 _OVERDUE, _MISSING = 1.5, 2.5  # periods of the sensor; one lost sample alone is two of them
 
 

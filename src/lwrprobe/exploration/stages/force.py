@@ -54,7 +54,7 @@ DRIFTED = 0.125
 """Of the threshold, that the zero may drift by in one standard deviation before a contact is interrupted for it."""
 UNCHANGED = 0.25
 """Of the threshold, by which a force may change in free space."""
-LEAST_GIVE = 0.1
+LEANING_GIVE = 0.1
 """Of the stated compliance, that arm and object give at least along a stick that leans."""
 LIFT_SPEED = 0.01
 """m/s off a surface, at most."""
@@ -300,7 +300,7 @@ class ForceStage:
         stated, of_object = 1.0 / self._contact.stiffness, 1.0 / self._contact.object_stiffness
         arm = max(stated - of_object, 0.0) * math.exp(float(self._slope @ (self._origin - self._place)))
         leaning = float(self._axis @ self.softer @ self._axis)
-        return stated / max(arm + leaning + of_object, LEAST_GIVE * stated)
+        return stated / max(arm + leaning + of_object, LEANING_GIVE * stated)
 
     @property
     def _stiffness_share(self) -> float:
