@@ -156,6 +156,23 @@ def test_one_interrupt_stops_and_keeps_all_and_two_stop_at_once(tmp_path):
         assert found.resumable
 
 
+@pytest.mark.parametrize("when", [0, 50])
+def test_an_interrupt_between_two_cycles_ends_the_run_like_one_within_a_cycle(tmp_path, when):
+    seen = []
+
+    def shown(_) -> None:
+        seen.append(None)
+        if len(seen) > when:
+            raise KeyboardInterrupt
+
+    settings = [*TOP[2::2], "truth.profile=ideal"]
+    run = lp.explore("sphere", settings=settings, out=tmp_path, progress=False, shown=shown)
+    assert run.summary.status == "ended early"
+    assert run.summary.reason == "interrupted; no contact"
+    assert len(seen) == when + 1
+    assert (tmp_path / "report.html").is_file()
+
+
 def test_a_killed_run_is_recovered_and_resumed_to_the_same_surface(tmp_path, monkeypatch, upper_edge):
     run, whole = tmp_path / "run", tmp_path / "whole"
     settings = {**upper_edge, "drivers.sim.noise_force": 0.0, "drivers.sim.noise_torque": 0.0}

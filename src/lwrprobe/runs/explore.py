@@ -71,7 +71,10 @@ def explore(
         record=record,
     )
     with session:
-        for _ in session:
-            if shown is not None:
-                shown(session)
+        try:
+            for _ in session:
+                if shown is not None:
+                    shown(session)
+        except KeyboardInterrupt:
+            session.interrupt()
         return session.finish()

@@ -176,6 +176,10 @@ class Session:
             strategy = strategy.strategy
         return strategy.inner if isinstance(strategy, OwnStrategy) else strategy
 
+    def interrupt(self) -> None:
+        """End the run as Ctrl-C does; for a caller that caught one in its own loop."""
+        self._begun.interrupt()
+
     def finish(self) -> Run:
         """End the run where it still runs, make the mesh, compare it with the truth; what was found."""
         exploration = self._begun

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import rmtree
@@ -205,6 +205,14 @@ class Exploration:
     def __iter__(self) -> Iterator[Observation]:
         return iter(()) if self._observations is None else self._observations
 
+    def interrupt(self) -> None:
+        """End the run as Ctrl-C does within a cycle; for one that fell between two of them, into the caller's loop."""
+        if self._observations is not None:
+            with suppress(StopIteration, KeyboardInterrupt):  # the second from one that has not begun
+                self._observations.throw(KeyboardInterrupt)
+        if self.explorer.outcome is None:
+            self.explorer.end("ended early", "interrupted")
+
     def close(self) -> None:
         """Bring the arm to rest, release the devices and close the streams; may be called more than once."""
         if "explore" in self._seconds:
@@ -350,8 +358,11 @@ class Exploration:
 def explore(scene: Scene, out: Path | None = None, **given: Any) -> dict[str, Any]:
     """Explore a scene from start to end and return the content of its `summary.json`; arguments as of `RunOptions`."""
     with Exploration(scene, RunOptions(out=out, **given)) as exploration:
-        for _ in exploration:
-            pass
+        try:
+            for _ in exploration:
+                pass
+        except KeyboardInterrupt:
+            exploration.interrupt()
     return exploration.finish().as_dict()
 
 
