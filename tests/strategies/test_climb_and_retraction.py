@@ -431,6 +431,18 @@ def test_down_a_wall_that_leads_in_under_itself_there_is_no_fast_way_up(slope):
     assert free.clear_down_to(foot[0], foot[1]) == pytest.approx(edge if slope else 0.006, abs=0.0011)
 
 
+@pytest.mark.parametrize(("x", "rises"), [(-0.0014, True), (0.0014, False)])
+def test_beside_a_touched_slope_a_descent_is_fast_down_to_where_the_slope_is_expected(x, rises):
+    """On a bevelled edge, 1.4 mm up the slope from where the sphere had been, it met the surface at 50 mm/s: 3.5 N."""
+    free, touched = FreeSpace(AREA), 0.03
+    stand(free, *([0.0, 0.0, z] for z in np.arange(AREA.upper[2], touched, -0.001)))
+    stand(free, [0.0, 0.0, touched], normal=np.array([0.6, 0.0, 0.8]))
+    surface = touched - x * 0.6 / 0.8
+    level = free.clear_down_to(x, 0.0)
+    assert level > surface - 1e-6
+    assert level < (surface if rises else touched) + 0.0011
+
+
 @pytest.mark.parametrize(("normal", "ends"), [((0.7, -0.71), True), ((0.3, -0.95), True), ((0.05, -1.0), False)])
 def test_a_lower_edge_is_come_down_to_and_what_is_met_from_below_is_none(normal, ends):
     """On the way up a wall the sphere meets what stands out above, and goes on around it."""

@@ -26,6 +26,8 @@ left is met by the sphere's flank, across the stick, where the probe gives way. 
 COLUMN = 0.0005
 """m sideways from where the sphere came down, within which it goes up again and meets nothing with its flank either: as
 far as a return path leads that ends in going up as fast as the probe can."""
+STEEP = 0.5
+"""Share of a normal along z, up to which a surface counts as a wall."""
 LOWER = 1e-4
 """m by which a path may lead lower than where the sphere has been: a surface below presses along the stick, where the
 probe is stiff, and 0.1 mm makes 2 N. Sideways it gives way."""
@@ -143,8 +145,8 @@ class FreeSpace:
         """m, the lowest height at (x, y) from which the sphere fits straight up to above all that may be there."""
         rows = self._places.rows()
         beside = np.maximum(np.abs(rows[:, 0] - x), np.abs(rows[:, 1] - y)) < self._side
-        met = rows[beside & _in_the_way(rows, x, y), 2]
-        beside &= rows[:, 2] > met.max(initial=-np.inf)
+        met = beside & _in_the_way(rows, x, y)
+        beside &= rows[:, 2] > _reaches_up_to(rows[met], x, y).max(initial=-np.inf)
         near, above = rows[beside], self._open(rows, beside, self._came_down)
         level = min(self._top, float(rows[above, 2].min(initial=np.inf)))
         for z in np.sort(near[near[:, 2] < level, 2])[::-1].tolist():
@@ -336,6 +338,16 @@ def _touching(rows: np.ndarray) -> np.ndarray:
     """(n,) bool: something was touched at the place of a row (n, 13) of the table."""
     touching: np.ndarray = (rows[:, OFF_SURFACE] != rows[:, :3]).any(axis=1)
     return touching
+
+
+def _reaches_up_to(rows: np.ndarray, x: float, y: float) -> np.ndarray:
+    """(n,) m, height of the sphere's centre at (x, y) on the plane that was touched at each of the rows (n, 13).
+
+    On a steep one it is that of the touch itself: there the sphere is met on its flank.
+    """
+    at, out = rows[:, :3], (rows[:, OFF_SURFACE] - rows[:, :3]) / LIFT
+    along = out[:, 0] * (x - at[:, 0]) + out[:, 1] * (y - at[:, 1])
+    return at[:, 2] - np.where(out[:, 2] > STEEP, along / np.maximum(out[:, 2], STEEP), 0.0)
 
 
 def _in_the_way(rows: np.ndarray, x: float, y: float) -> np.ndarray:
