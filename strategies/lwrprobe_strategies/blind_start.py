@@ -70,9 +70,8 @@ class BlindStart:
         if flank is None:
             yield from self._lift()
             return None
-        found_at = self._tip.seen.time
         closed = yield from ObjectBounds(self._tip, flank).program()
-        found = self._found(found_at, closed)
+        found = self._found(self._search.found_at, closed)
         yield from self._leave(found.area)
         return found
 

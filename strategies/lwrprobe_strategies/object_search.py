@@ -40,6 +40,7 @@ class ObjectSearch:
     Attributes
     ----------
     missed : m, diameter of the largest object that can have been missed so far
+    found_at : s of the run, when something was touched that turned out to be the object
     """
 
     def __init__(self, tip: Tip) -> None:
@@ -49,6 +50,8 @@ class ObjectSearch:
         self._floor, self._top = float(task.area.lower[Z]), float(task.area.upper[Z])
         keep = max(self._descent.helix, self._descent.ring)
         self._places = SearchPlaces(task.area, task.probe.radius, task.search_for, keep)
+        self._clear: set[Place] = set()  # where the probe came down in the first pass
+        self.found_at = 0.0
 
     @property
     def missed(self) -> float:
@@ -61,10 +64,13 @@ class ObjectSearch:
         for descend in passes:
             for place in visited:
                 end = yield from tried(descend(place))
+                self.found_at = self._tip.seen.time
                 if end is Ended.CONTACT or (end is Ended.SHAFT_CONTACT and (yield from self._settled())):
                     return self._tip.normal().copy()
-                if end is Ended.NO_CONTACT and descend is passes[-1]:
-                    self._places.searched(place)
+                if end is Ended.NO_CONTACT:
+                    self._clear.add(place)
+                    if descend is passes[-1]:
+                        self._places.searched(place)
         return None
 
     def _down(self, place: Place) -> Procedure:
@@ -103,7 +109,11 @@ class ObjectSearch:
         return (yield from guarded_move(self._tip, end, stretch=lambda _: (end, 1.0)))
 
     def _to_floor(self, place: Place) -> Procedure:
-        """Down to the floor at a place where the probe was before."""
+        """Down to the floor at a place, fast where the probe was before."""
+        if place not in self._clear:
+            end = yield from self._down(place)
+            if end is not Ended.NO_CONTACT:
+                return end
         end = yield from self._over(*place)
         return end if end is not Ended.ARRIVED else (yield from self._further(place, self._descent.deep, self._floor))
 

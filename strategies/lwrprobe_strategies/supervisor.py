@@ -187,13 +187,20 @@ class SkillStrategy(ABC):
         start = BlindStart(self.tip)
         found = yield from start.program()
         if found is None:
-            return Done(
-                f"nothing found; nothing was missed over which a level circle of {1e3 * start.missed:.0f} mm fits"
-            )
+            return self._nothing_found(start.missed)
         self.task = bounded(self.task, found)
         self.tip.confine(self.task)
         self.bounds = Bounds(found.found_at, self.tip.seen.time, found.area)
         return (yield from self.program())
+
+    def _nothing_found(self, missed: float) -> Done:
+        """What a search says that found nothing; it is complete where it came down wherever it had to."""
+        wanted = self.task.search_for
+        assert wanted is not None
+        if missed == np.inf:
+            return Done("nothing found: the search came down nowhere", complete=False)
+        reason = f"nothing found; nothing was missed over which a level circle of {np.ceil(1e3 * missed):.0f} mm fits"
+        return Done(reason if missed <= wanted else f"{reason}, not {1e3 * wanted:g} mm", missed <= wanted)
 
     def _advance(self, seen: Observation | None) -> Motion:
         trace = self.tip.trace

@@ -1,15 +1,18 @@
 """A blind start against analytic surfaces, without robot and simulator: found, bounded, missed, and how it ends."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from fake_surface import FakeSurface, box
 
-from lwrprobe.contracts import Area, Done
+from lwrprobe.contracts import Area, Done, InputError
 from lwrprobe.scene.scene import ProbeTable
 from lwrprobe_strategies.active import Active
 from lwrprobe_strategies.blind_start import to_front
+from lwrprobe_strategies.object_search import ObjectSearch
+from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.search_places import SearchPlaces
 from lwrprobe_strategies.supervisor import SkillStrategy
 from strategy_task import task
@@ -177,7 +180,49 @@ def test_what_is_said_to_be_missed_bounds_what_a_search_misses(smallest):
     low, high = AREA.lower[:2] + 0.5 * smallest, AREA.upper[:2] - 0.5 * smallest
     centres = random.uniform(low, high, (5000, 2))
     apart = np.hypot(*(centres[:, None] - np.array(places)[None]).transpose(2, 0, 1)).min(axis=1)
-    assert apart.max() <= reach + 0.5 * smallest + 0.002  # half of the diagonal of a cell beside
+    assert apart.max() <= reach + 0.5 * search.missed()
+
+
+@pytest.mark.parametrize(("smallest", "keep", "field"), [(0.2, 0.01, "search_for"), (0.03, 0.08, "area")])
+def test_an_area_without_room_for_the_search_or_for_what_is_sought_is_refused(smallest, keep, field):
+    with pytest.raises(InputError, match=field):
+        SearchPlaces(AREA, 0.01, smallest, keep)
+
+
+def test_a_large_area_is_searched_without_much_memory():
+    """All pairs of places 4 mm apart had been 1.6 GB in an area of 400 mm."""
+    wide = Area(np.array([-0.2, -0.2, 0.006]), np.array([0.2, 0.2, 0.13]))
+    tracemalloc.start()
+    places = SearchPlaces(wide, 0.005, 0.06, 0.0205).places()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 3e8
+    assert len(places) < 120
+
+
+def test_where_the_first_pass_was_interrupted_the_second_one_does_not_dive(monkeypatch):
+    """It had gone at 200 mm/s to where nothing had been."""
+    passes, dived, interrupted = [], [], []
+
+    def down(self, place):
+        passes.append(place)
+        if place not in interrupted and len(passes) % 3 == 1:
+            interrupted.append(place)
+            return None
+        return Ended.NO_CONTACT
+        yield
+
+    def further(self, place, known, low):
+        dived.append(place)
+        return Ended.NO_CONTACT
+        yield
+
+    monkeypatch.setattr(ObjectSearch, "_down", down)
+    monkeypatch.setattr(ObjectSearch, "_further", further)
+    explore(lambda p: 1.0, SMALL)
+    assert interrupted
+    assert set(interrupted) < set(dived)
+    assert all(passes.count(place) == (2 if place in interrupted else 1) for place in dived)
 
 
 def test_the_first_places_meet_most_objects_wherever_they_are():

@@ -189,6 +189,9 @@ class AreaTable(Table):
         for axis, low, high in zip("xyz", self.lower, self.upper):
             if low >= high:
                 raise Refusal(f"lower {axis}", low, f"less than upper {axis}, {high:g}")
+        narrowest = min(high - low for low, high in zip(self.lower[:2], self.upper[:2]))
+        if self.search_for is not None and self.search_for > narrowest:
+            raise Refusal("search_for", self.search_for, f"at most {narrowest:g}, the area's shorter side")
         return self
 
     def as_area(self) -> Area:
