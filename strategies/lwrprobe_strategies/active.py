@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ from lwrprobe.contracts import Confidence, Contact, InputError, Motion, Observat
 from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
+from lwrprobe_strategies.outcomes import UnknownSpace
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Waypoint
@@ -74,7 +76,8 @@ class Active(GridVersion):
             self.estimate.passed(place)
         self.outline = OutlineWatch()
         done = yield from super().program()
-        yield from transit(self.tip, super().retraction(), self.line_rotation)
+        with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
+            yield from transit(self.tip, super().retraction(), self.line_rotation)
         return done
 
     def untouched_heights(self) -> np.ndarray:

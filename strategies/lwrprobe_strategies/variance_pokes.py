@@ -44,7 +44,8 @@ class VariancePokes(Pokes):
     def places(self) -> Places:
         """First the middle of the area; the kernel's length is always the likeliest of `LENGTHS`."""
         options, area = self.task.options or self.Config(), self.task.area
-        axes = [np.arange(area.lower[i], area.upper[i] + 0.5 * APART, APART) for i in (0, 1)]
+        low, high = area.lower[:2], area.upper[:2]
+        axes = [np.linspace(a, b, int(np.ceil((b - a) / APART)) + 1) for a, b in zip(low, high)]
         candidates = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         place = 0.5 * (area.lower + area.upper)[:2]
         touched, heights = np.empty((0, 2)), np.empty(0)

@@ -395,4 +395,6 @@ def test_the_gap_to_the_nearest_contact_shrinks_as_contacts_come(found):
     gap = gap_over_time(points, np.array([2.0, 1.0]), np.array([0.5, 1.0, 2.0]), found)
     far = np.linalg.norm(found.points[:, None] - points, axis=2)
     assert gap[0] == np.inf
+    nothing = replace(found, points=found.points[:0], normals=found.normals[:0])
+    assert np.isnan(gap_over_time(points, np.array([2.0, 1.0]), np.array([0.5]), nothing)).all()
     assert gap[1:] == pytest.approx([far[:, 1].mean(), far.min(axis=1).mean()], abs=1e-12)

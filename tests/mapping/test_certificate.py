@@ -174,6 +174,40 @@ def test_no_ball_hides_that_is_larger_than_certified(seed):
         assert claimed <= bumps[-1] + 0.0013  # as the covering ball sinks in, and as bumps are drawn at random
 
 
+def test_between_strokes_far_apart_on_a_wall_near_the_border_a_ball_hides():
+    """A covering ball that may go no farther out than the sphere's radius had not come between them: 5.5 mm of 10.9."""
+    wide, height, apart = 0.045, 0.06, 0.025
+    area = Area(np.array([-0.055, -0.065, 0.006]), np.array([0.006, 0.065, height + 0.01]))
+    heights, across = np.arange(0.001, height, 0.002), np.arange(-0.05, 0.0501, 0.002)
+
+    def grid(*along):
+        return np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    places = [np.unique(np.append(np.arange(a, b, 0.002), b)) for a, b in zip(area.lower, area.upper)]
+    free = grid(*places)
+    block = np.array([[-0.04, -0.05, -1.0], [0.0, 0.05, height]])
+    off = np.linalg.norm(np.maximum(np.maximum(block[0] - free, free - block[1]), 0.0), axis=1)
+    between = (free[:, 0] > -0.001) & (free[:, 2] < height + RADIUS) & (np.abs(free[:, 1]) < 0.055)
+    strokes = grid([RADIUS], np.arange(-2.5, 2.6) * apart, np.arange(0.006, height + RADIUS, 0.0005))
+    depths = np.arange(-0.04, 0.0001, 0.002)
+    touched = [
+        strokes[(np.abs(strokes[:, 1]) <= 0.05) & (strokes[:, 2] <= height)] - (RADIUS, 0.0, 0.0),
+        grid(depths, across, [height]), grid(depths, [-0.05, 0.05], heights), grid([-0.04], across, heights),
+    ]  # fmt: skip
+    centres = np.vstack([strokes, free[(off >= RADIUS) & ~between]])
+    certificate = Certificate(area, RADIUS, opening=wide)
+    certificate.sweep(centres, np.zeros(len(centres), bool))
+    certificate.touch(np.vstack(touched))
+    middles = np.array([[size, 0.0, 0.5 * height] for size in np.arange(0.001, area.upper[0] + 0.5 * RADIUS, 1e-5)])
+    room = np.minimum(cKDTree(centres).query(middles)[0] - RADIUS, RADIUS - (middles[:, 0] - area.upper[0]))
+    hidden = 2.0 * middles[room >= middles[:, 0], 0].max()
+    covering = middles[0] * (0.0, 1.0, 1.0) + (0.5 * wide, 0.0, 0.0)  # holds each of them, and comes from above
+    assert np.linalg.norm((covering - np.vstack(touched))[:, :2], axis=1).min() >= 0.5 * wide - 1e-9
+    assert covering[0] <= area.upper[0] + 0.5 * wide - RADIUS
+    assert hidden > 0.0105
+    assert certificate.hiding().diameter >= hidden
+
+
 @pytest.mark.parametrize(
     ("field", "given"),
     [

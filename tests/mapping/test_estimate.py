@@ -111,6 +111,21 @@ def test_a_surprise_raises_the_expected_error_and_agreement_lowers_it():
     assert rough(flat) < rough(table(line(0.0))) < rough(stepped)
 
 
+def test_updates_within_a_stroke_leave_the_expected_error_as_one_update_after_it_does():
+    """Every 2 s, as for `--until accurate`: surprises were forgotten, and a stroke predicted itself."""
+    whole, often = table(line(0.0)), table(line(0.0))
+    for x in (0.012, 0.024):
+        for k, (_, y) in enumerate(line(x)):
+            place = np.array([x, y, TOP - 0.004 * np.sin(90.0 * y)])
+            whole.touch(place, UP)
+            often.touch(place, UP)
+            if k % 5 == 4:
+                often.update(stroke_ended=False)
+        whole.update()
+        often.update()
+    assert often.faces().error() == pytest.approx(whole.faces().error(), rel=0.1)
+
+
 def test_the_expected_error_covers_what_the_prediction_misses_on_a_curved_surface():
     """Lines over a cylinder cap, nearer and nearer: on the average an error is no larger than was expected there."""
     radius, centre = 0.05, TOP - 0.05

@@ -70,7 +70,7 @@ def test_every_stroke_stays_in_the_area_and_is_long():
         line = stroke.line
         low, high = AREA.lower[line.axis], AREA.upper[line.axis]
         assert low <= line.begin <= high
-        assert line.outline or low <= line.end <= high
+        assert low <= line.end <= high
         assert abs(line.end - line.begin) >= SHORTEST
         assert stroke.gain > 0.0
         assert stroke.seconds > 0.0
@@ -143,7 +143,7 @@ def test_it_ends_when_strokes_teach_nothing_any_more():
     known, here, spent = outlined(), np.array([0.0, -0.1, TOP]), 0.0
     lines, best = scheduler(known), []
     chosen = lines._best
-    lines._best = lambda here: best.append(chosen(here)) or best[-1]
+    lines._best = lambda faces, here: best.append(chosen(faces, here)) or best[-1]
     while lines.next(here) is not None:
         spent += best[-1].seconds
         assert spent < 2.0 * PATIENCE + 100.0
@@ -158,6 +158,17 @@ def test_a_surface_that_is_found_anew_is_no_reason_to_end():
     assert lines.next(here) is not None  # less than in between, and more than at the beginning
     lines._means, lines._spent = [(0.0, 1.3 * mean), (1.0, mean)], 1.5 * PATIENCE
     assert lines.next(here) is None
+    lines._means, lines._spent = [(0.0, 2.0 * mean), (0.6 * PATIENCE, 0.6 * mean)], 1.5 * PATIENCE
+    assert lines.next(here) is not None  # there is more of it now than there was
+
+
+def test_a_contact_beside_the_border_gives_no_surface_and_lines_go_on():
+    """The run had ended as done, without a contact."""
+    known = SurfaceEstimate(AREA, 0.015)
+    known.touch(AREA.lower + np.array([0.001, 0.001, 0.0]), np.array([0.0, -1.0, 0.0]))
+    lines = scheduler(known)
+    assert lines.next(np.array([0.0, -0.1, TOP])) is not None
+    assert not len(known.faces().areas)
 
 
 def test_on_a_larger_surface_strokes_may_teach_little_for_longer():

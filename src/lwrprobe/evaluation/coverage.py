@@ -95,14 +95,16 @@ def coverage_over_time(
 
 
 def gap_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
-    """(m,) m from the reachable surface to the nearest contact, whichever way that faces, mean over the surface."""
-    return np.array([gap.mean() if len(gap) else 0.0 for gap in _gaps_over_time(contacts, times, at, found)])
+    """(m,) m from the reachable surface to the nearest contact, whichever way that faces, mean over the surface;
+    NaN where nothing is reachable.
+    """
+    return np.array([gap.mean() if len(gap) else np.nan for gap in _gaps_over_time(contacts, times, at, found)])
 
 
 def gap_p95_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> np.ndarray:
     """(m,) m, as `gap_over_time`: 95 % of the reachable surface is no farther from the nearest contact."""
     gaps = _gaps_over_time(contacts, times, at, found)
-    return np.array([np.quantile(gap, 0.95, method="higher") if len(gap) else 0.0 for gap in gaps])
+    return np.array([np.quantile(gap, 0.95, method="higher") if len(gap) else np.nan for gap in gaps])
 
 
 def _gaps_over_time(contacts: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach) -> Iterator[np.ndarray]:

@@ -160,7 +160,7 @@ class Summary:
     """mm, no larger ball can hide within reach of the probe."""
     certificate: Table | None = None
     """Where a ball that large fits, `at_mm`; volumes that were not swept, `unknown_cm3` within reach and
-    `out_of_reach_cm3` with the inside of the object; `grid_mm`: the certificate cannot get below some four of these."""
+    `out_of_reach_cm3` with the inside of the object; `grid_mm`, how finely space was divided."""
     error_against_time: list[Table] | None = None
     """Rows of `time_s`, `certified_mm` and, where the true shape is known, `gap_mean_mm` and `gap_p95_mm`: from the
     reachable true surface to the nearest contact; None before the first contact."""

@@ -103,7 +103,7 @@ class Certificate:
             raise InputError("max_voxels", max_voxels, "at least 1000")
         self._area, self._radius, self._links = area, radius, links
         self._cover, self._tolerance = 0.5 * opening, tolerance
-        extent = area.upper - area.lower + 2.0 * radius
+        extent = area.upper - area.lower + 2.0 * max(radius, self._cover - radius)
         edge = max(FINEST, float(np.cbrt(np.prod(extent) / max_voxels)))
         while np.prod(np.ceil(extent / edge)) > max_voxels:
             edge *= 1.01
@@ -219,7 +219,7 @@ class Certificate:
 
     def _between(self) -> tuple[np.ndarray, np.ndarray]:
         """(3,) m, corners between which the middle of a covering ball lies."""
-        beside = min(self._cover - self._radius, self._radius)
+        beside = self._cover - self._radius
         # Under the lowest contacts it would get into the object.
         return self._area.lower - (beside, beside, 0.0), self._area.upper + beside
 

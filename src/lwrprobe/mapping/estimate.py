@@ -150,6 +150,8 @@ class SurfaceEstimate:
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
+        self._stroke = 0  # number of the first contact of the present stroke
+        self._stroke_ended = False
         self._new: list[np.ndarray] = []
         self._new_normals: list[np.ndarray] = []
         self._new_free: list[np.ndarray] = []
@@ -169,15 +171,23 @@ class SurfaceEstimate:
         if not self._new_free or np.abs(centre - self._new_free[-1]).max() >= FREE_APART:
             self._new_free.append(np.array(centre))
 
-    def update(self) -> None:
-        """Take in what was noted since the last update."""
+    def update(self, stroke_ended: bool = True) -> None:
+        """Take in what was noted since the last update; with it the stroke has ended, unless told otherwise.
+
+        A stroke predicts nothing of itself.
+        """
         if self._new_free:
             places = np.array(self._new_free)
             ones = np.ones((len(places), 3))
             lower_to_nearest(self._free_square, self._free_owner, self._origin, self.edge, places, ones, 0)
             self._new_free.clear()
         if not self._new:
+            self._stroke_ended |= stroke_ended
             return
+        if self._stroke_ended:
+            self._stroke = len(self._centres)
+            self._surprise *= OLDER
+        self._stroke_ended = stroke_ended
         places, normals = np.array(self._new), np.array(self._new_normals)
         surprise = self._surprise_of(places)
         weights = _weights(normals)
@@ -190,7 +200,7 @@ class SurfaceEstimate:
         self._walls = np.concatenate([self._walls, walls + len(self._centres)])
         self._centres = np.concatenate([self._centres, places])
         self._normals = np.concatenate([self._normals, normals])
-        self._surprise = np.concatenate([OLDER * self._surprise, surprise])
+        self._surprise = np.concatenate([self._surprise, surprise])
         self._new.clear()
         self._new_normals.clear()
 
@@ -262,10 +272,10 @@ class SurfaceEstimate:
     def _surprise_of(self, places: np.ndarray) -> np.ndarray:
         """(n, 2) m, surprise about new places (n, 3) brought to the distance D, and its weight."""
         found = np.zeros((len(places), 2))
-        if len(self._centres) < 2:
+        if self._stroke < 2:
             return found
         chosen = np.unique(np.linspace(0, len(places) - 1, min(QUERIES, len(places))).astype(np.int64))
-        thinned = _thinned(self._centres)
+        thinned = _thinned(self._centres[: self._stroke])
         kept, normals = self._centres[thinned], self._normals[thinned]
         tree = cKDTree(kept)
         distance, near = tree.query(places[chosen], k=min(DATA, len(kept)))

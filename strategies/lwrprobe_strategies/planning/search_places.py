@@ -15,8 +15,8 @@ apart."""
 FINE = 5
 """Places along a cell at which it is asked what is missed."""
 SLACK = 0.7
-"""Share of half a cell's diagonal, by which objects in its middle are to be met better: of 0, 0.3, 0.5, 0.7 and 1 the one
-with the fewest places in the end."""
+"""Share of half a cell's diagonal, by which objects in its middle are to be met better: of 0, 0.3, 0.5, 0.7 and 1 the
+one with the fewest places in the end."""
 FINER = 0.7
 """Ratio of one size that is searched for to the last: all of them are alike likely, wherever in the area they fit."""
 

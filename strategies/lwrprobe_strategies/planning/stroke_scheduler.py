@@ -22,8 +22,10 @@ SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
 PATIENCE, ROUNDS, PROGRESS = 200.0, 2.0, 0.9
 """s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
-expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach. A
-surface that is found anew makes it larger, and is no reason to end."""
+expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach."""
+FOUND_ANEW = 1.5
+"""Times the least that it was before, to which the mean rises meanwhile where a surface is found anew: no reason to
+end."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -70,27 +72,28 @@ class StrokeScheduler(LineScheduler):
         if self._inserted is not None:
             return super().next(here)
         self._estimate.update()
-        if not len(self._estimate):  # nothing touched yet: lines through the middle of what is left
+        faces = self._estimate.faces()
+        if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
         self._driven += 1
-        stroke = self._best(here)
+        stroke = self._best(faces, here)
         if stroke is None:
             return None
         self._spent += stroke.seconds
-        self._planner.driven(self._estimate.faces(), stroke)
+        self._planner.driven(faces, stroke)
         self.chained = stroke.chained
         return stroke.line if stroke.chained else self._above(stroke.line)
 
-    def _best(self, here: np.ndarray) -> Stroke | None:
-        faces = self._estimate.faces()
+    def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
         mean, p95 = faces.error()
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
         self._means.append((self._spent, mean))
         begun = self._spent - self.patience(faces)
         meanwhile = np.array([earlier for spent, earlier in self._means if spent >= begun])
         fallen = meanwhile <= PROGRESS * np.maximum.accumulate(meanwhile)
-        stalled = begun >= 0.0 and not fallen.any()
+        grown = meanwhile >= FOUND_ANEW * np.minimum.accumulate(meanwhile)
+        stalled = begun >= 0.0 and not (fallen.any() or grown.any())
         if stalled or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)

@@ -230,7 +230,8 @@ class StrokePlanner:
         axis = X if abs(normal[X]) > abs(normal[Y]) else Y
         side = float((self.task.area.upper if normal[axis] > 0.0 else self.task.area.lower)[axis])
         inwards = -np.sign(normal[axis]) * 4.0 * faces.reach
-        line = Line(axis, float(place[1 - axis]), side, float(place[axis] + inwards), level, outline=1)
+        end = np.clip(place[axis] + inwards, self.task.area.lower[axis], self.task.area.upper[axis])
+        line = Line(axis, float(place[1 - axis]), side, float(end), level, outline=1)
         length = float(faces.areas[path].sum() / edge)
         # What was touched above the outline may stand out over it: there the stick is what meets it.
         above = float(faces.centres[faces.distances < edge, Z].max(initial=level)) - level

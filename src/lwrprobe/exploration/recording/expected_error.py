@@ -23,7 +23,8 @@ class ExpectedError:
 
     def now(self) -> tuple[float, float]:
         """m, mean and 95th percentile over the estimated surface; infinite before the first contact."""
-        for place in self._recorder.free_places(self._passed):
+        free = self._recorder.free_places(self._passed)
+        for place in free:
             self._estimate.passed(place)
         self._passed = self._recorder.places
         contacts = self._recorder.contacts
@@ -31,5 +32,5 @@ class ExpectedError:
             if contact.confidence_score >= RELIABLE_FROM:
                 self._estimate.touch(contact.centre, contact.normal)
         self._touched = len(contacts)
-        self._estimate.update()
+        self._estimate.update(stroke_ended=len(free) > 0)
         return self._estimate.faces().error()
