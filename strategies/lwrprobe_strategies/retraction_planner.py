@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lwrprobe_strategies.planning.lines import UP, Line
@@ -89,9 +91,9 @@ class RetractionPlanner:
         tip.leave()
         back, self.back = self.back, np.inf
         if np.isfinite(back) or not goes_up(tip.seen, normal, self._upright):
-            return return_path(tip.free, back) or out_from_under(tip.seen, normal, tip.task.probe.radius)
+            return self._back(back) or out_from_under(tip.seen, normal, tip.task.probe.radius)
         if tip.trace.ended is guarded_move and not tip.leaving:
-            return return_path(tip.free) if self.line is not None and self.line.fallback is not None else []
+            return self._back() if self.line is not None and self.line.fallback is not None else []
         return off_surface(tip.seen, normal, self._distance)
 
     def _fallback(self) -> list[Waypoint]:
@@ -106,9 +108,17 @@ class RetractionPlanner:
         size = float(np.linalg.norm(force))
         if self._stays == 1 and size > tip.task.force_threshold:
             return [Waypoint(tip.here + self._distance * force / size, SpeedLimit.GUARDED)]
-        if self._stays <= 2 and (back := return_path(tip.free, self._distance)):
+        if self._stays <= 2 and (back := self._back(self._distance)):
             return back
         return [Waypoint(tip.here + self._distance * UP, SpeedLimit.GUARDED)]
+
+    def _back(self, distance: float = np.inf) -> list[Waypoint]:
+        """Back on the probe's path, with care off what is touched where its normal is not reliable."""
+        tip = self._tip
+        path = return_path(tip.free, distance)
+        if path and tip.leaving and not tip.reliable:
+            path[0] = replace(path[0], speed_limit=SpeedLimit.GUARDED)
+        return path
 
     def _leads_to(self, waypoint: Waypoint) -> bool:
         """Whether the probe may go straight to a waypoint."""

@@ -115,7 +115,7 @@ class Tip:
         self.trace.time = seen.time
         contact = seen.contact
         self.reliable = contact is not None and contact.confidence is Confidence.RELIABLE
-        self.free.note(seen.pose, contact.normal if contact is not None else None)
+        self.free.note(seen.pose, contact.normal if contact is not None else None, self.reliable)
         self.overhangs.note(seen.pose, contact)
         if self.body is not None:
             self.body.note(seen.pose, contact is not None)

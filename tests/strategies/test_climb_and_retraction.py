@@ -22,6 +22,7 @@ from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
+from lwrprobe_strategies.retraction_planner import RetractionPlanner
 from lwrprobe_strategies.skills import transit
 from strategy_task import AREA, DOWN, task
 
@@ -161,6 +162,40 @@ def test_a_surface_is_left_along_its_normal():
     (doubted,) = off_surface(seen(place, 0.2), np.array([1.0, 0.0, 0.0]), 0.01)
     assert doubted.place[0] == pytest.approx(0.036), "further where the point is imprecise"
     assert off_surface(seen(place), np.array([0.0, 0.0, 1.0]), 0.01) == []
+
+
+def test_off_an_imprecise_contact_nearly_along_the_stick_the_probe_goes_straight_up_in_its_own_column():
+    """Along the normal, 10 mm at 200 mm/s, the sphere had struck a wall 1 mm beside it with 3.6 N."""
+    (up,) = off_surface(seen(np.array([0.026, 0.0, 0.011]), 0.2), np.array([0.1, 0.2, 0.97]), 0.01)
+    assert up.place == pytest.approx([0.026, 0.0, 0.021])
+    assert up.speed_limit is SpeedLimit.COLUMN
+
+
+@pytest.mark.parametrize(("beside", "turned"), [(0.0005, True), (0.003, False)])
+def test_a_light_touch_does_not_turn_around_what_a_reliable_normal_has_said_just_before(beside, turned):
+    """A remaining force of 0.2 N had said that the surface is above: the way back led into it, and pressed with 11 N."""
+    free = FreeSpace(AREA)
+    stand(free, *([0.0, y, 0.03] for y in np.arange(-0.02, -beside, 0.001)))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = DOWN, (0.0, -beside, 0.03)
+    free.note(pose, np.array([-0.4, 0.3, 0.87]))
+    pose[:3, 3] = 0.0, 0.0012, 0.03
+    free.note(pose, np.array([0.1, -0.2, -0.98]), reliable=False)
+    (off, _), *_ = free.return_path(0.01)
+    assert (off[2] > 0.03) == turned
+
+
+def test_back_from_a_contact_that_is_not_reliable_the_first_step_is_guarded():
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
+    strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 0.2), force=np.array([0.0, -0.8, 0.0])))
+    planner = RetractionPlanner(strategy.tip, DOWN, 0.01)
+    planner.go_back()
+    first, *onward = planner.path()
+    assert onward
+    assert first.speed_limit is SpeedLimit.GUARDED
+    assert all(piece.speed_limit is SpeedLimit.FREE for piece in onward)
 
 
 def test_the_way_up_is_taken_only_by_an_upright_probe_that_is_under_nothing():

@@ -43,6 +43,8 @@ SHORT = 0.15
 """m along the axes, as far as the return path may be the quicker one."""
 FAR_COLUMN = 0.4
 """The same where it saves a slow way up."""
+AGAIN = 2.0 * LIFT
+"""m between two places along an axis, at which the same is touched."""
 AROUND = 5.0 * LIFT
 """m along an axis, within which faces of one inner edge lie."""
 IN_FRONT, OFF = -0.1 * LIFT, 0.7 * LIFT
@@ -82,6 +84,7 @@ class FreeSpace:
         self._top = float(area.upper[2])
         self._places = GrowingTable(COLUMNS)
         self._turns: list[np.ndarray] = []
+        self._off = np.full(3, np.inf), np.zeros(3)  # the last place with a reliable normal, and that
         self._next_to_touch: set[int] = set()  # indices of places next to a touch, where who comes back may touch again
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
@@ -94,11 +97,18 @@ class FreeSpace:
         for row in rows.tolist():
             self._places.add(tuple(row))
 
-    def note(self, pose: np.ndarray, normal: np.ndarray | None) -> None:
+    def note(self, pose: np.ndarray, normal: np.ndarray | None, reliable: bool = True) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
 
-        A normal that is not reliable is that of the force, and leads off what is touched as well.
+        A normal that is not reliable is that of the force, and leads off what is touched as well; but that of a light
+        touch may lead into it, where a reliable one leads off just beside.
         """
+        if normal is not None:
+            here = pose[:3, 3]
+            if reliable:
+                self._off = here.copy(), normal
+            elif np.abs(here - self._off[0]).max() < AGAIN and normal @ self._off[1] < 0.0:
+                normal = self._off[1]
         (_, _, ax, x), (_, _, ay, y), (_, _, az, z), _ = pose.tolist()
         last = self._places.last
         if last is not None:

@@ -22,14 +22,18 @@ UNDER = -0.05
 def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[Waypoint]:
     """A place off the surface touched, from which an upright probe may go up.
 
-    `normal` (3,) is the surface's; `distance` m is the path off a contact that is not reliable.
+    `normal` (3,) is the surface's; `distance` m is the path off a contact that is not reliable: where its normal is
+    nearly along the stick straight along that, for the sphere may meet what stands beside it.
     """
     if seen.contact is None:
         return []
-    own_column = float(normal @ -seen.pose[:3, Z]) > OWN_COLUMN
-    reliable = seen.contact.confidence is Confidence.RELIABLE
-    place = seen.pose[:3, 3] + (OFF if reliable else distance) * normal
-    return [Waypoint(place, SpeedLimit.FREE if own_column else SpeedLimit.GUARDED)]
+    here, back = seen.pose[:3, 3], -seen.pose[:3, Z]
+    own_column = float(normal @ back) > OWN_COLUMN
+    if seen.contact.confidence is Confidence.RELIABLE:
+        return [Waypoint(here + OFF * normal, SpeedLimit.FREE if own_column else SpeedLimit.GUARDED)]
+    if own_column:
+        return [Waypoint(here + distance * back, SpeedLimit.COLUMN)]
+    return [Waypoint(here + distance * normal, SpeedLimit.GUARDED)]
 
 
 def return_path(free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
