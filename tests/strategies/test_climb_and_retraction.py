@@ -173,7 +173,7 @@ def test_off_an_imprecise_contact_nearly_along_the_stick_the_probe_goes_straight
 
 @pytest.mark.parametrize(("beside", "turned"), [(0.0005, True), (0.003, False)])
 def test_a_light_touch_does_not_turn_around_what_a_reliable_normal_has_said_just_before(beside, turned):
-    """A remaining force of 0.2 N had said that the surface is above: the way back led into it, and pressed with 11 N."""
+    """A force of 0.2 N that remained had said that the surface is above: the way back led into it, with 11 N."""
     free = FreeSpace(AREA)
     stand(free, *([0.0, y, 0.03] for y in np.arange(-0.02, -beside, 0.001)))
     pose = np.eye(4)
