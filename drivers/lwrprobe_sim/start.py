@@ -15,8 +15,8 @@ READY_POSTURE = (0.0, 0.5, 0.0, -1.4, 0.0, 1.2415926535897932, 0.0)
 
 def start_joints(scene: Scene, robot: Robot, given: Sequence[float] | np.ndarray | None) -> np.ndarray:
     """(n,) rad: as given, else the scene's `arm.start_deg`, else a posture of readiness. Raises InputError."""
-    if given is None and scene.arm.start_deg is not None:
-        given = np.radians(scene.arm.start_deg)
-    if given is None:
-        given = READY_POSTURE if robot.n == 7 else np.zeros(robot.n)
-    return robot.joint_values(np.array(given), "sim.start_q")
+    if given is not None:
+        return robot.joint_values(np.array(given), "sim.start_q")
+    if scene.arm.start_deg is not None:
+        return robot.joint_values(np.radians(scene.arm.start_deg), "arm.start_deg")
+    return np.array(READY_POSTURE) if robot.n == 7 else np.zeros(robot.n)

@@ -8,6 +8,9 @@ import numpy as np
 
 from lwrprobe.contracts import InputError
 
+LEAST = 0.0002
+"""m: finer than that nothing is touched, and a line would take for ever."""
+
 
 @dataclass(slots=True, frozen=True)
 class CoverageConfig:
@@ -40,7 +43,7 @@ class CoverageConfig:
     def __post_init__(self) -> None:
         for name in ("step", "reapproach", "retreat"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and 0.0 < value <= 1.0):
-                raise InputError(f"strategy.{name}", value, "a length in metres, above 0 and at most 1")
+            if not (np.isfinite(value) and LEAST <= value <= 1.0):
+                raise InputError(f"strategy.{name}", value, f"a length in metres, at least {LEAST:g} and at most 1")
         if self.first_line not in ("border", "middle"):
             raise InputError("strategy.first_line", self.first_line, "border, middle")

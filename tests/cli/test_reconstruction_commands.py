@@ -122,6 +122,14 @@ def test_fit_tells_the_block(run_folder):
     assert "±" in text
 
 
+def test_folders_of_what_is_written_are_made(run_folder, tmp_path):
+    write_cloud(tmp_path / "four.csv", Cloud(np.vstack([np.zeros(3), 0.02 * np.eye(3)])))
+    mesh, cloud = tmp_path / "new" / "deep" / "four.stl", tmp_path / "other" / "four.pcd"
+    as_json("reconstruct", tmp_path / "four.csv", "--method", "convex_hull", "--out", mesh)
+    assert mesh.is_file()
+    assert write_cloud(cloud, Cloud(np.eye(3))).is_file()
+
+
 def test_four_points_make_the_smallest_solid(tmp_path):
     write_cloud(tmp_path / "four.csv", Cloud(np.vstack([np.zeros(3), 0.02 * np.eye(3)])))
     report = as_json("reconstruct", tmp_path / "four.csv", "--method", "convex_hull", "--out", tmp_path / "four.stl")
@@ -144,12 +152,22 @@ def test_four_points_make_the_smallest_solid(tmp_path):
         (["evaluate", "three.csv", "--truth", "blok"], ["blok", "block"]),
         (["evaluate", "broken.stl", "--truth", "block"], ["broken.stl"]),
         (["fit", "three.csv"], ["points", "at least 4"]),
+        (["reconstruct", "gap.csv"], ["gap.csv", "point 3", "finite"]),
+        (["reconstruct", "three.csv", "--table", "nan"], ["table", "nan", "finite"]),
+        (["reconstruct", "three.csv", "--table", "10"], ["table", "10", "highest point, 1"]),
+        (["reconstruct", "three.csv", "--probe-radius", "-1"], ["probe_radius", "-1", "positive"]),
+        (["reconstruct", "three.csv", "--set", "step=1e-9"], ["step", "1e-09", "5e-05"]),
+        (["explore", "block", "--until", "tim=3"], ["--until", "tim=3", "certified=MM"]),
+        (["explore", "block", "--quiet", "--set", "strategy.step=1e-6"], ["strategy.step", "1e-06", "0.0002"]),
+        (["explore", "block", "--quiet", "--set", "arm.start_deg=[0,0]"], ["arm.start_deg", "7 joint values"]),
+        (["explore", "block", "--quiet", "--set", "arm.start_deg=[0,0,0,0,0,0,900]"], ["arm.start_deg", "-170 to 170"]),
     ],
 )
 def test_what_is_wrong_is_told_in_one_sentence(tmp_path, arguments, words):
     for name in ("cloud.xyz", "broken.pcd", "broken.stl"):
         (tmp_path / name).write_bytes(b"VERSION nonsense\n\x00\x01")
     write_cloud(tmp_path / "three.csv", Cloud(np.eye(3)))
+    (tmp_path / "gap.csv").write_text("x,y,z\n0,0,0\n1,0,0\n0,nan,0\n0,0,1\n")
     write_cloud(tmp_path / "flat.csv", Cloud(np.pad(np.random.default_rng(0).random((20, 2)), ((0, 0), (0, 1)))))
     done = ask(*arguments, folder=tmp_path)
     assert done.returncode == 2

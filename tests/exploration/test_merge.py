@@ -5,8 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from lwrprobe.bench.sampled_lines import sample_lines
+from lwrprobe.cli.app import app
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation.mesh_error import is_watertight
 from lwrprobe.evaluation.run_folder import read_run
@@ -214,6 +216,17 @@ def test_one_run_alone_or_without_touches_is_refused(tmp_path):
     b = run_folder(tmp_path / "b", "block", empty)
     with pytest.raises(InputError, match="touched something"):
         merge([a, b], tmp_path / "out")
+
+
+def test_none_of_the_merged_runs_is_written_over(tmp_path):
+    """It had been replaced, without a question, by what it was a part of."""
+    a, b = (run_folder(tmp_path / name, "block", touches("block")) for name in "ab")
+    before = (a / "contacts.csv").read_bytes()
+    with pytest.raises(InputError, match=r"out.*another folder"):
+        merge([a, b], tmp_path / "x" / ".." / "a")
+    done = CliRunner().invoke(app, ["merge", str(a), str(b), "--out", str(a)])
+    assert done.exit_code != 0
+    assert (a / "contacts.csv").read_bytes() == before
 
 
 def test_real_runs_over_an_object_moved_by_three_millimetres(tmp_path):

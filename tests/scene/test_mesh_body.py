@@ -121,6 +121,14 @@ def test_scale_counts_in_metres(tmp_path):
     assert np.allclose(solid.bounds(), [[-0.02, -0.02, -0.01], [0.02, 0.02, 0.01]])
 
 
+@pytest.mark.parametrize("scale", [1e-5, 1e3, 1e300])
+def test_a_mesh_that_its_scale_makes_too_small_or_too_large_is_refused(tmp_path, scale):
+    """A file in metres read as one in millimetres had ended in a traceback after the whole exploration."""
+    box = trimesh.creation.box([0.05, 0.05, 0.05])
+    with pytest.raises(SceneError, match=r"object\[0\]\.scale.*millimetres need 0\.001"):
+        odd.scene(mesh_of(tmp_path / "box.stl", box, scale=scale)).solid()
+
+
 def test_a_mesh_that_is_gone_is_named(tmp_path):
     shape = mesh_of(tmp_path / "box.stl", trimesh.creation.box([0.04, 0.04, 0.02]))
     scene = odd.scene(shape)

@@ -56,9 +56,9 @@ def check_folder(field: str, folder: Path | None) -> None:
 
 RUN_FILES = frozenset(
     (
-        "bag", "cloud.pcd", "compared.html", "contact_errors.csv", "contacts.csv", "contacts.ply", "map.bt", "mesh.stl",
-        "observations.f64", "observations.words", "preview.png", "report.html", "scene.toml", "states.csv",
-        "summary.json", "trace.csv",
+        "bag", "cloud.pcd", "compared.html", "contact_errors.csv", "contacts.csv", "contacts.ply", "hiding.ply",
+        "map.bt", "mesh.stl", "observations.f64", "observations.words", "preview.png", "report.html", "scene.toml",
+        "states.csv", "summary.json", "trace.csv",
     )
 )  # fmt: skip
 """What an exploration may find in its run folder, left there by an earlier one."""

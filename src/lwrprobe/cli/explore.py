@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lwrprobe.cli.shared_options import Arm, Confirmed, Quiet, Realtime, SceneName, Sensor, Settings, SummaryJson
+from lwrprobe.errors import InputError
 
 if TYPE_CHECKING:
     from lwrprobe.runs.progress import ProgressLine
@@ -49,7 +50,7 @@ def explore(
         bool,
         typer.Option(
             "--dry-run",
-            help="Run in the simulator only and report reach, limits and time; no device is opened.",
+            help="Explore in the simulator to the end, and report reach, limits and time; no device is opened.",
         ),
     ] = False,
     confirm: Confirmed = 0,
@@ -80,7 +81,7 @@ def explore(
         ("run.seed", seed),
     )
     overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
-    overrides += [f"run.until.{rule}" for rule in until or []]
+    overrides += [_until(rule) for rule in until or []]
 
     def run_folder(found: Scene) -> Path:
         return out if out is not None else Path("runs") / found.name
@@ -154,6 +155,14 @@ def _dry_run(scene: Scene, line: ProgressLine, as_json: bool) -> None:
         typer.echo(json.dumps(found.summary))
     if not found.good:
         raise typer.Exit(1)
+
+
+def _until(rule: str) -> str:
+    """The setting that a rule of --until stands for."""
+    key, equals, value = (part.strip() for part in rule.partition("="))
+    if key not in ("time", "certified", "accurate") or not equals or not value:
+        raise InputError("--until", rule, "time=SECONDS, certified=MM or accurate=MM")
+    return f"run.until.{key}={value}"
 
 
 def _toml(value: Any) -> str:

@@ -19,7 +19,8 @@ ENDINGS = tuple(_FORMATS)
 def read_cloud(path: str | Path) -> Cloud:
     """Cloud from a `.pcd`, `.ply` or `.csv`.
 
-    Points that are not finite (how the Point Cloud Library marks a missing one), or whose normal is not, are left out.
+    Points that are not finite, or whose normal is not, are left out of a `.pcd` or `.ply`: that is how the Point Cloud
+    Library marks missing ones. In a `.csv` they are an error.
     Raises FormatError naming file and place for a broken file or one that cannot be read.
     """
     path = Path(path)
@@ -32,11 +33,12 @@ def read_cloud(path: str | Path) -> Cloud:
 
 
 def write_cloud(path: str | Path, cloud: Cloud) -> Path:
-    """Write a `.pcd`, `.ply` or `.csv`, by the ending; the path as written.
+    """Write a `.pcd`, `.ply` or `.csv`, by the ending, and make its folder; the path as written.
 
     PCD and PLY hold single precision, as their readers expect; CSV holds every digit.
     """
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(_FORMATS[_ending(path)].encode(cloud))
     return path
 
@@ -61,6 +63,8 @@ def _cloud(path: Path, columns: dict[str, np.ndarray]) -> Cloud:
             good &= np.isfinite(normals).all(axis=1)
             normals = normals[good]
             break
+    if path.suffix.lower() == ".csv" and not good.all():
+        raise FormatError(f"{path}: point {int(np.argmin(good)) + 1} is not finite; allowed: numbers")
     try:
         return Cloud(points[good], normals, {name: column[good] for name, column in columns.items()})
     except InputError as error:

@@ -42,6 +42,7 @@ from lwrprobe.reconstruction.undersides import find_undersides
 _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, and of those that bear it out
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _MAX_NODES = 3_000_000
+_LEAST = 5e-5  # m, of the options that are lengths: finer grids do not fit into memory
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
@@ -88,8 +89,8 @@ class ContactSurface:
         def __post_init__(self) -> None:
             for name in ("pitch", "step"):
                 value = getattr(self, name)
-                if value is not None and not (np.isfinite(value) and value > 0.0):
-                    raise InputError(name, value, "a positive length in metres, or None")
+                if value is not None and not (np.isfinite(value) and value >= _LEAST):
+                    raise InputError(name, value, f"a length of at least {_LEAST:g} m, or None")
 
     contract: ClassVar[int] = RECONSTRUCTOR_CONTRACT
 

@@ -43,7 +43,10 @@ def contour(values: np.ndarray, grid: Grid, hermite: Hermite | None = None, heig
 
 def _check_border(values: np.ndarray) -> None:
     if not (values < 0.0).any():
-        raise InputError("contacts", "nothing inside", "contacts that enclose a solid")
+        raise InputError(
+            "contacts", "nothing inside",
+            "contacts that enclose a solid, with normals that point out of it and a step and a sphere smaller than it",
+        )  # fmt: skip
     for axis in range(3):
         if (np.take(values, [0, -1], axis=axis) < 0.0).any():
             raise InputError("contacts", "the surface leaves the grid", "contacts with normals that enclose a solid")

@@ -30,7 +30,7 @@ WRITERS: dict[str, dict[Encoding, str]] = {
 
 
 def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None = None) -> Path:
-    """Write a mesh in the format that the ending names; an interrupted write leaves no half file.
+    """Write a mesh in the format that the ending names; an interrupted write leaves no half file. Folders are made.
 
     PLY keeps `vertex_error` as the vertex property `vertex_error` [m]; the other formats have no place for it.
     Raises UnknownNameError for an unknown ending, InputError for an encoding that the format does not have or an
@@ -47,6 +47,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
     content = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
     assert not isinstance(content, dict), "the formats of WRITERS are bytes or text"
     partial = path.with_name(path.name + ".part")
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
     os.replace(partial, path)
     return path

@@ -14,6 +14,8 @@ from lwrprobe.scene.box_tree_kernels import halve
 from lwrprobe.scene.shape import Mesh, RandomObject
 
 _LEAF = 4  # faces
+SMALLEST, LARGEST = 0.001, 5.0
+"""m, of the longest side of a mesh."""
 
 
 @dataclass(slots=True)
@@ -62,6 +64,10 @@ def _read(shape: Mesh, part: int) -> tuple[np.ndarray, np.ndarray]:
         raise SceneError(name, shape.file, f"a readable triangle mesh ({type(error).__name__}: {error})") from error
     if len(faces) == 0:
         raise SceneError(name, shape.file, "a mesh with at least four triangles")
+    size = shape.scale * float(np.ptp(vertices, axis=0).max())
+    if not SMALLEST <= size <= LARGEST:
+        allowed = f"a scale by which the mesh, now {size:g} m long, becomes {SMALLEST:g} to {LARGEST:g} m"
+        raise SceneError(f"object[{part}].scale", shape.scale, f"{allowed}: files in millimetres need 0.001")
     if not mesh.is_watertight:
         raise SceneError(name, shape.file, "a closed (watertight) mesh")
     if not mesh.is_winding_consistent:

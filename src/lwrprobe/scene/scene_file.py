@@ -141,7 +141,7 @@ def _pairs(overrides: Overrides) -> list[tuple[str, str]]:
     for text in overrides:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise SceneError("override", text, "key=value, such as probe.radius=0.004")
+            raise SceneError("setting", text, "key=value, such as probe.radius=0.004")
         pairs.append((key.strip(), value.strip()))
     return pairs
 

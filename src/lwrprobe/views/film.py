@@ -65,8 +65,11 @@ def write_film(
     out = Path(out)
     if out.suffix.lower() not in ENDINGS:
         raise InputError("--out", str(out), f"a name that ends in {', '.join(ENDINGS)}")
-    if not (0.5 <= seconds <= 600.0 and 1 <= rate <= 60 and 160 <= width <= 3840):
-        raise InputError("film", (seconds, rate, width), "0.5 to 600 s, 1 to 60 Hz, 160 to 3840 pixels")
+    for name, value, least, most, unit in (
+        ("seconds", seconds, 0.5, 600.0, "s"), ("rate", rate, 1, 60, "Hz"), ("width", width, 160, 3840, "pixels"),
+    ):  # fmt: skip
+        if not least <= value <= most:
+            raise InputError(name, value, f"{least:g} to {most:g} {unit}")
     pictures = _Pictures(read_run(folder), playback(folder), width)
     count = max(2, round(seconds * rate))
     frames = (_shown(picture, k, count, watch) for k, picture in enumerate(pictures.all(count)))

@@ -58,6 +58,8 @@ def merge(
     """
     if len(folders) < 2:
         raise InputError("runs", [str(folder) for folder in folders], "two run folders or more")
+    if Path(out).resolve() in [Path(folder).resolve() for folder in folders]:
+        raise InputError("out", str(out), "another folder than those of the runs that are merged")
     runs = [read_run(folder) for folder in folders]
     for i, run in enumerate(runs):
         if len(run.record.points) == 0:

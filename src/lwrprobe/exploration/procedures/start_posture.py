@@ -59,7 +59,13 @@ def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None)
     """
     solver = IKSolver(robot)
     if start_deg is not None:
-        return solver.solve(pose, np.radians(start_deg))
+        start = robot.joint_values(np.radians(start_deg), "arm.start_deg")
+        if not robot.within_limits(start, 1e-9):
+            ranges = (f"{a:g} to {b:g}" for a, b in np.degrees(np.stack([robot.lower, robot.upper], axis=1)))
+            raise InputError(
+                "arm.start_deg", list(start_deg), f"degrees within the joints' ranges: {', '.join(ranges)}"
+            )
+        return solver.solve(pose, start)
     random = np.random.default_rng(0)
     seeds = [np.zeros(robot.n), *random.uniform(0.6 * robot.lower, 0.6 * robot.upper, (24, robot.n))]
     found = [solver.solve(pose, seed) for seed in seeds]

@@ -231,7 +231,9 @@ def read_log(folder: Path, free_force: float) -> Past:
     """
     path = folder / OBSERVATIONS
     if not path.is_file():
-        raise FormatError(f"{folder}: nothing to take up: the run has come to its end, or left no {OBSERVATIONS}")
+        ended = (folder / "summary.json").is_file()
+        why = "the run has come to its end" if ended else f"the run left no {OBSERVATIONS}"
+        raise FormatError(f"{folder}: nothing to take up: {why}")
     numbers = np.fromfile(path)
     rows = numbers[: len(numbers) // WIDTH * WIDTH].reshape(-1, WIDTH)
     words = ["", *_read_words(folder / WORDS)]
