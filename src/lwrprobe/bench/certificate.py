@@ -33,7 +33,7 @@ LARGEST = 3.0
 """Times the certified diameter, of a bump."""
 BESIDE, ABOVE = 0.015, 0.008
 """m from the object to the border of the area."""
-PITCHES = (0.002, 0.008)
+PITCHES = (0.002, 0.025)
 """m between lines."""
 LEFT_OUT = 0.4
 """Share of the lines or pokes that are left out, at most; of half of the objects none is."""
