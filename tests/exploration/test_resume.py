@@ -287,5 +287,8 @@ def test_a_finished_run_and_a_run_that_never_moved_freely_cannot_be_taken_up(cut
     with pytest.raises(FormatError, match="moved freely"):
         read_log(tmp_path, -1.0)
     Logbook(tmp_path, keep=1).discard()
+    with pytest.raises(FormatError, match="the run left no observations"):
+        read_log(tmp_path, 0.1)
+    (tmp_path / "summary.json").write_text("{}")
     with pytest.raises(FormatError, match="come to its end"):
         read_log(tmp_path, 0.1)

@@ -151,7 +151,7 @@ def test_overrides_reach_every_level():
 @pytest.mark.parametrize(
     ("override", "key", "allowed"),
     [
-        ("probe.radius", "override", "key=value"),
+        ("probe.radius", "setting", "key=value"),
         ("object.3.friction=0.1", "object.3.friction", "an index below 1"),
         ("object.first.friction=0.1", "object.first.friction", "an index below 1"),
         ("probe.radius.inner=1", "probe.radius", "a number"),
