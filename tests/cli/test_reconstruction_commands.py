@@ -122,6 +122,15 @@ def test_fit_tells_the_block(run_folder):
     assert "±" in text
 
 
+def test_a_run_keeps_what_was_touched_where_its_table_is_stated_too_high(run_folder, tmp_path):
+    scene = load_scene("block", ["table.height=0.08", "area.lower=[-0.1,-0.1,0.09]", "area.upper=[0.1,0.1,0.12]"])
+    write_scene(scene, tmp_path / "scene.toml")
+    for name in ("contacts.csv", "trace.csv"):
+        (tmp_path / name).write_text((run_folder[0] / name).read_text())
+    record = read_run(tmp_path).record
+    assert record.table > record.points[:, 2].max()
+
+
 def test_folders_of_what_is_written_are_made(run_folder, tmp_path):
     write_cloud(tmp_path / "four.csv", Cloud(np.vstack([np.zeros(3), 0.02 * np.eye(3)])))
     mesh, cloud = tmp_path / "new" / "deep" / "four.stl", tmp_path / "other" / "four.pcd"

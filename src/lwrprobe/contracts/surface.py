@@ -64,9 +64,6 @@ class TouchRecord:
             raise InputError("points", self.points.shape, "an (n, 3) array")
         if self.table is not None and not np.isfinite(self.table):
             raise InputError("table", self.table, "a finite height in metres, or None")
-        if self.table is not None and len(self.points) and self.table > self.points[:, 2].max():
-            highest = float(self.points[:, 2].max())
-            raise InputError("table", self.table, f"a height in metres up to that of the highest point, {highest:g}")
         if self.probe_radius is not None and not (np.isfinite(self.probe_radius) and self.probe_radius > 0.0):
             raise InputError("probe_radius", self.probe_radius, "a positive length in metres, or None")
         if self.pitch is not None and not (np.isfinite(self.pitch) and self.pitch > 0.0):

@@ -100,9 +100,8 @@ def learn(
     first, second, across = first[good], second[good], across[good]
     angles = np.einsum("ni,ni->n", chords[good], normals[first] + normals[second]) / across
     # Chords over the same piece of surface cross the same bends.
-    piece = np.unique(np.floor((centres[first] + 0.5 * chords[good]) / (FAR * spacing)), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    cells = np.floor((centres[first] + 0.5 * chords[good]) / (FAR * spacing))
+    piece = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     if len(angles) < FEWEST or piece.max() < 1:
         return None
     sides = np.concatenate([normals[first], aside[first]], axis=1)
