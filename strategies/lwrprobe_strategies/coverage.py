@@ -182,8 +182,6 @@ class Coverage(SkillStrategy):
                 return reapproach(self.tip, self.frame, point, self.options.reapproach)
             case Ended.NEXT_LINE:
                 return self.next_in_passing()
-            case Ended.TURN_WANTED:
-                return self.turn()
             case Ended.SHAFT_CONTACT if self.frame.level:  # back the way it came: what is above the sphere stands out
                 self.tip.overhangs.stick_met(self.tip.here)
                 self.retractions.go_back()
@@ -202,10 +200,6 @@ class Coverage(SkillStrategy):
 
     # What a strategy may also change
 
-    def orientation_for(self, line: Line) -> np.ndarray:
-        """(3, 3), the orientation of the tip at the beginning of a line."""
-        return self.upright if line.rotation is None else line.rotation
-
     def side_orientations(self, away: np.ndarray) -> Sequence[np.ndarray]:
         """Orientations (3, 3) in which a side may be touched that faces along a horizontal unit vector (3,)."""
         return (self.upright,)
@@ -213,10 +207,6 @@ class Coverage(SkillStrategy):
     def leaves_descents(self, line: Line) -> bool:
         """Whether a wall down which the line leads may be climbed from its other end instead."""
         return line.free_end
-
-    def turn_wanted(self) -> np.ndarray | None:
-        """(3, 3) to turn to in the middle of a contour, None = go on as it is."""
-        return None
 
     def end_found(self) -> bool:
         """Whether an outline has come to the end that it seeks."""
@@ -261,7 +251,7 @@ class Coverage(SkillStrategy):
         before = tip.rotation
         if tip.body is not None:
             tip.body.survey()
-        tip.rotation = self.line_rotation = self.orientation_for(line)
+        tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
         return transit(tip, retraction + path, before)
@@ -312,10 +302,6 @@ class Coverage(SkillStrategy):
     def _contour_end(self, descent: DescentWatch) -> Outcome | None:
         """The outcome with which the contour ends where the tip is now, None = it goes on; asked with every sample."""
         tip, line = self.tip, self.frame.line
-        turn = self.turn_wanted()
-        if turn is not None:
-            tip.rotation = turn
-            return Ended.TURN_WANTED
         step = tip.period * hypot(*tip.seen.velocity.tolist())
         if self.circling.circles(self.frame, tip.here, step):
             return Ended.CIRCLING

@@ -12,12 +12,10 @@ from lwrprobe.contracts import InputError
 from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
-from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.skills import Procedure, follow_contour
 from lwrprobe_strategies.supervisor import Program
 
-ABOVE = 0.003
-"""m above what makes a probe lean, where it is set upright again."""
 MORE = float(np.radians(10.0))
 """rad by which it leans further where leaning has not helped."""
 MAX_THREATS = 4
@@ -59,12 +57,14 @@ class OrientationChange(Coverage):
 
     def program(self) -> Program:
         """As the other strategies do."""
-        self.leaning_since = -np.inf  # m, the height at which the last threat made it lean
         self.planner = LeanPlanner(self.task, self.tip.rotation, float(np.radians(self.options.tilt_deg)))
         return super().program()
 
     def avoid(self) -> Procedure | None:
-        """In X_Y: change the motion state. In Z_Y: lean away; give the line up where that has not helped."""
+        """Upright: off the far side and on along the line, or give the line up. Leaning: lean more, or give it up.
+
+        In a horizontal plane: on in the line's vertical plane.
+        """
         tip = self.tip
         if self.frame.line.outline or self.threats > MAX_THREATS:
             return self.give_up()
@@ -73,12 +73,11 @@ class OrientationChange(Coverage):
         if self.tip.rotation is self.upright:
             return self._on_along_line()
         foot = np.array([*tip.here[:Z], self.task.area.lower[Z]])
-        leant = self.threats > 1 or self.frame.line.rotation is not None
-        min_angle = self.planner.angle(tip.rotation) + MORE if leant else 0.0
+        min_angle = self.planner.angle(tip.rotation) + MORE
         rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
         if rotation is None or np.abs(rotation - tip.rotation).max() < SAME:
             return self.give_up()
-        tip.rotation, self.leaning_since = rotation, float(tip.here[Z])
+        tip.rotation = rotation
         return self.turn()
 
     def answer_unknown_space(self) -> Procedure | None:
@@ -103,18 +102,6 @@ class OrientationChange(Coverage):
             return horizontal(away + SURFACE_WEIGHT * horizontal(tip.control.normal))
         return horizontal(away + horizontal(-tip.rotation[:, Z]))  # what stands ahead is unknown: lean back from it
 
-    def turn_wanted(self) -> np.ndarray | None:
-        """Upright again as soon as that is safe: above where the body is clear, and above what it leaned away from."""
-        if self.tip.rotation is self.upright or self.frame.line.rotation is not None:
-            return None
-        safe = max(self.lines.height, self.leaning_since) + ABOVE
-        return self.upright if self.tip.here[Z] > safe else None
-
     def side_orientations(self, away: np.ndarray) -> Sequence[np.ndarray]:
         """Upright, or leaning away from the side, which may stand ahead of the stick."""
         return (self.upright, *self.planner.orientations(away))
-
-    def orientation_for(self, line: Line) -> np.ndarray:
-        """As the line says; what made the probe lean on the line before counts no more."""
-        self.leaning_since = -np.inf
-        return super().orientation_for(line)

@@ -37,7 +37,6 @@ class Ended(StrEnum):
     NEXT_LINE = "next line reached"
     END_FOUND = "end of the object found"
     DESCENT = "a wall better climbed"
-    TURN_WANTED = "another orientation wanted"
 
 
 @dataclass(slots=True, frozen=True)

@@ -9,6 +9,7 @@ from lwrprobe.bench.budget import Contacts, drawn_errors
 from lwrprobe.contact import Settings
 from lwrprobe.contracts import Contact, Reconstruction, TriangleMesh
 from lwrprobe.evaluation import aligned_points
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_budget import ErrorBudget, without_rigid_motion
 from lwrprobe.exploration.recording.error_sources import _of_arm, _of_probe, error_budget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
@@ -62,11 +63,11 @@ def test_what_a_calibration_leaves_of_arm_and_tool_counts_together():
     def left(rows):
         correction = scene.arm.correction.model_copy(update={"errors": tuple(map(tuple, rows.tolist()))})
         known = scene.model_copy(update={"arm": scene.arm.model_copy(update={"correction": correction})})
-        probe = _of_probe(known, None, still, rotations)
+        probe = _of_probe(known, still, rotations)
         assert list(probe) == ["sphere radius"], "where the sphere's centre is, is contained"
         return covariance(_of_arm(known, robot, Q, still)["kinematics"])
 
-    single = _of_probe(scene, None, still, rotations)
+    single = _of_probe(scene, still, rotations)
     expected = covariance(_of_arm(scene, robot, Q, still)["kinematics"])
     expected += covariance(single["probe length"]) + covariance(single["sphere off axis"])
     assert left(np.diag(sigma)) == pytest.approx(expected), "independent errors are the single numbers"
@@ -125,7 +126,7 @@ def budget(scene, count=40, turned=None, beside=None):
     up, joints = np.array([0.0, 0.0, 1.0]), np.repeat(Q[:1], count, axis=0)
     contacts = [Contact(0.1 * k, np.zeros(3), up, 0.8 * up, 0.005 * up, 0.95) for k in range(count)]
     paths = np.repeat([[0.0, 0.02, 0.0]], count, axis=0)
-    return error_budget(scene, pipeline, contacts, joints, paths, turned=turned, beside=beside)
+    return error_budget(scene, pipeline, contacts, joints, paths, Corrections(path=turned, neighbours=beside))
 
 
 def test_without_uncertainty_only_noise_and_the_rest_remain():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Contact
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.gear_waves import Touches, learn, take_waves_off
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -161,5 +162,5 @@ def test_the_budget_counts_what_remains_of_the_waves():
     lift = np.einsum("mij,mi->mj", ROBOT.jacobian_batch(joints)[:, :3], recorder.normals())
     less = 1e6 * (lift**2).mean(axis=0) @ (0.5 * STATED**2 - waves.error**2)  # mm^2
     assert less > 0.02 * stated**2
-    remains = recorded_budget(SCENE, pipeline, recorder, waves).causes["gears"]
+    remains = recorded_budget(SCENE, pipeline, recorder, Corrections(waves=waves)).causes["gears"]
     assert remains**2 == pytest.approx(stated**2 - less, rel=1e-4)

@@ -8,6 +8,7 @@ import pytest
 
 from lwrprobe.contact import TouchRise
 from lwrprobe.contracts import Contact
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.give import joint_compliance, learn, rise_slopes, take_give_off
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -91,7 +92,7 @@ def test_the_band_contains_what_is_left():
     for stick, arm in ((0.95, 0.85), (1.05, 1.0), (1.0, 1.15)):
         recorder, pipeline, true, start = explored(1.5e-4, stick, arm, noise=3e-6)
         give = take_give_off(recorder, SCENE, pipeline, start)
-        budget = recorded_budget(SCENE, pipeline, recorder, give=give)
+        budget = recorded_budget(SCENE, pipeline, recorder, Corrections(give=give))
         errors = recorder.points() - true
         assert budget.claims_within_95(errors, np.ones(len(errors), dtype=bool), aligned=True) > 0.9
 

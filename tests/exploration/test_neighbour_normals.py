@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Contact
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.neighbour_normals import CHORD, slopes, turn_to_neighbours, weighed
 from lwrprobe.exploration.recording.recorder import Recorder
@@ -80,7 +81,7 @@ def test_normals_are_turned_about_the_centres_and_the_budget_follows():
     assert recorder.points() + RADIUS * recorder.normals() == pytest.approx(centres, abs=1e-12)
     assert spread(recorder.normals()[turned], true[turned]) < 0.3 * spread(seen[turned], true[turned])
     assert (recorder.normals()[~turned] == seen[~turned]).all()
-    after = recorded_budget(scene, pipeline, recorder, beside=found)
+    after = recorded_budget(scene, pipeline, recorder, Corrections(neighbours=found))
     aside = aside_of(seen, velocities)
     old, new = (np.einsum("ni,nij,nj->n", aside, budget.random, aside) for budget in (before, after))
     assert new[~turned] == pytest.approx(old[~turned], rel=1e-6)

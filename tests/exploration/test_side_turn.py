@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Contact
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.side_turn import aside_of, learn, take_side_turn_off
@@ -101,7 +102,7 @@ def test_the_turn_is_taken_off_about_the_centres_and_the_budget_counts_what_is_l
     assert found.angle == pytest.approx(TURN, abs=0.001)
     assert np.linalg.norm(recorder.normals() - true, axis=1).max() < 0.001
     assert recorder.points() + RADIUS * recorder.normals() == pytest.approx(points, abs=1e-12)
-    budget = recorded_budget(scene, pipeline, recorder, aside=found)
+    budget = recorded_budget(scene, pipeline, recorder, Corrections(side=found))
     shift = np.linalg.norm(budget.shared, axis=2)
     assert np.isclose(shift, RADIUS * found.error, rtol=1e-3).any(axis=1).all()
     assert budget.causes_aligned["friction direction"] <= before

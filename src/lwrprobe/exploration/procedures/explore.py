@@ -33,20 +33,16 @@ from lwrprobe.exploration.loop.jit_warm_up import settled_memory, warm_up
 from lwrprobe.exploration.procedures.compile_ahead import NOMINAL_CYCLE, CompileAhead
 from lwrprobe.exploration.procedures.start_posture import scene_at_start, unreachable_part
 from lwrprobe.exploration.recording.certification import certify
+from lwrprobe.exploration.recording.corrections import correct_contacts
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.error_sources import recorded_budget
 from lwrprobe.exploration.recording.fitted_shapes import fitted_shapes
-from lwrprobe.exploration.recording.gear_waves import take_waves_off
-from lwrprobe.exploration.recording.give import take_give_off
 from lwrprobe.exploration.recording.logbook import Logbook, Logged, read_log
 from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
-from lwrprobe.exploration.recording.neighbour_normals import turn_to_neighbours
-from lwrprobe.exploration.recording.path_normals import turn_to_path
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warnings
-from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose
@@ -281,15 +277,11 @@ class Exploration:
 
         self._message("reconstructing and comparing")
         begin = perf_counter()
-        give = take_give_off(recorder, scene, pipeline, self._start[1])
-        waves = take_waves_off(recorder, scene, pipeline.robot)
-        turned = turn_to_path(recorder, scene.probe.radius)
-        aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
-        beside = turn_to_neighbours(recorder, scene, pipeline.line_spacing)
+        corrections = correct_contacts(recorder, scene, pipeline, self._start[1])
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
         self.surface, lack = reconstruct_surface(self.record, pipeline)
         pipeline.left_out += lack
-        self.budget = budget = recorded_budget(scene, pipeline, recorder, waves, turned, aside, give, beside)
+        self.budget = budget = recorded_budget(scene, pipeline, recorder, corrections)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
         truth, seconds = self._devices.ground_truth, self._seconds["explore"]
         summary = summarise(scene, pipeline, truth, recorder, outcome, self.surface, seconds, budget, certified)
@@ -299,10 +291,8 @@ class Exploration:
             if self.surface is not None:
                 summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
         summary.table_found = table
-        summary.gear_waves = waves.report() if waves is not None else None
-        summary.give = give.report() if give is not None else None
-        summary.side_turn = aside.report() if aside is not None else None
-        summary.neighbour_turn = beside.report() if beside is not None else None
+        for name, report in corrections.report().items():
+            setattr(summary, name, report)
         summary.limits_used = self.explorer.arm.guard.peaks
         summary.devices = self._devices.counters()
         if self._earlier is not None:

@@ -41,15 +41,11 @@ from lwrprobe.exploration.loop.stage_clock import StageClock
 from lwrprobe.exploration.loop.state_history import StateHistory
 from lwrprobe.exploration.procedures.explore import leave_table_out, reconstruct_surface
 from lwrprobe.exploration.procedures.start_posture import scene_at_start
-from lwrprobe.exploration.recording.gear_waves import take_waves_off
-from lwrprobe.exploration.recording.give import take_give_off
-from lwrprobe.exploration.recording.neighbour_normals import turn_to_neighbours
-from lwrprobe.exploration.recording.path_normals import turn_to_path
+from lwrprobe.exploration.recording.corrections import correct_contacts
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.run_warnings import run_warnings
-from lwrprobe.exploration.recording.side_turn import take_side_turn_off
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.reaction import ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import SilenceGuard
@@ -275,21 +271,15 @@ class Replay:
         if pipeline.object_motion is not None and pipeline.object_motion.moved_since is not None:
             recorder.withhold(pipeline.object_motion.moved_since)
         table = leave_table_out(recorder, scene, pipeline)
-        give = take_give_off(recorder, scene, pipeline, self._start[1])
-        waves = take_waves_off(recorder, scene, pipeline.robot)
-        turn_to_path(recorder, scene.probe.radius)
-        aside = take_side_turn_off(recorder, scene, pipeline.line_spacing)
-        beside = turn_to_neighbours(recorder, scene, pipeline.line_spacing)
+        corrections = correct_contacts(recorder, scene, pipeline, self._start[1])
         surface, lack = reconstruct_surface(
             touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
         )
         pipeline.left_out += [*lack, {"stage": "truth", "why": "a recording is replayed"}]
         summary = summarise(scene, pipeline, None, recorder, outcome, surface, self.seconds)
         summary.table_found = table
-        summary.gear_waves = waves.report() if waves is not None else None
-        summary.give = give.report() if give is not None else None
-        summary.side_turn = aside.report() if aside is not None else None
-        summary.neighbour_turn = beside.report() if beside is not None else None
+        for name, report in corrections.report().items():
+            setattr(summary, name, report)
         summary.warnings = run_warnings(summary, scene.contact.limit)
         summary.wall_time_s, summary.wall_time_parts_s = round(self.seconds, 3), {"explore": round(self.seconds, 3)}
         if out is not None:

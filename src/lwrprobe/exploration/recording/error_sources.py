@@ -9,6 +9,7 @@ import numpy as np
 from lwrprobe.calibration.model import derivatives_by_table
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
+from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
@@ -16,7 +17,6 @@ from lwrprobe.exploration.recording.give import Give, softer
 from lwrprobe.exploration.recording.neighbour_normals import NeighbourTurn
 from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
-from lwrprobe.exploration.recording.side_turn import SideTurn
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.exploration.stages.sensor_errors import friction_turn, wave_slope, zero_errors, zero_torque
 from lwrprobe.kinematics import Robot
@@ -29,27 +29,24 @@ SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
 FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
+UNCORRECTED = Corrections()
 
 
 def recorded_budget(
     scene: Scene,
     pipeline: Pipeline,
     recorder: Recorder,
-    gears: GearWaves | None = None,
-    turned: PathTurn | None = None,
-    aside: SideTurn | None = None,
-    give: Give | None = None,
-    beside: NeighbourTurn | None = None,
+    corrections: Corrections = UNCORRECTED,
 ) -> ErrorBudget | None:
-    """The budget of a run's contacts; None without contacts, and where some come from an earlier part of the run.
+    """The budget of a run's contacts after `corrections`.
 
-    `gears`, `turned`, `aside`, `give` and `beside` are what was taken off the contacts.
+    None without contacts, and where some come from an earlier part of the run.
     """
     states = [state for state in recorder.states if state is not None]
     if not states or len(states) < len(recorder.contacts):
         return None
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, gears, turned, aside, give, beside)
+    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, corrections)
 
 
 def error_budget(
@@ -58,30 +55,28 @@ def error_budget(
     contacts: list[Contact],
     joints: np.ndarray,
     velocities: np.ndarray,
-    waves: GearWaves | None = None,
-    turned: PathTurn | None = None,
-    aside: SideTurn | None = None,
-    give: Give | None = None,
-    beside: NeighbourTurn | None = None,
+    corrections: Corrections = UNCORRECTED,
 ) -> ErrorBudget:
-    """The budget of contacts, at least one, with their joint values (n, joints) and velocities (n, 3) m/s."""
+    """The budget of contacts, at least one, after `corrections`.
+
+    With their joint values (n, joints) rad and velocities (n, 3) m/s.
+    """
     points = np.array([contact.point for contact in contacts])
     normals = np.array([contact.normal for contact in contacts])
     forces = np.array([contact.force for contact in contacts])
     confidence = np.clip([contact.confidence_score for contact in contacts], 0.01, 0.9999)
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
-    gears, turning = _of_gears(scene, pipeline.robot, joints, paths, waves)
-    if beside is None:
-        beside = NeighbourTurn(*np.zeros((2, len(points))))
+    gears, turning = _of_gears(scene, pipeline.robot, joints, paths, corrections.waves)
+    beside = corrections.neighbours or NeighbourTurn(*np.zeros((2, len(points))))
     left = 1.0 - beside.share
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, turned, beside)
-    shared = _of_probe(scene, pipeline, normals, rotations)
-    shared |= _of_give(scene, pipeline, normals, forces, rotations, give)
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, corrections.path, beside)
+    shared = _of_probe(scene, normals, rotations)
+    shared |= _of_give(scene, pipeline, normals, forces, rotations, corrections.give)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
     shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since, left)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
-    friction = (friction_turn(scene) if aside is None else aside.error) * left
+    friction = (friction_turn(scene) if corrections.side is None else corrections.side.error) * left
     shared["friction direction"] = scene.probe.radius * (friction[:, None] * np.cross(normals, paths))[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
     return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears, "rest": rest}, shared)
@@ -92,7 +87,7 @@ def _misfit(torque: TorqueAgreement | None) -> float:
     return torque.surprise if torque is not None else 1.0
 
 
-def _of_probe(scene: Scene, pipeline: Pipeline, normals: np.ndarray, rotations: np.ndarray) -> dict[str, np.ndarray]:
+def _of_probe(scene: Scene, normals: np.ndarray, rotations: np.ndarray) -> dict[str, np.ndarray]:
     """(n, k, 3) m of each cause in the shape of the probe."""
     table = scene.uncertainty
     aside = 1e-3 * table.sigma("sphere_off_axis_mm")
