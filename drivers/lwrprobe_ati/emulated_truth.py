@@ -27,7 +27,7 @@ class EmulatedTruth:
 
     Parameters
     ----------
-    config : of the sensor; its `truth` is the port
+    config : of the sensor; its `ground_truth` is the port
     ahead : how far the device's record numbers are ahead of the samples' sequence
 
     Attributes

@@ -33,7 +33,7 @@ class FriConfig:
         permits it. Its memory is locked where the system permits that
     mass : kg of the arm's moving links; -1 = 16, the LWR 4+'s (KUKA data sheet), or 0 where a controller on a loopback
         address of this host, which is an emulated one, sends a mass matrix of zeros
-    core : processor that this thread is kept on, -1 = any
+    core : processor that the answering process is kept on, -1 = any
     """
 
     bind: str = "127.0.0.1:49938"

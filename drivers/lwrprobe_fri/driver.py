@@ -41,7 +41,7 @@ LWR4_MASS = 16.0
 class FriArm:
     """The arm behind its controller.
 
-    `open` enters command mode; when that ends by itself, `read` raises until `restart`. Times are those of
+    `open` enters command mode; when that ends by itself, `read` raises until `reenter` or `restart`. Times are those of
     `time.monotonic`, at the arrival of the measurement.
     """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,13 +11,11 @@ from lwrprobe.contracts import Confidence, Contact, InputError, Motion, Observat
 from lwrprobe.mapping.estimate import SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
-from lwrprobe_strategies.outcomes import UnknownSpace
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
-from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.stroke_scheduler import StrokeScheduler
-from lwrprobe_strategies.skills import Procedure, follow_contour, transit
+from lwrprobe_strategies.skills import Procedure, follow_contour
 from lwrprobe_strategies.supervisor import Program
 
 SPACING = 5.0 / 3.0
@@ -75,10 +72,7 @@ class Active(GridVersion):
         for place in self.untouched_heights():
             self.estimate.passed(place)
         self.outline = OutlineWatch()
-        done = yield from super().program()
-        with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
-            yield from transit(self.tip, super().retraction(), self.line_rotation)
-        return done
+        return (yield from super().program())
 
     def untouched_heights(self) -> np.ndarray:
         """(n, 3) m, above all that a search has touched: nothing taller is expected until it is touched."""
@@ -111,19 +105,19 @@ class Active(GridVersion):
                 self.estimate.touch(contact.centre, contact.normal)
         return super().step(observation)
 
-    def retraction(self) -> list[Waypoint]:
-        """None yet: the next stroke may begin where this one has ended."""
+    def line_ended(self) -> None:
+        """The next stroke may begin where this one has ended."""
+        super().line_ended()
         tip = self.tip
         ended = tip.trace.ended is follow_contour and np.isinf(self.retractions.back)
         touching = tip.reliable and ended and tip.rotation is self.upright
         self.strokes.touched = tip.control.normal.copy() if touching else None
-        return []
 
-    def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+    def approach(self, line: Line) -> Procedure:
         """Off what is touched and to the beginning of a line, or along it at once where it begins here."""
         self.outline = OutlineWatch()
         if not self.strokes.chained:
-            return super().approach(line, super().retraction())
+            return super().approach(line)
         self.begin_line(line)
         return self.contour()
 

@@ -1,7 +1,7 @@
 """A start that knows nothing of the object: find it, bound it, and leave it to the strategy's own program.
 
-The sphere meets nothing faster than the force law allows. The body above the stick senses no contact: around an
-object that overhangs, runs have pressed with 27 N and more.
+The sphere meets nothing faster than the force law allows. No sensor measures a contact of the body above the stick:
+around an object that overhangs it may press harder than the limit, so a real arm is not started blind.
 """
 
 from __future__ import annotations

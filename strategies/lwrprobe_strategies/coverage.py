@@ -1,16 +1,16 @@
-"""Covering an area by lines and following whatever a line meets: what the source's three strategies share.
+"""Covering an area by lines and following whatever a line meets: what the thesis's three strategies share.
 
-Rau 2017, sections 4.2 and 5.3. Departures, each because the source's way loses surface or risks the arm:
+Rau 2017, sections 4.2 and 5.3. Deviations, each because the thesis's way loses surface or risks the arm:
 
 - Lines are driven at the lowest height at which the wide part of the probe stays above everything the area may
-  hold; the source leaves that height to the operator.
+  hold; the thesis leaves that height to the operator.
 - A lost contact is sought on an arc around the point last touched (`skills.reapproach`).
 - A wall that would have to be descended is climbed from the line's other end instead (`planning.climb`).
 - Where a line began above the lowest height, the near side is touched afterwards, and beside the object the probe
   passes again as low as it can (`planning.low_lines`).
 - The return to the first contact runs along the area's border, where nothing stands.
 - Faces that lie along the lines are crossed by lines of their own afterwards (`planning.gap_lines`), and the object's
-  ends in x are sought (`planning.outlines`); the source misses up to a line's distance at each end.
+  ends in x are sought (`planning.outlines`); the thesis misses up to a line's distance at each end.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Waypoint, tip_pose
+from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -119,36 +119,33 @@ class Coverage(SkillStrategy):
         self._stand_still_first = False
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.overhangs = Overhangs(task.area, task.probe, self._neighbour_distance, task.force_target)
-        retraction: list[Waypoint] = []
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
-            yield from self.drive_line(line, retraction)
+            yield from self.drive_line(line)
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
-                    yield from transit(tip, self.retraction(), self.line_rotation)
+                    yield from transit(tip, self.retractions.path(), self.line_rotation)
                 if not self.raise_area(line):
                     top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
-                    return Done(
-                        f"the object reaches the area's upper end at {top}, where the probe flies over it", False
-                    )
+                    return Done(f"the object is as high as the area's upper end, {top}: no path leads over it", False)
             self.retractions.line_ends()
+            self.line_ended()
             if self.retractions.stuck:
-                return Done("no way leads the probe off the place where it is", complete=False)
+                return Done("the probe cannot leave its place: no path off the contact is free", complete=False)
             if self.retractions.stays:
                 self.lines.insert(line)
-            retraction = self.retraction()
         with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
-            yield from transit(tip, retraction, self.line_rotation)
+            yield from transit(tip, self.retractions.path(), self.line_rotation)
         return Done("area covered")
 
     def scheduler(self) -> LineScheduler:
         """Which line comes next."""
         return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
-    def drive_line(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+    def drive_line(self, line: Line) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
         self.detours = 0
-        skill: Procedure | None = self.approach(line, retraction)
+        skill: Procedure | None = self.approach(line)
         outcome: Outcome = Ended.ARRIVED
         while skill is not None:
             try:
@@ -193,6 +190,11 @@ class Coverage(SkillStrategy):
                 return self.give_up()
             case _:
                 return None
+
+    def line_ended(self) -> None:
+        """A line has been driven or was given up: what it has shown counts for the choice of the next one."""
+        if self.tip.body is not None:
+            self.tip.body.survey()
 
     @abstractmethod
     def avoid(self) -> Procedure | None:
@@ -242,15 +244,14 @@ class Coverage(SkillStrategy):
         self.threats, self.circling, self.retractions.line = 0, CirclingWatch(self.task.area), line
         self.frame = TrackingFrame(line, self.task.area)
 
-    def approach(self, line: Line, retraction: list[Waypoint]) -> Procedure:
+    def approach(self, line: Line) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
+        retraction = self.retractions.path()
         self.begin_line(line)
         self.foot_followed = line.foot_followed
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
-        if tip.body is not None:
-            tip.body.survey()
         tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
         path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
@@ -267,7 +268,7 @@ class Coverage(SkillStrategy):
         if self.detours > MAX_DETOURS:
             return self.give_up()
         self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
-        return self.approach(self.frame.line, self.retraction())
+        return self.approach(self.frame.line)
 
     def along_line(self) -> Procedure:
         """On along the line until something is touched."""
@@ -364,7 +365,7 @@ class Coverage(SkillStrategy):
     def retract_onward(self) -> Procedure:
         """Off the surface, and on along the line: in its plane, where that leads off the surface as well.
 
-        What the body may rely on between two lines ends where one of them is left.
+        Between two lines, space counts as free for the body only where both were driven.
         """
         away, aside = self.tip.control.normal.copy(), self.frame.line.aside
         away[Z] = max(away[Z], 0.0)
@@ -397,10 +398,6 @@ class Coverage(SkillStrategy):
         inward = -1.0 if self.tip.control.normal[Y] > 0.0 else 1.0
         self.begin_line(line if line.sign == inward else line.turned())
         return self.contour()
-
-    def retraction(self) -> list[Waypoint]:
-        """The path off what is touched, with which the path to the next line begins."""
-        return self.retractions.path()
 
     def _reaches_the_top(self) -> bool:
         """Whether something was touched as high as the probe flies over all that may be there."""

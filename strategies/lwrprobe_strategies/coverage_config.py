@@ -19,7 +19,7 @@ class CoverageConfig:
     Attributes
     ----------
     step : m, between two lines
-    first_line : `border` starts at the area's end in -x; `middle` as in the source's figure 4.6, with a return to
+    first_line : `border` starts at the area's end in -x; `middle` as in the thesis's figure 4.6, with a return to
         the first contact for the other side
     reapproach : m, path along which a lost contact is sought before the grid takes over
     retreat : m, motion off a collision threat

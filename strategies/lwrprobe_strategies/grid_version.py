@@ -15,8 +15,8 @@ class GridVersion(Coverage):
     def avoid(self) -> Procedure | None:
         """Abort: retract along the surface's normal, then go on along the line.
 
-        Before an object's near side the line leads into the object: there, and after a second threat on the same
-        line, the line is given up and the next one begins from above.
+        Before an object's near side the line leads into the object: there, and at the third threat on one line, the
+        line is given up and the next one begins from above.
         """
         line = self.frame.line
         if self.threats > MAX_THREATS or self.tip.control.normal @ line.ahead < NEAR_SIDE or line.outline:

@@ -46,11 +46,12 @@ class OrientationChangeConfig(CoverageConfig):
 
 
 class OrientationChange(Coverage):
-    """A threat in Z_Y turns the probe so that it points at the object, and the contour goes on; in X_Y it goes to Z_Y.
+    """The sides of an object that may be taller than the stick are touched with the probe tilted away from them.
 
-    Departures: the direction of the turn follows from the surface's normal at the contact, where the source chooses
-    between two fixed orientations. And where the object may be taller than the stick is long, its sides are touched
-    from their feet upwards afterwards, with the probe leaning back into space that is known to be free.
+    An upright probe answers a threat as in `GridVersion`: off the surface, and on along the line. Afterwards the sides
+    are touched from their feet upwards, with the probe leaning back into space that is known to be free; a threat there
+    makes it lean more. Unlike in the thesis (Rau 2017), where the probe turns at the threat between two fixed
+    orientations, the direction of the turn follows from the surface's normal.
     """
 
     Config: ClassVar[type] = OrientationChangeConfig

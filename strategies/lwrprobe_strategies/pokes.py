@@ -1,4 +1,4 @@
-"""Touches from above, one place after another: rivals to measure strategies by.
+"""Point probing from above, one place after another, as a coordinate measuring machine does it: the baselines.
 
 A sphere that rests where it has come down shows its normal no better than the zero of the sensor allows, which with a
 real sensor is ten degrees. So each touch ends with a short slide: the force comes to what is wanted, and the slip shows

@@ -151,9 +151,8 @@ class ReferenceSphere(SkillStrategy):
     def _press_all(self, plan: list[SphereTouch]) -> Procedure:
         """One orientation after another; while the time does not suffice, presses are left out of each.
 
-        One is, once they are late by less than half an orientation takes, then two, and so on, so that of each kind as
-        many are made as it tells for the time it takes (`WORTH`). The table takes about as long as the search has, at
-        the same speed.
+        The later the plan is, the more presses are left out of each orientation. Which kinds are left out follows from
+        what they tell per second (`WORTH`). The table takes about as long as the search has, at the same speed.
         """
         options, begin, before = self.task.options, self.tip.seen.time, self._count
         left, made = max(options.time - 2.0 * (begin - self._begun), PRESSING), np.zeros(options.touches)

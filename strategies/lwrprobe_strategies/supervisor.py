@@ -224,7 +224,7 @@ class SkillStrategy(ABC):
         except StopIteration as stop:
             motion = self._done = stop.value
         except Interruption as escaped:
-            motion = self._done = Done(f"{escaped} while the strategy did: {trace.state}", complete=False)
+            motion = self._done = Done(f"stopped in the skill '{trace.state}': {escaped}", complete=False)
         trace.settle(finished=self._done is not None)
         return motion
 

@@ -18,27 +18,27 @@ AROUND = 0.5
 
 @dataclass(slots=True, frozen=True)
 class SurfaceContourConfig(CoverageConfig):
-    """As the shared options, with the source's step for this strategy."""
+    """As the shared options, with the thesis's step for this strategy."""
 
     step: float = 0.015
 
 
 class SurfaceContour(Coverage):
-    """A threat turns the contour from Z_Y into X_Y or back; the object is followed without a break.
+    """A threat changes the plane of the contour: from the vertical plane through the line to a horizontal one, or back.
 
-    Departure: a contour in X_Y that has come as far as the next grid line turns back into Z_Y there and takes that
-    line from the side it is on; the source leaves the X_Y contour to the next threat.
+    The object is followed without a break. Unlike in the thesis (Rau 2017), where the next threat ends the horizontal
+    contour, it ends where the contour comes to the next grid line: that line is followed from the side it is on.
     """
 
     Config: ClassVar[type] = SurfaceContourConfig
 
     def leaves_descents(self, line: Line) -> bool:
-        """What may be taller than the stick is descended as far as that goes, and then followed around in X_Y."""
+        """What may be taller than the stick is descended as far as that goes, then followed in a horizontal plane."""
         tall = self.lines.height > self.task.area.lower[Z] + ON_FLOOR
         return not tall and super().leaves_descents(line)
 
     def avoid(self) -> Procedure | None:
-        """Change the motion state and go on contouring; give the line up when that has led nowhere."""
+        """Go on in the other plane; give the line up when that has led nowhere."""
         line, level = self.frame.line, self.frame.level
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
         # Beside the foot of a near side nothing is known of what the body would meet on its path around.

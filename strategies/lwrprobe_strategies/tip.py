@@ -89,7 +89,7 @@ class Tip:
         self._wanted.reshape(4, 4)[:3, :3] = rotation
 
     def confine(self, task: Task) -> None:
-        """Go on with a task in a part of the area; what was touched stays known."""
+        """Go on with a task in a part of the area. Contacts stay in `memory`; free space and overhangs begin empty."""
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, _side(task), min(wide, default=inf))

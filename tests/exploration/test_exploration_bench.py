@@ -14,7 +14,7 @@ from lwrprobe.scene import load_scene, write_scene
 
 
 def made_up(job):
-    """Ours gets better with the seed, the source's way is three times as wrong and takes twice as long."""
+    """Ours gets better with the seed, the thesis's way is three times as wrong and takes twice as long."""
     scene, strategy, profile, seed = job
     thesis = profile == "thesis"
     error = 0.04 + 0.01 * seed

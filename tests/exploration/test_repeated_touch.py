@@ -14,7 +14,7 @@ def test_statistics_against_the_naive():
     touches += [Touch(0.008, 0.001 + x, (0.0, 0.0), 0.3) for x in 1e-5 * np.arange(3)]
     slow, middle, fast = statistics(touches)
     first = np.array([t.place for t in touches[:20]])
-    assert slow["mean_mm"] == pytest.approx(0.0, abs=1e-12)
+    assert slow["bias_mm"] == pytest.approx(0.0, abs=1e-12)
     assert slow["sigma_mm"] == pytest.approx(1e3 * np.std(first, ddof=1))
     assert slow["range_mm"] == pytest.approx(1e3 * (first.max() - first.min()))
     assert middle["touches"] == 20

@@ -1,4 +1,4 @@
-"""The other methods: the source's three and the rival implicit surface, behind one signature."""
+"""The other methods: the thesis's three and the rival implicit surface, behind one signature."""
 
 import tomllib
 from importlib import import_module

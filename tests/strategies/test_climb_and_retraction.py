@@ -305,7 +305,7 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
 def driven(strategy, lines):
     """The program of a strategy whose lines take no time, up to its end; what it ends with, and the lines."""
 
-    def drive(line, retraction):
+    def drive(line):
         lines.append(line)
         strategy.tip.observe(seen([0.001 * len(lines), -0.1, 0.06], 1.0))
         return iter(())
@@ -335,7 +335,7 @@ def test_the_area_is_raised_over_an_object_that_reaches_its_upper_end_or_the_run
     strategy.tip.memory.add(place, place, np.array([0.0, 1.0, 0.0]), 0.0)
     done = driven(strategy, lines)
     assert done.complete == (raised is not None)
-    assert ("reaches the area's upper end at 60.0 mm" in done.reason) == (raised is None)
+    assert ("as high as the area's upper end, 60.0 mm" in done.reason) == (raised is None)
     assert strategy.raised == pytest.approx(raised or 0.0)
     assert strategy.task.area.upper[2] == strategy.tip.task.area.upper[2] == pytest.approx(0.06 + strategy.raised)
     if raised:
@@ -364,7 +364,7 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
     asked.clear()
     strategy.retractions.back = 0.1
-    path = strategy.retraction()
+    path = strategy.retractions.path()
     assert (path[0].place[2] < 0.02) == bool(blocked)
     assert bool(asked) == bool(blocked)
     assert path[-1].place[1] < -0.01
@@ -378,7 +378,7 @@ def test_the_path_to_a_line_leads_where_the_arm_can_reach(reach):
     for y in (0.03, -0.06):
         stand(strategy.tip.free, *([-0.05, y, z] for z in np.linspace(AREA.upper[2], 0.006, 60)))
     strategy.tip.observe(seen([0.05, 0.0, AREA.upper[2]]))
-    approach = strategy.approach(Line(0, 0.0, -0.05, -0.04, 0.006), [])
+    approach = strategy.approach(Line(0, 0.0, -0.05, -0.04, 0.006))
     goal, highest = next(approach), -np.inf
     with suppress(StopIteration):
         while True:
@@ -406,10 +406,10 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 1.0), force=np.array([0.0, -0.8, 0.0])))
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
-    strategy.drive_line = lambda line, retraction: tried.append((line, retraction)) or iter(())
+    strategy.drive_line = lambda line: tried.append((line, strategy.retractions.path())) or iter(())
     with pytest.raises(StopIteration) as stop:
         next(strategy.program())
-    assert stop.value.value.reason == "no way leads the probe off the place where it is"
+    assert stop.value.value.reason == "the probe cannot leave its place: no path off the contact is free"
     assert len({line.place for line, _ in tried}) == 1, "no line is lost"
     _, along_force, back, up = (path[0].place - strategy.tip.here if path else None for _, path in tried)
     assert along_force == pytest.approx([0.0, -0.01, 0.0])
@@ -426,7 +426,7 @@ def test_a_line_that_ends_where_it_began_has_been_driven():
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
 
-    def there_and_back(line, retraction):
+    def there_and_back(line):
         driven.append(line.place)
         strategy.tip.memory.passed(np.array([0.0, 0.01 + 0.001 * len(driven), 0.02]), line.place)
         return iter(())
@@ -527,7 +527,7 @@ def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_
     strategy.tip.observe(replace(seen(place, 1.0), force=np.array([0.0, -0.8, 0.0])))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
 
-    def drive(line, retraction):
+    def drive(line):
         tried.append(line)
         stand(strategy.tip.free, [0.0, 0.0, 0.02 + away], place)
         return iter(())

@@ -274,7 +274,7 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     tip = strategy.tip
     tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
     line = Line(1, 0.0, -0.05, 0.05, 0.02, raised=True, foot_followed=felt)
-    strategy.approach(line, []).close()
+    strategy.approach(line).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
     strategy.along_surface().close()
@@ -288,7 +288,7 @@ def going_in_under(strategy):
     strategy.start(task())
     tip = strategy.tip
     tip.observe(Observation(0.0, pose_at([0.0, 0.0, 0.02]), np.zeros(3), np.zeros(3)))
-    strategy.approach(Line(1, 0.0, -0.05, 0.05, 0.02, raised=True), []).close()
+    strategy.approach(Line(1, 0.0, -0.05, 0.05, 0.02, raised=True)).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
     strategy.along_surface().close()

@@ -407,7 +407,7 @@ def test_an_interruption_that_nobody_handles_ends_the_strategy_with_its_name():
         lambda tip: guarded_move(tip, np.array([0.0, 0.09, 0.05])), over(plane(), [0.0, 0.0, 0.05]), change=block
     )
     assert not done.complete
-    assert done.reason == "cannot move on while the strategy did: guarded move"
+    assert done.reason == "stopped in the skill 'guarded move': cannot move on"
 
 
 def test_a_contour_that_does_not_come_on_is_jammed():
@@ -418,7 +418,7 @@ def test_a_contour_that_does_not_come_on_is_jammed():
             surface.place[1] = 0.0
 
     _, done = run(down_then(lambda tip: follow_contour(tip, FRAME, nothing)), surface, change=hold)
-    assert done.reason == "no progress while the strategy did: follow contour"
+    assert done.reason == "stopped in the skill 'follow contour': no progress"
 
 
 # For any surface and force: a skill ends, and never asks for more than its limits

@@ -2,7 +2,7 @@
 
 The wrenches are made here: a sphere slides over planes, a cylinder, a ball and an edge, or presses without sliding;
 contact force with Coulomb friction, weight of the tip, the sensor's bias, white noise and quantisation. They go through
-the conditioner, as in a run. No installable peer estimates a contact from a wrench; the source's own method,
+the conditioner, as in a run. No installable peer estimates a contact from a wrench; the thesis's own method,
 `force_direction`, is the one to beat.
 """
 
@@ -467,7 +467,7 @@ def _notes() -> list[str]:
         f"The probe leans up to 0.5 rad to a random side and moves at {1e3 * SPEED:g} mm/s; unless said otherwise the "
         f"velocity given to the estimators carries {1e3 * Condition().speed_noise:g} mm/s of noise on each axis. "
         "Centres are exact.",
-        "No installable peer estimates contacts from a wrench; force_direction is the source's method.",
+        "No installable peer estimates contacts from a wrench; force_direction is the thesis's method.",
     ]
 
 

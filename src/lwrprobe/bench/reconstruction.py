@@ -1,7 +1,7 @@
 """Reconstructors side by side: error against run time and against the number of contacts.
 
 The data are those of an ideal scan along lines (see `sampled_lines`), as raw contacts and as the voxel centres that
-the source kept. The phases of the lines are spread evenly, so that no end of an object is lucky; the objects are
+the thesis kept. The phases of the lines are spread evenly, so that no end of an object is lucky; the objects are
 about symmetric, which makes 1/8 and 3/8 stand for 5/8 and 7/8 as well. Errors are two-sided, above the lowest height
 of the sphere's centre. The default method and the convex hull are measured at every phase, the others at the first.
 
@@ -138,7 +138,7 @@ def _own() -> dict[str, Method]:
         "concave_hull, 15 mm": ConcaveHull(ConcaveHull.Config(alpha=0.015)),
         "hermite_rbf": HermiteRbf(),
         "poisson, contact normals": Poisson(),
-        "poisson, as the source": Poisson(Poisson.Config(normals="estimated")),
+        "poisson, as in the thesis": Poisson(Poisson.Config(normals="estimated")),
     }
     return {name: _mesh_of(worker) for name, worker in workers.items()}
 

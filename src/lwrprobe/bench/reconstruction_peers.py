@@ -12,7 +12,7 @@ from lwrprobe.contracts import TouchRecord, TriangleMesh
 
 Method = Callable[[TouchRecord], TriangleMesh]
 
-_ALPHA = 0.015  # m, as the source chose it
+_ALPHA = 0.015  # m, as the thesis chose it
 
 
 def peers() -> tuple[dict[str, Method], list[str]]:

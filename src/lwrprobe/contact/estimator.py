@@ -101,7 +101,7 @@ class Estimator(Protocol):
 class SampleEstimator:
     """An estimator that looks at one sample alone.
 
-    `force_direction` is the source's (Rau 2017): `point = centre - r f/|f|`, wrong by r sin(atan(mu)) along the surface
+    `force_direction` is the thesis's (Rau 2017): `point = centre - r f/|f|`, wrong by r sin(atan(mu)) along the surface
     under friction mu. `wrench_axis` is intrinsic contact sensing (Bicchi, Salisbury, Brock 1993, sec. 4): a contact
     transmits a pure force, so its point is where the line of action of the wrench enters the sphere.
     """

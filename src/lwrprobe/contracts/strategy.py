@@ -197,7 +197,7 @@ class RaisingStrategy(Protocol):
 
 @runtime_checkable
 class CarefulStrategy(Protocol):
-    """A strategy that keeps what feels nothing of the probe, all that is behind the stick, out of unknown space."""
+    """A strategy that keeps the body behind the stick out of unknown space: no sensor measures its contacts."""
 
     def touching_poses(self, centre: Vector, facing: Vector) -> Sequence[tuple[np.ndarray, bool]]:
         """Tip poses (4, 4) in which it would touch a surface that faces along a unit vector (3,), with the sphere's

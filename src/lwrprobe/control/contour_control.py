@@ -1,6 +1,6 @@
 """Hybrid force and velocity control of a sphere on a surface: force along the normal, speed along the tangent.
 
-The tangent is taken as in the source (Rau 2017, sections 4.2.5 and 5.3.3, figure 4.8): perpendicular to the contact
+The tangent is taken as in the thesis (Rau 2017, sections 4.2.5 and 5.3.3, figure 4.8): perpendicular to the contact
 normal, in the plane of the tracking frame, on the side that leads onward. The normal part is the law of `force_law`.
 Its steady part integrates the force error, so that a constant error of the tangent's direction needs no steady force
 error.

@@ -28,7 +28,7 @@ class ConcaveHull:
 
         Attributes
         ----------
-        alpha : m; None takes the smallest alpha that keeps all points in one piece. The source used 0.015
+        alpha : m; None takes the smallest alpha that keeps all points in one piece. The thesis used 0.015
         """
 
         alpha: float | None = None

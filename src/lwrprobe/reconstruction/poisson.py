@@ -1,4 +1,4 @@
-"""Screened Poisson reconstruction through Open3D, as the source did it and with the contacts' own normals."""
+"""Screened Poisson reconstruction through Open3D, as the thesis did it and with the contacts' own normals."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from lwrprobe.reconstruction.touches import line_pitch
 class Poisson:
     """Kazhdan, Hoppe, Screened Poisson surface reconstruction (2013); needs the extra `poisson`.
 
-    With `normals="estimated"` it is the source's pipeline: moving least squares upsampling, normals from neighbours.
-    On sparse lines that fails, as it did in the source; it is here to be compared with.
+    With `normals="estimated"` it is the thesis's pipeline: moving least squares upsampling, normals from neighbours.
+    On sparse lines that fails, as it did in the thesis; it is here to be compared with.
     """
 
     @dataclass(slots=True, frozen=True)

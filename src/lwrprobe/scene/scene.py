@@ -179,7 +179,8 @@ class AreaTable(Table):
     search_for: Length | None = None
     """m. Nobody knows where in the area the object is: it is searched for and bounded before it is explored.
     The search ends when nothing can have been missed over which a level circle of this diameter fits. Left out, the
-    area is around the object. In the simulator alone: a search has pressed with up to 11 N."""
+    area is around the object. In the simulator alone: around an object that overhangs, the body behind the
+    stick may press without being sensed."""
     detail: Length | None = None
     """m, width of the narrowest part of the object that is to be seen. Strategies that cover the area by lines put
     them no farther apart than that. Left out, they are as far apart as the strategy says."""

@@ -3,7 +3,7 @@
 A foot that has not been touched yet is met stick first, and the stick is stiffest along its axis: F = K v tau allows
 some 5 mm/s downwards where it allows 20 mm/s upwards, since above the sphere there is the probe's own column. A contour
 that comes to a wall leading down is left there; the same line is driven from its other end, up that wall, to where it
-was left. The source descends (Rau 2017, section 4.2.5). What lies in a valley is descended into once, from one side.
+was left. The thesis descends (Rau 2017, section 4.2.5). What lies in a valley is descended into once, from one side.
 """
 
 from __future__ import annotations

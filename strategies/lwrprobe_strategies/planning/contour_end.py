@@ -33,7 +33,7 @@ def turned_back(control: ContourControl, frame: TrackingFrame, onward: float) ->
 
 def at_table(control: ContourControl, frame: TrackingFrame, here: np.ndarray) -> bool:
     """As low as the tip may be, at a place (3,), and further down."""
-    return frame.at_table(here) and control.tangent(frame.binormal)[Z] < 0.0
+    return frame.at_floor(here) and control.tangent(frame.binormal)[Z] < 0.0
 
 
 def under(control: ContourControl, frame: TrackingFrame) -> bool:

@@ -1,7 +1,7 @@
 """Lines that close what the lines along y leave out: faces that lie along them, and feet of near sides.
 
 Where two neighbouring lines touched at very different heights, the face between them lies along the lines and has no
-line of its own. The source leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
+line of its own. The thesis leaves it out (Rau 2017, section 6.3). Here such places are crossed by lines along x.
 So are hollows between two lines: one of them touched a surface that falls towards the other, which is no lower.
 
 A line over a tall object begins at a height at which the body above the stick clears whatever may be there, and goes

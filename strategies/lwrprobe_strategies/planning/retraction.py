@@ -44,7 +44,7 @@ def return_path(free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
 def out_from_under(seen: Observation, normal: np.ndarray, radius: float) -> list[Waypoint]:
     """Sideways to where the sphere, of `radius` m, may pass what it touches with its upper flank on the way up.
 
-    None where it touches nothing above its middle, or is right under that. `normal` (3,) is the surface's.
+    No waypoint where it touches nothing above its middle, or is right under that. `normal` (3,) is the surface's.
     """
     side = float(np.hypot(normal[0], normal[1]))
     if seen.contact is None or normal[Z] > UNDER or side < FLANK:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from math import nan, sqrt
 
 import numpy as np
@@ -14,20 +13,12 @@ from lwrprobe_strategies.planning.lines import AT_END, Line, X, Y, Z
 GAIN = 2.0
 """1/s, of the return of a probe that was pushed off its line."""
 MAX_RETURN, BESIDE_SLIDING = 0.005, 0.5
-"""m/s of that return, and its share of the sliding speed, at most: the surface decides the path, and where the law of
-the contact slides slowly, because a force is coming or the normal is not sure, the return is no faster way into it."""
+"""m/s of that return, and its share of the sliding speed, at most. Else the return would press into the surface where
+the force law slides slowly: a force may be near, or the normal is uncertain."""
 AT_TABLE = 1e-5
 """m above the area's floor, within which the table height is reached."""
 
 Vector = tuple[float, float, float]
-
-
-class Plane(StrEnum):
-    """Along which two world axes a contact is followed: the source's motion states, and one for lines along x."""
-
-    X_Y = "X_Y"
-    Z_Y = "Z_Y"
-    Z_X = "Z_X"
 
 
 @dataclass(slots=True, frozen=True)
@@ -90,11 +81,6 @@ class TrackingFrame:
         """A horizontal plane."""
         return replace(self, level=True, sense=sense, height=height, backward=False)
 
-    @property
-    def plane(self) -> Plane:
-        """The source's motion state."""
-        return Plane.X_Y if self.level else Plane.Z_Y if self.line.axis == Y else Plane.Z_X
-
     def past_end(self, place: np.ndarray) -> bool:
         """Whether the line's end is reached at a place (3,), backward its beginning.
 
@@ -107,7 +93,7 @@ class TrackingFrame:
             return (line.begin - here) * line.sign >= -AT_END
         return (here - line.end) * line.sign >= -AT_END
 
-    def at_table(self, place: np.ndarray) -> bool:
+    def at_floor(self, place: np.ndarray) -> bool:
         """Whether a place (3,) is as low as the tip may be."""
         return place.item(Z) <= self._low[Z] + AT_TABLE
 

@@ -1,4 +1,4 @@
-"""Compliant motions, one a file; see `skill` for what they have in common."""
+"""Compliant motions; see `skill` for what they have in common."""
 
 from lwrprobe_strategies.skills.find_edge import find_edge
 from lwrprobe_strategies.skills.follow_and_regain import follow_and_regain

@@ -1,7 +1,7 @@
 """Re-approach: seek a lost contact (Rau 2017, section 4.2.5, phase 2, figure 4.9).
 
-The source moves straight against the last force. Past an edge that line leads over the top without a contact. Here the
-sphere rolls around the point touched last.
+In the thesis the probe moves straight against the last force. Past an edge that line leads over the top without a
+contact. Here the sphere rolls around the point touched last.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import numpy as np
 
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Overload
+from lwrprobe_strategies.planning.contour_end import at_table
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
@@ -51,7 +52,7 @@ def reapproach(tip: Tip, frame: TrackingFrame, point: np.ndarray, distance: floa
             return Ended.CONTACT
         if frame.past_end(tip.here):
             return Ended.LINE_END
-        if frame.at_table(tip.here) and control.tangent(frame.binormal)[2] < 0.0:
+        if at_table(control, frame, tip.here):
             return Ended.TABLE
         sought += float(np.sqrt(tip.seen.velocity @ tip.seen.velocity)) * tip.period
         if sought > distance:

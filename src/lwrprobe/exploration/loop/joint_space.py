@@ -1,8 +1,8 @@
-"""Moving the tip by straight lines in joint space: the source's mode, in which the tip's own path bows.
+"""Moving the tip by straight lines in joint space: the thesis's mode, in which the tip's own path bows.
 
 The class has the interface of `CartesianTrajectory` that the loop uses. A goal becomes joint values (inverse kinematics
 along the straight line to it, so that the arm stays on its branch) and the joints go there together. A velocity command
-becomes such a goal as far ahead as the tip gets while the command holds, set anew at every call, as the source does it:
+becomes such a goal as far ahead as the tip gets while the command holds, set anew at every call, as the thesis does it:
 it stops by itself. There is one generator, whose limits hold through every change from goals to velocities and back.
 """
 

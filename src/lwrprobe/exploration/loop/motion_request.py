@@ -16,8 +16,8 @@ LOOK_AHEAD = 0.1
 STRIDE, STRIDE_TURN = 0.005, 0.1
 """m and rad between the poses at which a straight path is checked."""
 OFF_LIMITS = 0.01
-"""rad that a joint keeps from the ends of its range on a path that is planned. At an end, the other joints would have
-to do what only this one can: the least bit beyond it they leap."""
+"""rad that a joint keeps from the ends of its range on a path that is planned. At the end of its range the other joints
+cannot replace it: a small overshoot of the tip makes them jump."""
 
 
 class MotionRequest:

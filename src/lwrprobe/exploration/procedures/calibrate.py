@@ -94,7 +94,7 @@ class Measurement:
     touches : all of them
     centres : (p, 3) m, where the sphere was found
     outcome : how the run ended
-    differences : of a simulated world from its scene, for whoever compares; None on real devices
+    ground_truth : of a simulated world from its scene, for whoever compares; None on real devices
     """
 
     touches: Touches

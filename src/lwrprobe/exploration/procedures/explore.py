@@ -421,7 +421,7 @@ def _refuse_what_needs_a_simulator(scene: Scene) -> None:
         if wanted is not None:
             raise InputError(f"run.until.{rule}", wanted, "nothing with a real arm, whose cycles do not wait for it")
     if scene.area.search_for is not None:
-        # Simulated searches have pressed with up to 11 N (docs/explanation/strategies.md).
+        # Around an object that overhangs, the body behind the stick may press without being sensed.
         raise InputError(
             "area.search_for", scene.area.search_for, "nothing with a real arm: the area around the object"
         )

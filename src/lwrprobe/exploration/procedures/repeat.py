@@ -232,7 +232,6 @@ def statistics(touches: list[Touch]) -> list[dict[str, float]]:
             {
                 "speed_mm_s": 1e3 * speed,
                 "touches": len(own),
-                "mean_mm": float(places.mean()),
                 "sigma_mm": float(places.std(ddof=1)) if len(own) > 1 else 0.0,
                 "range_mm": float(np.ptp(places)),
                 "bias_mm": float(places.mean()),

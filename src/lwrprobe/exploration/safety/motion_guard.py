@@ -43,7 +43,7 @@ class MotionGuard:
     sent : (n,) the last set point that passed
     step : (n,) that a joint may move in one cycle
     following : rad (m for prismatic joints) that a joint may be away from its set point
-    arrays : limits, state and peaks, as `guard_kernels.check` takes them
+    arrays : limits, state and peaks, as `motion_guard_kernels.check` takes them
     """
 
     def __init__(self, robot: Robot, cycle: float, safety: SafetyTable, plane: np.ndarray | None) -> None:
@@ -89,7 +89,7 @@ class MotionGuard:
             raise self.refusal(verdict)
 
     def verdict(self, q: Vector, measured: Vector) -> int:
-        """That of `guard_kernels.check` on a set point (n,), with the joints measured at (n,): 0, or why not."""
+        """That of `motion_guard_kernels.check` on a set point (n,), with the joints measured at (n,): 0, or why not."""
         return self._check(q, measured, *self._rest)
 
     def refusal(self, verdict: int) -> MotionStop:

@@ -165,7 +165,7 @@ class ForceStage:
                 "moves slower"
             ]
         self._touch_speed = min(self._approach, law.approach_speed)
-        self._judge_presses()  # of the part before, where a run is resumed
+        self._update_from_presses()  # of the part before, where a run is resumed
         self._report |= {
             "stability_number": round(law.stability_number, 4),
             "damping": round(law.damping, 3),
@@ -228,15 +228,11 @@ class ForceStage:
 
         `time` is that of the run [s] where the sensor counts from another instant.
 
-        Raises SafetyStop when the sensor's stream cannot be relied on, TouchRefused when the surface turns out too
-        stiff for the damping that was chosen.
+        Raises TouchRefused when the surface turns out too stiff for the damping that was chosen.
         """
         ahead = 0.0 if time is None else wrench.time - time
         changes = self._drift.changes[len(self._taken) - 1 :]
         self._taken += [(change.time - ahead, change.unknown) for change in changes]
-        failing = self._conditioner.failing
-        if failing:
-            raise SafetyStop(f"the sensor cannot be relied on: {failing}")
         if self._cycle is not None and self._returns is not None:
             if contact is not None:
                 force = float(contact.normal @ wrench.world_force)
@@ -262,16 +258,15 @@ class ForceStage:
             self._forget_presses()
         elif self._tip_mass == 0.0 and self._press.update(wrench, pose, contact, self._rise):
             # An arm with mass hardly moves while the force changes: its quick presses show the object alone.
-            self._judge_presses()
+            self._update_from_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force swings; and on the path to a goal the sensor's zero is followed.
+        """The motion, slowed while the force oscillates. On the path to a goal the sensor's zero is followed.
 
-        A contact in which the zero may have drifted too far is interrupted for it.
-
-        That needs an acceleration [m/s^2] at which the tip's inertia does not show as a force.
-        A strategy that searches for a surface gives velocities; with a goal it expects nothing before it, and a
-        touch on the path is found by the force.
+        The zero is followed only at an `acceleration` [m/s^2] below `STEADY`, at which the tip's inertia does not show
+        as a force. A contact during which the zero may have drifted too far is interrupted. A strategy that searches
+        for a surface gives velocities; with a goal it expects nothing before it, and a touch on the path is found by
+        the force.
         """
         lift = self._lift.motion(motion, wrench, self._place, self._normal, self._gives, acceleration, self._axis)
         if lift is not None:
@@ -369,7 +364,7 @@ class ForceStage:
             self._by_presses, self._compliance = False, 0.0
             self._estimator.set_indentation(1.0 / self._contact.stiffness)
 
-    def _judge_presses(self) -> None:
+    def _update_from_presses(self) -> None:
         """Presses have shown the stiffness of object and arm: adapt the speeds, and the contacts where it is another.
 
         Raises TouchRefused where no speed is safe.
@@ -448,17 +443,15 @@ class ForceStage:
         found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
         known = math.isfinite(self._press.sigma)
         report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if known else None}
-        if known and self._of_stiffness < 1.0:
+        if known and (self._of_stiffness < 1.0 or self._differs()):
+            done = (
+                "the probe moves slower" if self._of_stiffness < 1.0 else "contacts are corrected with what was found"
+            )
             report["warnings"] = [
                 *report.get("warnings", []),
                 f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
-                f"{1.0 / stated:.3g}: the probe moves slower",
-            ]
-        elif known and self._differs():
-            report["warnings"] = [
-                *report.get("warnings", []),
-                f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "
-                f"{1.0 / stated:.3g}: contacts are corrected with what was found",
+                f"{1.0 / stated:.3g}: "
+                + ("the probe moves slower" if slower else "contacts are corrected with what was found"),
             ]
         return report | {
             "object_stiffness": round(1.0 / found, 1) if found > 0.0 else None,

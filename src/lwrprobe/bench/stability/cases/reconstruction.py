@@ -100,7 +100,7 @@ def _alphas(quick: bool) -> list[Finding]:
     findings = []
     for label, config in (
         ("alpha 1 mm, shards", ConcaveHull.Config(alpha=0.001)),
-        ("alpha 15 mm, the source's", ConcaveHull.Config(alpha=0.015)),
+        ("alpha 15 mm, the thesis's", ConcaveHull.Config(alpha=0.015)),
         ("alpha 1 m, convex", ConcaveHull.Config(alpha=1.0)),
         ("automatic", ConcaveHull.Config()),
     ):
@@ -134,7 +134,7 @@ def _one_sided(quick: bool) -> list[Finding]:
             lambda: ContactSurface().reconstruct(replace(record, normals=turned)), True,
         ),
         "poisson, contact normals": (lambda: Poisson().reconstruct(record), False),
-        "poisson, as the source": (
+        "poisson, as in the thesis": (
             lambda: Poisson(Poisson.Config(normals="estimated")).reconstruct(record), False,
         ),
     }  # fmt: skip
