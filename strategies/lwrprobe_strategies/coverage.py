@@ -45,7 +45,6 @@ from lwrprobe_strategies.planning.contact_memory import POINT
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
-from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met
 from lwrprobe_strategies.planning.retraction import UNDER
@@ -118,7 +117,7 @@ class Coverage(SkillStrategy):
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
         self._neighbour_distance = NEIGHBOUR * self.options.step
-        tip.overhangs = Overhangs(task.area, task.probe, self._neighbour_distance, task.force_target)
+        tip.expect_overhangs(self._neighbour_distance)
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)

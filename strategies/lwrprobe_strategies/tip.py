@@ -72,7 +72,7 @@ class Tip:
         self.control = ContourControl(task)
         self.memory = ContactMemory()
         self.free = FreeSpace(task.area, _side(task))
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
+        self.expect_overhangs(BESIDE)
         self.body: BodySpace | None = None
         self.leaving = False
         self.trace = Trace()
@@ -93,8 +93,12 @@ class Tip:
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
         self.free = FreeSpace(task.area, _side(task), min(wide, default=inf))
-        self.overhangs = Overhangs(task.area, task.probe, BESIDE, task.force_target)
+        self.expect_overhangs(BESIDE)
         self.body = None
+
+    def expect_overhangs(self, beside: float) -> None:
+        """Begin to note overhangs anew; more of the object may be within `beside` m of what is touched."""
+        self.overhangs = Overhangs(self.task.area, self.task.probe, beside, self.task.force_target)
 
     def raise_area(self, task: Task) -> None:
         """Go on with a task whose area reaches higher; what was touched and swept stays known."""

@@ -94,7 +94,7 @@ def test_the_way_back_around_an_outer_edge_keeps_to_it():
 def test_a_surface_that_was_touched_is_come_to_beside_it_where_the_stick_has_been():
     """From the foot of a known column and level is quicker than down what only the stick has filled."""
     free = stand(column(0.02, 0.03, 0.02), *([x, 0.03, 0.02] for x in np.arange(0.02, -0.0099, -0.0011)))
-    line = Line(1, 0.0, 0.03, 0.05, 0.012, True, 0.02)
+    line = Line(1, 0.0, 0.03, 0.05, 0.012, on_surface=True, free_to=0.02)
     *path, touch = way(line, [0.0, -0.05, TOP], free)
     assert {piece.speed_limit for piece in path} == {SpeedLimit.FREE}
     assert path[-2].place == pytest.approx([0.02, 0.03, 0.02], abs=SIDE)
@@ -320,7 +320,7 @@ def test_the_lowest_height_beside_what_was_touched(seed):
 
 
 def test_a_known_touch_is_come_down_to_at_the_pace_of_a_column_that_the_stick_has_filled():
-    line = Line(0, 0.0, 0.05, 0.06, 0.03, True, 0.031)
+    line = Line(0, 0.0, 0.05, 0.06, 0.03, on_surface=True, free_to=0.031)
     *_, known, last = way(line, [0.0, 0.0, 0.05])
     assert known.place[2] == pytest.approx(0.031 + HOVER)
     assert (known.speed_limit, last.speed_limit) == (SpeedLimit.COLUMN, SpeedLimit.GUARDED)
@@ -388,7 +388,7 @@ def test_a_level_path_that_ends_at_a_wall_is_slow_for_its_last_millimetres_only(
 
 def test_a_known_touch_beside_the_place_is_sought_as_deep_as_a_steep_surface_may_be():
     for height, deepest in ((0.03, 0.03 - SOUGHT), (0.0065, 0.006)):
-        *_, touch = way(Line(0, 0.0, 0.05, 0.06, height, True, 0.031), [0.0, 0.0, 0.05])
+        *_, touch = way(Line(0, 0.0, 0.05, 0.06, height, on_surface=True, free_to=0.031), [0.0, 0.0, 0.05])
         assert (touch.speed_limit, touch.place[2]) == (SpeedLimit.GUARDED, pytest.approx(deepest))
 
 

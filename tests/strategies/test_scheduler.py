@@ -174,7 +174,7 @@ def test_a_body_wider_than_a_line_gets_the_line_beside_as_well_up_to_the_outline
 
 def test_what_had_to_be_given_up_beside_is_not_tried_again():
     lines = grid_alone()
-    down = Line(1, 0.0, 0.03, BORDER, 0.05, True)
+    down = Line(1, 0.0, 0.03, BORDER, 0.05, on_surface=True)
     lines.give_up(Line(1, 0.0, BORDER, 0.02, 0.006, fallback=down))
     assert lines.next(NEAR) is down
     assert lines.blocked_before(Line(1, 0.01, BORDER, 0.02, 0.006))

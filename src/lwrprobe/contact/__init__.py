@@ -8,7 +8,6 @@ from lwrprobe.contact.drift_rate import DriftRate
 from lwrprobe.contact.estimator import (
     ESTIMATORS,
     REASONS,
-    RELIABLE_FROM,
     Estimator,
     Settings,
     check_estimator,
@@ -24,6 +23,7 @@ from lwrprobe.contact.touch import TouchFit, zero_force_point
 from lwrprobe.contact.touch_identification import TouchIdentification
 from lwrprobe.contact.touch_rises import TouchRise, TouchRises
 from lwrprobe.contact.wrench import UNCONFIRMED, Wrench, WrenchNoise
+from lwrprobe.contracts.contact import RELIABLE_FROM
 
 __all__ = [
     "ESTIMATORS",

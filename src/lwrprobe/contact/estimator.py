@@ -13,11 +13,8 @@ from lwrprobe.compiled import entry
 from lwrprobe.contact import fused_kernels, kernels
 from lwrprobe.contact.wrench import Wrench, WrenchNoise
 from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
-from lwrprobe.contracts.contact import RELIABLE_FROM, Doubt
+from lwrprobe.contracts.contact import Doubt
 from lwrprobe.contracts.samples import Vector
-
-RELIABLE_FROM: Final = RELIABLE_FROM
-"""A contact whose confidence is below this must not enter the map."""
 
 REASONS: Final = tuple(Doubt)
 """Why a contact is trusted little, in the order of the kernels' reasons. *near-zero force* is one under

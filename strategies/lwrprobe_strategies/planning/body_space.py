@@ -14,7 +14,7 @@ from lwrprobe.contracts import LinkShape, Task
 from lwrprobe.mapping import BodyOverHeights, PlanView
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
-from lwrprobe_strategies.planning.upright_body import body
+from lwrprobe_strategies.planning.upright_body import body, tallest_possible
 
 CELL = 0.001
 """m, edge of the squares in the plan view for which a height is kept."""
@@ -54,7 +54,7 @@ class BodySpace:
         shape = tuple(np.ceil((high - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
         self._stood = PlanView(shape, np.inf)
-        self._top = _top(task)
+        self._top = tallest_possible(task)
         self._task, self._spacing = task, spacing
         self._below = BELOW * task.probe.radius
         self.under = task.probe.radius - task.probe.stick_radius
@@ -71,11 +71,11 @@ class BodySpace:
     def needed(task: Task) -> bool:
         """Whether the body of an upright probe can come down to what the area may hold at all."""
         bottom = min((bottom for _, bottom in body(task)), default=np.inf)
-        return float(task.area.lower[Z]) + bottom < _top(task)
+        return float(task.area.lower[Z]) + bottom < tallest_possible(task)
 
     def raise_top(self, task: Task) -> None:
         """The object may be taller than was known: as tall as a task says."""
-        self._task, self._top, self._changed = task, _top(task), True
+        self._task, self._top, self._changed = task, tallest_possible(task), True
         self._body.raise_top(self._top)
         self.survey()
 
@@ -138,11 +138,6 @@ class BodySpace:
         poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
         depths = self.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0)
         return places, np.maximum.accumulate(depths + LOW)
-
-
-def _top(task: Task) -> float:
-    """m, above which nothing of the object is."""
-    return min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
 
 
 def _surface(link: LinkShape) -> np.ndarray:

@@ -66,8 +66,10 @@ class DescentWatch:
         line = frame.line
         end = float(self._edge[line.axis]) - line.sign * OVERLAP
         # Down the wall from here, should its foot turn out not to be within reach.
-        down = Line(line.axis, line.place, float(here[line.axis]), line.end, float(here[Z]), True, float(here[Z]))
-        up = Line(line.axis, line.place, line.end, end, float(here[Z]), fallback=down)
+        height = float(here[Z])
+        begin = float(here[line.axis])
+        down = Line(line.axis, line.place, begin, line.end, height, on_surface=True, free_to=height)
+        up = Line(line.axis, line.place, line.end, end, height, fallback=down)
         up = replace(up, height=self._lowest(up))
         return up if self._quicker(seen, up, rotation) else None
 

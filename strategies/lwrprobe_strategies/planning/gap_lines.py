@@ -19,12 +19,10 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL_X, NORMAL_Y, NORMAL_Z, POINT_Y
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 
 ROUGH = 0.002
 """m, by which the path from contact to contact between two lines may exceed the lines' distance."""
-NEAR = 0.0015
-"""m, within which a touch of a line along y counts for a line across."""
 OVER = 0.8
 """Share of the normal along z, from which on a touch is one of the top."""
 UNDER = -0.5
@@ -100,8 +98,8 @@ def _end(trail: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: 
     if heights[index] <= floor + 1e-4:
         return Line(X, float(y), x, x, floor)
     # Where the probe has stood its stick filled the column above.
-    stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - y) < NEAR), Z].max()
-    return Line(X, float(y), x, x, float(heights[index]), True, float(stood))
+    stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - y) < ON_LINE), Z].max()
+    return Line(X, float(y), x, x, float(heights[index]), on_surface=True, free_to=float(stood))
 
 
 def near_sides(
@@ -128,9 +126,9 @@ def near_sides(
         if not (own[0, Z] - bottom > 0.5 * pitch and UNDER < own[0, NORMAL_Z] < OVER and len(over)):
             continue
         top = over[0]
-        stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - top[Y]) < NEAR), Z].max()
+        stood = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - top[Y]) < ON_LINE), Z].max()
         out = float(area.lower[Y] if own[0, NORMAL_Y] < 0.0 else area.upper[Y])
-        down = Line(Y, float(x), float(top[Y]), out, float(top[Z]), True, float(stood))
+        down = Line(Y, float(x), float(top[Y]), out, float(top[Z]), on_surface=True, free_to=float(stood))
         if overhangs:
             lines.append(down)
             continue
@@ -148,7 +146,7 @@ def _places_across(contacts: np.ndarray, pitch: float) -> np.ndarray:
 
 def _heights(contacts: np.ndarray, xs: np.ndarray, y: float, floor: float) -> np.ndarray:
     """(n,) m, the highest place of the sphere's centre on each grid line at `y`; `floor` where nothing was touched."""
-    near = contacts[np.abs(contacts[:, Y] - y) < NEAR]
+    near = contacts[np.abs(contacts[:, Y] - y) < ON_LINE]
     heights = np.full(len(xs), floor)
     for i, x in enumerate(xs):
         own = near[near[:, GRID_X] == x]
@@ -166,7 +164,7 @@ def _hollows(
         falls = np.sign(xs[beside] - xs[i]) * own[:, NORMAL_X]
         own = own[(falls > FALLS) & (own[:, NORMAL_Z] > UPWARDS)]
         own = own[np.argsort(own[:, Y])]
-        for run in np.split(own, np.flatnonzero(np.diff(own[:, Y]) > 2.0 * NEAR) + 1):
+        for run in np.split(own, np.flatnonzero(np.diff(own[:, Y]) > 2.0 * ON_LINE) + 1):
             if len(run) < RUN:
                 continue
             low, high = run[0, Y], run[-1, Y]

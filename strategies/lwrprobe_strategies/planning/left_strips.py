@@ -13,7 +13,7 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
-from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.lines import OVERLAP, Line, Z
 
 STEEP = 0.5
 """Share of the normal along z, up to which a touch is one of a steep face."""
@@ -31,8 +31,6 @@ TALL = 0.75
 """Pitches in height that are worth a line."""
 BEFORE, BEHIND = 0.012, 0.003
 """m before and behind where the sphere is expected to touch, between which a line leads."""
-OVERLAP = 0.001
-"""m, by which both contours overlap."""
 
 
 def left_strips(contacts: np.ndarray, area: Area, pitch: float, lowest: Callable[[Line], float]) -> list[Line]:

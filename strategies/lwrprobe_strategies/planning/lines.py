@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,10 @@ AT_END = 1e-4
 """m, within which a line's end is reached: play and waves of the gears keep the tip from it by half as much."""
 NEIGHBOUR = 1.5
 """Line spacings across a line, within which another line is its neighbour."""
+ON_LINE = 0.0015
+"""m across a line, within which a place is one of it."""
+OVERLAP = 0.001
+"""m, by which the contours of two lines up one wall overlap."""
 ON_FLOOR = 0.003
 """m above the area's floor, up to which a line that begins there counts as one on the floor."""
 
@@ -47,6 +51,7 @@ class Line:
     begin: float
     end: float
     height: float
+    _: KW_ONLY
     on_surface: bool = False
     free_to: float = np.inf
     outline: int = 0

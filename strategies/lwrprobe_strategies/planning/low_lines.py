@@ -10,13 +10,11 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.contact_memory import NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.upright_body import RISE, body
 
 CELL = 0.002
 """m along a line, for which one height is kept."""
-NEAR = 0.0015
-"""m across a line, within which a place is one of it."""
 LOWER = 0.005
 """m that are gained at least: the radius of the sphere, down to which a pass shows that nothing is there."""
 NEIGHBOURS = 2.5
@@ -45,9 +43,9 @@ def low_lines(contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, pitch
     for x in np.sort(places).tolist():
         beside = contacts[np.abs(contacts[:, POINT_X] - x) < NEIGHBOURS * pitch]
         lowest = _lowest(contacts[:, POINT], x, ys, task)
-        own = np.abs(trail[:, X] - x) < NEAR
+        own = np.abs(trail[:, X] - x) < ON_LINE
         passed = _least(trail[own, Y], trail[own, Z], ys)
-        mine = np.abs(contacts[:, X] - x) < NEAR
+        mine = np.abs(contacts[:, X] - x) < ON_LINE
         touched = np.isfinite(_least(contacts[mine, Y], contacts[mine, Z], ys))
         near = np.isfinite(_least(beside[:, POINT_Y], beside[:, POINT_Z], ys, NEIGHBOURS * pitch))
         upwards = beside[beside[:, NORMAL_Z] > UPWARDS]
@@ -70,7 +68,7 @@ def _lowest(points: np.ndarray, x: float, ys: np.ndarray, task: Task) -> np.ndar
     """(n,) m, lowest height of an upright probe at x and `ys` (n,) m at which its body clears the points (m, 3)."""
     lowest = np.full(len(ys), float(task.area.lower[Z]))
     for half, bottom in body(task):
-        near = points[np.abs(points[:, X] - x) < half[X] + task.clearance_threshold + NEAR]
+        near = points[np.abs(points[:, X] - x) < half[X] + task.clearance_threshold + ON_LINE]
         tallest = -_least(near[:, Y], -near[:, Z], ys, half[Y] + task.clearance_threshold)
         lowest = np.maximum(lowest, tallest + RISE + task.clearance_threshold - bottom)
     return np.minimum(lowest, float(task.area.upper[Z]))

@@ -15,10 +15,8 @@ from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Z, POINT, POINT_X, POINT_Z
 from lwrprobe_strategies.planning.free_space import UPRIGHT
-from lwrprobe_strategies.planning.lines import Line, Z
+from lwrprobe_strategies.planning.lines import ON_LINE, OVERLAP, Line, Z
 
-NEAR = 0.0015
-"""m across a line, within which a touch is one of it."""
 FACING = 0.2
 """Share of the normal along the line, from which on a touch is one of that side."""
 BEYOND = 0.004
@@ -36,8 +34,6 @@ GRAIN = 0.0015
 """m between two places of a side that are looked at."""
 WORTH = 0.4
 """Square pitches that a line must add to what is touched: other lines may have gone up the same side."""
-OVERLAP = 0.001
-"""m, by which both contours overlap."""
 
 RECEDES = -0.05
 """Share of the normal along z over that along the line, up to which a side recedes below."""
@@ -149,7 +145,7 @@ class TouchedSide:
 def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Area) -> Iterator[TouchedSide]:
     """Each side that was touched on the lines along an axis at `places` (n,) m; `contacts` (m, 10)."""
     for place in np.sort(places).tolist():
-        own = contacts[np.abs(contacts[:, 1 - axis] - place) < NEAR]
+        own = contacts[np.abs(contacts[:, 1 - axis] - place) < ON_LINE]
         for sign, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
             facing = own[sign * own[:, NORMAL_X + axis] > FACING]
             if len(facing):

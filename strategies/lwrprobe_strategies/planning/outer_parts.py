@@ -12,12 +12,10 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Y, POINT
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import FACING, WORTH, left_below
 from lwrprobe_strategies.planning.upright_body import lowest_beside
 
-NEAR = 0.0015
-"""m across a line, within which a place is one of it."""
 AT_BORDER = 0.003
 """m, within which a place is one on the border."""
 
@@ -43,9 +41,9 @@ def outer_parts(
         facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]
         left = np.array([place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)])
         for place in np.sort(places).tolist():
-            if not (np.abs(left - place) < pitch + NEAR).any():
+            if not (np.abs(left - place) < pitch + ON_LINE).any():
                 continue
-            own = trail[np.abs(trail[:, X] - place) < NEAR, Y]
+            own = trail[np.abs(trail[:, X] - place) < ON_LINE, Y]
             end = sign * _outline(sign, place, facing)
             if (sign * own > sign * border - AT_BORDER).any() or sign * (border - end) < AT_BORDER:
                 continue
@@ -55,7 +53,7 @@ def outer_parts(
 
 def _left(place: float, border: float, facing: np.ndarray, contacts: np.ndarray, task: Task, pitch: float) -> bool:
     """Whether something is left below the lowest contact of a side, down to where an upright body may come there."""
-    floor, side = float(task.area.lower[Z]), facing[np.abs(facing[:, X] - place) < pitch + NEAR]
+    floor, side = float(task.area.lower[Z]), facing[np.abs(facing[:, X] - place) < pitch + ON_LINE]
     if not len(side) or side[:, Z].min() - floor <= 0.5 * pitch:
         return False
     low = side[np.argmin(side[:, Z])]
@@ -71,5 +69,5 @@ def _outline(sign: float, place: float, facing: np.ndarray) -> float:
     """How far out the side was touched, m towards the border: between the nearest contacts on either hand."""
     hands = (facing[facing[:, X] <= place], facing[facing[:, X] >= place])
     nearest = [hand[np.abs(hand[:, X] - place).argmin(), X] for hand in hands if len(hand)]
-    outermost = [(sign * facing[np.abs(facing[:, X] - x) < NEAR, Y]).max() for x in nearest]
+    outermost = [(sign * facing[np.abs(facing[:, X] - x) < ON_LINE, Y]).max() for x in nearest]
     return float(np.interp(place, nearest, outermost))

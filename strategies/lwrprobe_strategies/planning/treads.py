@@ -12,12 +12,10 @@ import numpy as np
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.contact_memory import NORMAL_X, NORMAL_Y, NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 
 CELL = 0.002
 """m along a line, for which one height is kept."""
-NEAR = 0.0015
-"""m across a line, within which a place is one of it."""
 UPWARDS = 0.7
 """Share of the normal along z, from which on a touch is one of a tread."""
 GOES_ON = 1.2
@@ -48,7 +46,7 @@ def treads(
     lines: list[Line] = []
     for place in np.sort(places).tolist() if len(flat) else ():
         tread = _lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch)
-        own = trail[np.abs(trail[:, X] - place) < NEAR]
+        own = trail[np.abs(trail[:, X] - place) < ON_LINE]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
         wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
@@ -86,7 +84,8 @@ def _line_over(
     low = passed < ceiling - radius + PASSED
     end = next((k for k in onward if low[k]), onward[-1])
     free_to = float(passed[begin])
-    return Line(Y, place, float(ys[begin]), float(ys[end]), height, True, free_to, low=True, ceiling=ceiling)
+    line = Line(Y, place, float(ys[begin]), float(ys[end]), height, on_surface=True, free_to=free_to)
+    return replace(line, low=True, ceiling=ceiling)
 
 
 def _lowest_within(points: np.ndarray, place: float, ys: np.ndarray, reach: float) -> np.ndarray:

@@ -31,12 +31,17 @@ def body(task: Task) -> list[tuple[np.ndarray, float]]:
     return body
 
 
-def line_height(task: Task) -> float:
-    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold.
+def tallest_possible(task: Task) -> float:
+    """m, above which nothing of the object is.
 
     The area's top bounds the sphere's centre, so nothing that can be crossed is higher than that less the radius.
     """
-    tallest = min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
+    return min(float(task.area.upper[Z]) - task.probe.radius, task.tallest)
+
+
+def line_height(task: Task) -> float:
+    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold."""
+    tallest = tallest_possible(task)
     lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 

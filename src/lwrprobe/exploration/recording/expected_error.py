@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lwrprobe.contact import RELIABLE_FROM
-from lwrprobe.contracts import Area
+from lwrprobe.contracts import Area, Confidence
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.mapping.estimate import REACH, SurfaceEstimate
 
@@ -29,7 +28,7 @@ class ExpectedError:
         self._passed = self._recorder.places
         contacts = self._recorder.contacts
         for contact in contacts[self._touched :]:
-            if contact.confidence_score >= RELIABLE_FROM:
+            if contact.confidence is Confidence.RELIABLE:
                 self._estimate.touch(contact.centre, contact.normal)
         self._touched = len(contacts)
         self._estimate.update(stroke_ended=len(free) > 0)

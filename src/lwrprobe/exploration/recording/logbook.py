@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import (
     STRATEGY_CONTRACT,
     Bounds,
@@ -32,6 +31,7 @@ from lwrprobe.contracts import (
     Strategy,
     Task,
 )
+from lwrprobe.contracts.contact import RELIABLE_FROM
 from lwrprobe.exploration.recording.stream import write_all
 
 OBSERVATIONS, WORDS = "observations.f64", "observations.words"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM
 from lwrprobe.contracts import Area
+from lwrprobe.contracts.contact import RELIABLE_FROM
 from lwrprobe.exploration.recording.logbook import SEEN, Past
 from lwrprobe.mapping import path_corners
 

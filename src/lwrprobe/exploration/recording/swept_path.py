@@ -7,8 +7,7 @@ from operator import sub
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM
-from lwrprobe.contracts import Observation
+from lwrprobe.contracts import Confidence, Observation
 from lwrprobe.mapping.certificate import Certificate
 
 APART = 0.0003
@@ -37,7 +36,7 @@ class SweptPath:
     def note(self, seen: Observation) -> None:
         """One sample; in contact the sphere is where the bent stick holds it."""
         pose, contact = seen.pose, seen.contact
-        if contact is not None and contact.confidence_score < RELIABLE_FROM:
+        if contact is not None and contact.confidence is not Confidence.RELIABLE:
             self._broken = True
             return
         place = pose[:3, 3].tolist() if contact is None else contact.centre.tolist()

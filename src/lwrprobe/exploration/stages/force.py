@@ -444,9 +444,7 @@ class ForceStage:
         known = math.isfinite(self._press.sigma)
         report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if known else None}
         if known and (self._of_stiffness < 1.0 or self._differs()):
-            done = (
-                "the probe moves slower" if self._of_stiffness < 1.0 else "contacts are corrected with what was found"
-            )
+            slower = self._of_stiffness < 1.0
             report["warnings"] = [
                 *report.get("warnings", []),
                 f"arm and object have {1.0 / pressed:.3g} N/m along the stick, contact.stiffness says "

@@ -21,8 +21,7 @@ from math import dist, hypot, inf
 
 import numpy as np
 
-from lwrprobe.contact import RELIABLE_FROM
-from lwrprobe.contracts import Contact, Doubt, SafetyStop
+from lwrprobe.contracts import Confidence, Contact, Doubt, SafetyStop
 from lwrprobe.contracts.samples import Vector
 from lwrprobe.exploration.stages.object_motion_kernels import deepest
 
@@ -126,7 +125,7 @@ class ObjectMotionMonitor:
         Raises ObjectMoved, and SafetyStop where contradictions go on while torque and force disagree.
         """
         self._doubtful, self._zero, self._stick_held = disagreement, zero, stick
-        trusted = contact is not None and contact.confidence_score >= RELIABLE_FROM
+        trusted = contact is not None and contact.confidence is Confidence.RELIABLE
         centre = contact.centre if contact is not None else place
         self._note_stick(force, contact)
         if self._stick:
