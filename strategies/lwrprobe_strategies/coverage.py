@@ -73,6 +73,8 @@ AT_TOP = 2e-4
 """m below the area's upper end, from which on what is touched reaches it."""
 RAISE = 0.005
 """m by which the area's upper end is raised at a time: so much that the sphere fits in between."""
+ROUNDING = 1e-9
+"""m, of sums of lengths."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
@@ -215,13 +217,12 @@ class Coverage(SkillStrategy):
 
     def raise_area(self, line: Line) -> bool:
         """Raise the area's upper end, and drive the line again; False where there is no headroom or the arm ends."""
-        by = min(RAISE, self.task.headroom - self.raised)
-        if by < RAISE:
+        if self.raised + RAISE > self.task.headroom + ROUNDING:
             return False
-        area = self.task.area.raised(by)
+        area = self.task.area.raised(RAISE)
         if not self.task.reachable(self._poses_above_contacts(float(area.upper[Z]))):
             return False
-        self.raised += by
+        self.raised += RAISE
         self.task = replace(self.task, area=area)
         self.tip.raise_area(self.task)
         self.lines.raise_area(self.task, line)

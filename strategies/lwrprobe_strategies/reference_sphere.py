@@ -139,9 +139,13 @@ class ReferenceSphere(SkillStrategy):
                 return Done(f"the reference sphere was not found around {_coordinates(stated)} m", complete=False)
             yield from self._press_all(plan[index:] + plan[:index])
             self.centres.append(self._sphere.centre)
-            if np.isfinite(options.table):
-                yield from self._press_table()
-            yield from self._leave_upwards()
+            try:
+                if np.isfinite(options.table):
+                    yield from self._press_table()
+                yield from self._leave_upwards()
+            except (Overload, Blocked):  # what was pressed counts, where no other place comes after it
+                if index + 1 < len(options.places):
+                    raise
         return Done("all touches made")
 
     def progress(self) -> Progress:
@@ -323,12 +327,15 @@ class ReferenceSphere(SkillStrategy):
             down = _at(above, low + gap)
             if not self.task.reachable([tip.pose_at(above), tip.pose_at(_at(above, low))]):
                 continue
-            yield from transit(tip, [Waypoint(above), Waypoint(down)])
-            yield from rest(tip, ZEROING)
-            outcome = yield from approach(tip, UP, gap + BEYOND)
-            if outcome is Ended.CONTACT:
-                low, gap = float(tip.here[2]), SLOPE * radius + NEAR
-                yield from self._load(UP)
+            try:
+                yield from transit(tip, [Waypoint(above), Waypoint(down)])
+                yield from rest(tip, ZEROING)
+                outcome = yield from approach(tip, UP, gap + BEYOND)
+                if outcome is Ended.CONTACT:
+                    low, gap = float(tip.here[2]), SLOPE * radius + NEAR
+                    yield from self._load(UP)
+            except (Overload, Blocked):
+                tip.leave()
             yield from self._let_go(UP)
             yield from transit(tip, [Waypoint(above)])
         return Ended.RELEASED

@@ -13,7 +13,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import STRATEGY_CONTRACT, Bounds, Done, Goal, Motion, Observation, Progress, Task
+from lwrprobe.contracts import (
+    STRATEGY_CONTRACT,
+    Bounds,
+    Done,
+    Goal,
+    Motion,
+    Observation,
+    Progress,
+    Task,
+    VelocityCommand,
+)
 from lwrprobe_strategies.blind_start import BlindStart, bounded
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload, UnknownSpace
 from lwrprobe_strategies.skills.skill import Skill
@@ -24,9 +34,11 @@ Program = Generator[Motion, Observation, Done]
 
 OVERLOAD = 0.6
 """Share of the range from the wanted force to the limit, above which the force is overlarge: time to act remains."""
-JAM_TIME = 3.0
+JAM_TIME, JAM_LIMIT = 3.0, 30.0
 JAM_DISTANCE = 0.002
-"""s and m: a tip that follows a surface and has not come further than this in that time is stuck."""
+JAM_SHARE = 1.0 / 3.0
+"""s and m: a tip that follows a surface and has not come further than this in that time is stuck, where it was to go
+farther than that by the share; in any case after the limit."""
 NEARER = 0.0005
 """m by which a link may come nearer after a threat has been answered, before that is a new threat."""
 
@@ -51,6 +63,7 @@ class Supervisor:
         self._answered = np.inf  # m, clearance at the last threat
         self._seen = -np.inf
         self._mark: tuple[float, np.ndarray] | None = None  # s and place, since when there is no progress
+        self._speed, self._wanted = 0.0, 0.0  # m/s of the last command, and m that were commanded since the mark
 
     def interruption(self, seen: Observation) -> Interruption | None:
         """What to raise in the innermost skill instead of sending it the observation."""
@@ -71,6 +84,10 @@ class Supervisor:
             return Jammed()
         return None
 
+    def note(self, motion: Motion) -> None:
+        """The motion that answers the last observation."""
+        self._speed = hypot(*motion.velocity.tolist()) if isinstance(motion, VelocityCommand) else 0.0
+
     def _threatened(self, seen: Observation) -> bool:
         """A link is nearer than it may come, and nearer than when the last threat was answered."""
         near = seen.clearance
@@ -86,13 +103,15 @@ class Supervisor:
         gap = seen.time - self._seen > MAX_PERIOD  # the probe has been elsewhere, as after a resumed run's return
         self._seen = seen.time
         if self._mark is None or gap:
-            self._mark = (seen.time, seen.pose[:3, 3])
+            self._mark, self._wanted = (seen.time, seen.pose[:3, 3]), 0.0
+        self._wanted += self._speed * self._tip.period
         since, place = self._mark
-        here = seen.pose[:3, 3]
+        here, time = seen.pose[:3, 3], seen.time - since
         left = bool(np.abs(here - place).max() >= JAM_DISTANCE)
-        stuck = not left and seen.time - since >= JAM_TIME
+        slow = JAM_SHARE * self._wanted < JAM_DISTANCE
+        stuck = not left and time >= (JAM_LIMIT if slow else JAM_TIME)
         if left or stuck:
-            self._mark = (seen.time, here)
+            self._mark, self._wanted = (seen.time, here), 0.0
         return stuck
 
 
@@ -226,6 +245,7 @@ class SkillStrategy(ABC):
         except Interruption as escaped:
             motion = self._done = Done(f"stopped in the skill '{trace.state}': {escaped}", complete=False)
         trace.settle(finished=self._done is not None)
+        self._supervisor.note(motion)
         return motion
 
     def progress(self) -> Progress:

@@ -54,6 +54,13 @@ def test_a_low_flat_object_is_no_table():
     assert find_table(points, normals, AREA, RADIUS, LEVEL) is None
 
 
+def test_a_plate_that_goes_on_beyond_the_area_is_no_table():
+    """Its upper side, 8 mm above the table, had been left out of the mesh as the table's."""
+    points, normals, _ = plane(0.0, 0.008, np.linspace(-0.03, 0.08, 12), np.linspace(-0.04, 0.04, 81))
+    assert find_table(points, normals, AREA, RADIUS, LEVEL) is None
+    assert find_table(points, normals, AREA, RADIUS, TablePlane(LEVEL.normal, 0.006)) is not None
+
+
 def test_a_few_contacts_or_a_plane_high_up_are_no_table():
     points, normals, _ = plane(0.0, 0.05, [0.0], np.linspace(-0.06, 0.06, 121))
     assert find_table(points, normals, AREA, RADIUS, LEVEL) is None

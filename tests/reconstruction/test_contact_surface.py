@@ -535,3 +535,22 @@ def test_a_hollow_that_no_way_leads_into_is_solid():
     assert (values[closed] < 0.0).all()
     values[closed] = before[closed]
     np.testing.assert_array_equal(values, before)
+
+
+def test_one_wrong_contact_in_swept_air_leaves_no_solid_there(scenes):
+    """One contact 25 mm above a block had left a ball floating there, and the mesh was called closed."""
+    solid, record = scenes("block")
+    along = np.arange(-0.06, 0.0601, 0.001)
+    flown = [
+        np.vstack([np.column_stack([np.full(len(along), x), along, np.full(len(along), 0.07)]), [[np.nan] * 3]])
+        for x in np.arange(-0.08, 0.081, 0.01)
+    ]
+    wrong = {"points": [[0.0, 0.0, 0.08]], "normals": [[0.0, 0.0, 1.0]], "confidence": [1.0], "times": [1e4]}
+    more = {
+        name: np.concatenate([getattr(record, name), value])
+        for name, value in wrong.items()
+        if getattr(record, name) is not None
+    }
+    found = surface(replace(record, free_path=np.vstack([record.free_path, *flown]), **more))
+    assert found.mesh.vertices[:, 2].max() < 0.052
+    assert error(found.mesh, solid).mean < 1e-4

@@ -13,9 +13,18 @@ from lwrprobe.reconstruction import reconstruct
 from lwrprobe.reconstruction.closed import count_pieces, is_closed
 from lwrprobe.reconstruction.concave_hull import ConcaveHull
 from lwrprobe.reconstruction.convex_hull import convex_hull
+from lwrprobe.reconstruction.grid import MAX_NODES, Grid, affordable
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.normals import estimate_normals
 from lwrprobe.reconstruction.poisson import Poisson, upsample
+
+
+def test_a_grid_over_a_large_object_is_no_finer_than_memory_allows():
+    """Lines 5 mm apart over an area of 400 mm: 48 million nodes, made for a comparison that nobody asked for."""
+    lower, upper = np.zeros(3), np.array([0.4, 0.4, 0.3])
+    step = affordable(lower, upper, 0.001)
+    assert np.prod(Grid.around(lower - 3.0 * step, upper + 3.0 * step, step).shape) < 1.2 * MAX_NODES
+    assert affordable(lower, 0.1 * upper, 0.001) == 0.001
 
 
 @pytest.fixture(scope="module")

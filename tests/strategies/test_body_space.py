@@ -376,3 +376,15 @@ def test_an_object_that_may_be_taller_fills_what_was_above_it():
     assert not unknown.knows(above)
     assert unknown.knows(pose(0.0, 0.0, TALLEST - 0.05 + 0.006))
     assert found.allows(*known), "lines have shown how tall it is"
+
+
+def test_a_touch_on_the_border_is_known_where_the_sphere_came_down_to_it():
+    """The place just above, passed before, had made it forgotten: the body might go down beside it."""
+    found, border = BodySpace(replace(task(links=LINKS, area=AREA)), PITCH), AREA.lower[Y]
+    for z in np.arange(TALL, LOW, -0.0005):
+        found.note(pose(0.0, border, z), False)
+    found.survey()
+    assert np.isneginf(found._body.heights[:, 0]).all()
+    found.note(pose(0.0, border, LOW - 0.0001), True)
+    found.survey()
+    assert np.isfinite(found._body.heights[:, 0]).any()

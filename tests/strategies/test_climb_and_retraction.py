@@ -324,7 +324,7 @@ def driven(strategy, lines):
 @pytest.mark.parametrize(
     ("below", "headroom", "reach", "raised"),
     [(0.0, 0.0, 1.0, None), (0.0, 0.004, 1.0, None), (0.0, 0.05, 0.062, None), (0.0, 0.05, 1.0, 0.005),
-     (0.001, 0.05, 1.0, 0.0), (-0.006, 0.05, 1.0, 0.01)],
+     (0.001, 0.05, 1.0, 0.0), (-0.006, 0.05, 1.0, 0.01), (-0.031, 0.04, 1.0, 0.035), (-0.036, 0.04, 1.0, 0.04)],
 )  # fmt: skip
 def test_the_area_is_raised_over_an_object_that_reaches_its_upper_end_or_the_run_ends(below, headroom, reach, raised):
     """The table had been 3.7 mm higher than stated: flights over the object had met it with 27 N."""

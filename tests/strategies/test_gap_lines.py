@@ -8,7 +8,7 @@ from naive_gap_lines import steep_between
 
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.gap_lines import _hollows, lines_across, near_sides
+from lwrprobe_strategies.planning.gap_lines import _hollows, _places_across, lines_across, near_sides
 from lwrprobe_strategies.planning.outlines import outlines
 
 FLOOR, RADIUS = 0.006, 0.005
@@ -260,3 +260,17 @@ def test_the_table_grows_and_what_was_asked_for_before_stays():
         assert (len(table), len(way)) == (k + 1, 2 * k + 2)
         np.testing.assert_array_equal(table[:, 0], 0.001 * np.arange(k + 1))
         np.testing.assert_array_equal(way, touched.trail()[: len(way)])
+
+
+def test_a_contact_at_the_end_of_a_trail_has_its_place_in_it():
+    """The tip had stood half a millimetre from it when it touched: the strategy had failed for a place without any."""
+    touched, up = contacts_on(lambda x, y: 0.055, [0.0], np.arange(0.0, 0.0201, 0.0005)), np.array([0.0, -1.0, 0.0])
+    for place in _places_across(touched.contacts(), 0.01)[:1]:
+        for y in (*(place - 0.0022 - 0.0006 * np.arange(40)[::-1]), place - 0.00165):
+            touched.passed(np.array([0.01, y, 0.03]), 0.01)
+        centre = np.array([0.01, place - 0.0014, 0.03])
+        touched.add(centre, centre - RADIUS * up, up, 0.01)
+    lines = lines_across(
+        touched.contacts(), touched.trail(), np.array([0.0, 0.01]), 0.01, FLOOR, lambda line: FLOOR, RADIUS
+    )
+    assert lines

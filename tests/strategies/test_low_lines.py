@@ -5,7 +5,9 @@ import pytest
 
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.low_lines import low_lines
+from lwrprobe_strategies.planning.low_sides import left_below
 from strategy_task import task
 
 TALL = Area(np.array([-0.06, -0.06, 0.006]), np.array([0.06, 0.06, 0.1]))
@@ -79,3 +81,11 @@ def test_where_a_line_was_given_up_the_rest_of_it_is_driven():
     assert line.place == pytest.approx(0.01)
     assert line.begin == 0.06, "from the other end"
     assert 0.004 > line.end > -0.002
+
+
+def test_a_side_whose_touches_face_another_way_than_most_of_it_is_untouched():
+    """A second wall on the line, aslant to the other side, decided the side's direction: the strategy had failed."""
+    row = [0.0, -0.04, 0.05, 0.0, -0.04, 0.05, 0.95, 0.3, 0.0, 0.0]
+    touch, away = np.array([0.0, -0.04, 0.05]), np.array([-0.95, 0.3, 0.0])
+    line = Line(1, 0.0, -0.1, -0.04, 0.006, low=True, ceiling=0.05)
+    assert left_below(line, touch, away, 0.0, np.array([row]), 0.01) == pytest.approx(0.01 * (0.044 + 0.005))

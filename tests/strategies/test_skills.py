@@ -90,6 +90,17 @@ def test_a_transit_goes_through_its_waypoints_in_turn():
     assert surface.fastest <= TASK.free_speed * 1.001
 
 
+def test_a_transit_ends_where_gears_keep_the_tip_off_its_goal():
+    """Calibrated gears had kept it 0.23 mm off, at rest: the run stood there until its time was over."""
+    path = [Waypoint(np.array([0.0, 0.0, 0.08])), Waypoint(np.array([0.0, 0.05, 0.08]))]
+    surface = over(plane(), [0.0, 0.0, 0.05], held_back=np.array([0.0, 0.0, -0.0003]))
+    passed = []
+    strategy, _ = run(lambda tip: transit(tip, path), surface, change=lambda k, s: passed.append(s.place.copy()))
+    assert strategy.end is Ended.ARRIVED
+    for waypoint in path:
+        assert np.abs(np.array(passed) - waypoint.place).max(axis=1).min() < 2e-4, "none is left out"
+
+
 def test_a_transit_ends_where_something_is_touched():
     path = [Waypoint(np.array([0.0, 0.0, 0.0]), SpeedLimit.GUARDED)]
     strategy, _ = run(lambda tip: transit(tip, path), over(plane(), [0.0, 0.0, 0.05]))

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 import lwrprobe as lp
-from lwrprobe.contracts import InputError
-from lwrprobe.evaluation.comparison import write_comparison
+from lwrprobe.contracts import InputError, TriangleMesh
+from lwrprobe.evaluation.comparison import _from_mesh, write_comparison
 from lwrprobe.views.film import write_film
 from lwrprobe.views.playback import body, of_scene, playback, posed
 from lwrprobe.views.viewer import Viewer
@@ -254,3 +255,15 @@ def test_runs_without_a_truth_deviate_from_each_other(runs, tmp_path):
     assert page.count("mean of the vertices 0.000 mm") == 2
     page = write_comparison(*copies, tmp_path / "compared.html").read_text()
     assert page.count("mean of the vertices") == 2
+
+
+def test_a_mesh_of_few_large_triangles_is_compared_with_its_surface():
+    """The triangle whose middle was nearest had been taken, and its plane: 19 mm between two equal boxes."""
+    coarse = trimesh.creation.box((0.1, 0.05, 0.02))
+    fine = coarse.copy()
+    for _ in range(4):
+        fine = fine.subdivide()
+    coarse, fine = (TriangleMesh(np.array(mesh.vertices), np.array(mesh.faces)) for mesh in (coarse, fine))
+    assert np.abs(_from_mesh(fine, coarse)).max() < 1e-9
+    away = TriangleMesh(fine.vertices * [1.0, 1.0, 1.1], fine.faces)
+    assert _from_mesh(away, coarse).max() == pytest.approx(0.001, rel=0.05)

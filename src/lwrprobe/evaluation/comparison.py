@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lwrprobe.contracts import FormatError, StorageError, TriangleMesh
 from lwrprobe.evaluation.charts import Line, line_chart
@@ -19,6 +18,8 @@ from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View, png
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.reconstruction.choice import offsets
+from lwrprobe.scene.mesh_distance import MeshDistance
 
 LEAST, MOST = 0.0002, 0.005
 """m, between which the end of the scale of the deviations is chosen."""
@@ -122,13 +123,9 @@ def _simulated(run: RunFolder) -> bool:
 
 
 def _from_mesh(mesh: TriangleMesh, other: TriangleMesh) -> np.ndarray:
-    """(n,) m, along the normals of the other mesh's nearest triangles."""
-    corners = other.vertices[other.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    middles = corners.mean(axis=1)
-    _, at = cKDTree(middles).query(mesh.vertices)
-    return ((mesh.vertices - middles[at]) * normals[at]).sum(axis=1)
+    """(n,) m from the other mesh to the vertices of a mesh, positive outside."""
+    distance = MeshDistance(other).distance(mesh.vertices)
+    return np.copysign(distance, offsets(other, mesh.vertices))
 
 
 def _head(sides: list[_Side]) -> str:

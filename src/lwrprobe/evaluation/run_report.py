@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ from lwrprobe.scene.solid import Solid
 
 HIDING_FILE = "hiding.ply"
 """In a run folder: the places where something about as large as certified could hide, with the size in m."""
+CLOUD_FILE = "contacts.ply"
+"""In a run folder: the contacts that the mesh is made of, corrected."""
 _PLAIN = np.array([0.80, 0.74, 0.62])
 _BEYOND = np.array([0.62, 0.36, 0.70])
 _STAGES_OF_TIME = (1 / 3, 2 / 3)  # of the run, at which the mesh is made as well
@@ -40,12 +42,13 @@ _SAMPLES = 4000
 def write_report(folder: str | Path, surface: Reconstruction | None = None) -> Path:
     """Write `report.html` into a run folder and return its path.
 
-    `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method. Raises
-    FormatError for a folder that is no run's.
+    `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method from
+    `contacts.ply`, or `contacts.csv` where the run did not come to write that. Raises FormatError for a folder that is
+    no run's.
     """
     run = read_run(folder)
     error = run.summary.mesh_error_mm if surface is not None and run.summary is not None else None
-    page = _Page(run, surface or _surface(run, run.record), error)
+    page = _Page(run, surface or _surface(run, _corrected(run)), error)
     path = run.folder / "report.html"
     part = path.with_name(path.name + ".part")
     part.write_text(page.html(), encoding="utf-8")
@@ -55,6 +58,17 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
 
 def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
     return None if rows is None else rows[:count]
+
+
+def _corrected(run: RunFolder) -> TouchRecord:
+    """The record with the contacts as the run's mesh was made of them: corrected, where it came to correct them."""
+    file, record = run.folder / CLOUD_FILE, run.record
+    if not file.is_file():
+        return record
+    cloud = read_cloud(file)
+    if cloud.normals is None or len(cloud.points) != len(record.points):
+        return record
+    return replace(record, points=cloud.points, normals=cloud.normals)
 
 
 def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:

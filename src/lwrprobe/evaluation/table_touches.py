@@ -14,6 +14,9 @@ LEAN = np.cos(np.radians(12.0))
 """Share of the normal along that of the stated table, from which on a contact may be a table's."""
 AWAY = 0.010
 """m, by which a table may be off the place that was stated."""
+HIGHER = 0.004
+"""m in the middle of the area, by which a table may be higher or lower than stated: four standard deviations of one
+that nobody has measured. What is farther off is a plate that goes on beyond the area."""
 FLAT = 0.0004
 """m off the plane, up to which a contact lies in it."""
 ALIKE = np.cos(np.radians(5.0))
@@ -35,6 +38,10 @@ class TablePlane:
     def touched(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(n,) bool: which contacts (n, 3), with unit normals (n, 3), are this table's."""
         return (np.abs(points @ self.normal - self.offset) < FLAT) & (normals @ self.normal > ALIKE)
+
+    def height_at(self, place: np.ndarray) -> float:
+        """m, of the plane over a place (2,) m."""
+        return float((self.offset - self.normal[:2] @ place) / self.normal[2])
 
     def as_dict(self, contacts: int) -> dict[str, Any]:
         """For the summary, with the number of contacts that are left out for it."""
@@ -70,7 +77,9 @@ def find_table(
     own = best.touched(points, normals)
     centres = points[own, :2] + radius * normals[own, :2]
     at_border = (centres < area.lower[:2] + AT_BORDER) | (centres > area.upper[:2] - AT_BORDER)
-    return best if own.sum() >= FEWEST and at_border.any() else None
+    middle = 0.5 * (area.lower[:2] + area.upper[:2])
+    height, expected = (plane.height_at(middle) for plane in (best, stated))
+    return best if own.sum() >= FEWEST and at_border.any() and abs(height - expected) < HIGHER else None
 
 
 def _fitted(points: np.ndarray, normals: np.ndarray) -> TablePlane:

@@ -30,7 +30,7 @@ from lwrprobe.reconstruction.distance_kernels import (
     feet_of,
 )
 from lwrprobe.reconstruction.evidence import LEANING, Evidence, Walls, WallSettings, find_walls, gather
-from lwrprobe.reconstruction.grid import Grid
+from lwrprobe.reconstruction.grid import Grid, affordable
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
@@ -41,8 +41,8 @@ from lwrprobe.reconstruction.undersides import find_undersides
 
 _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, and of those that bear it out
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
-_MAX_NODES = 3_000_000
 _LEAST = 5e-5  # m, of the options that are lengths: finer grids do not fit into memory
+_WITNESSES = 10  # contacts on a part of the body that floats, from which on it is one
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
@@ -189,7 +189,7 @@ class _Work:
         lower, upper = clusters.points.min(axis=0) - 1.1 * pitch, clusters.points.max(axis=0) + 1.1 * pitch
         if touches.table is not None:
             lower[2] = touches.table - touches.radius
-        step = max(step, float(np.cbrt(np.prod(upper - lower + 8.0 * step) / _MAX_NODES)))
+        step = affordable(lower, upper, step)
         lower, upper = lower - 3.0 * step, upper + 3.0 * step
         if touches.table is not None:  # the table's plane half way between two layers of nodes
             lower[2] = touches.table - (np.ceil((touches.table - lower[2]) / step) + 0.5) * step
@@ -385,14 +385,25 @@ class _Shrunk:
         self.mesh = TriangleMesh(vertices, self.mesh.faces)
 
     def _drop_untouched(self, touches: Touches) -> None:
-        """Islands that no contact lies on come from contradictory data, not from an object."""
+        """Islands that no contact lies on come from contradictory data, not from an object.
+
+        What stands on a table reaches down to the lowest places that were touched: a part that floats above those with
+        few contacts on it comes from wrong ones.
+        """
         from scipy.ndimage import label
 
         parts, count = label(self.values < 0.0)
         if count <= 1:
             return
-        near = self.grid.nearest(touches.points, 1.8 * self.grid.step) >= 0
-        touched = np.bincount(parts[near], minlength=count + 1) > 0
+        nearest = self.grid.nearest(touches.points, 1.8 * self.grid.step)
+        near = nearest >= 0
+        witnesses = np.bincount(np.unique([parts[near], nearest[near]], axis=1)[0], minlength=count + 1)
+        touched = witnesses > 0
+        if touches.table is not None:
+            heights = self.grid.origin[2] + self.grid.step * np.arange(self.grid.shape[2])
+            low = parts[..., heights <= touches.lowest + self.grid.step]
+            stands = np.bincount(low.ravel(), minlength=count + 1) > 0
+            touched &= stands | (witnesses >= _WITNESSES)
         self.values[~touched[parts] & (parts > 0)] = self.grid.step
 
     def _crossings(self, edges: np.ndarray, positions: np.ndarray, normals: np.ndarray) -> None:

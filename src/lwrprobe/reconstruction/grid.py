@@ -8,6 +8,13 @@ import numpy as np
 
 from lwrprobe.reconstruction.distance_kernels import scatter
 
+MAX_NODES = 3_000_000
+
+
+def affordable(lower: np.ndarray, upper: np.ndarray, step: float) -> float:
+    """m: `step`, or more where a grid from `lower` to `upper` (3,) m would have more than `MAX_NODES` nodes."""
+    return max(step, float(np.cbrt(np.prod(upper - lower + 8.0 * step) / MAX_NODES)))
+
 
 @dataclass(slots=True, frozen=True)
 class Grid:

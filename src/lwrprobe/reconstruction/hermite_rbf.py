@@ -11,7 +11,7 @@ import numpy as np
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contour import contour
-from lwrprobe.reconstruction.grid import Grid
+from lwrprobe.reconstruction.grid import Grid, affordable
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare
 
@@ -30,7 +30,8 @@ class HermiteRbf:
         Attributes
         ----------
         pitch : m, distance between the scan's lines; None takes the record's, or estimates it from the contacts
-        step : m, edge of the grid's cells; None takes a fifth of the pitch
+        step : m, edge of the grid's cells; None takes a fifth of the pitch. More where the object is so large that the
+            grid would have more than 3 000 000 nodes
         """
 
         pitch: float | None = None
@@ -75,6 +76,7 @@ def _surface(data: HermiteData, touches: Touches, pitch: float, step: float) -> 
     from scipy.spatial import cKDTree
 
     lower, upper = data.points.min(axis=0) - pitch, data.points.max(axis=0) + pitch
+    step = affordable(lower, upper, step)
     if touches.table is not None:
         lower[2] = touches.table - 3.5 * step
     grid = Grid.around(lower - 3.0 * step, upper + 3.0 * step, step)

@@ -87,12 +87,14 @@ class BodySpace:
         x, y, z = pose[:3, 3].tolist()
         z -= 0.0 if touches else self._below
         i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
+        if touches:
+            met = self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
+            self._changed |= not met.all()
+            met[...] = True
         if z >= self._column[2] and (i, j) == self._column[:2]:
             return
         self._column, self._changed = (i, j, z), True
         self._stood.lower(i, j, 1, z)
-        if touches:
-            self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)] = True
 
     def survey(self) -> None:
         """Take what was noted since the last call into account."""

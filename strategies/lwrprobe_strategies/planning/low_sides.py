@@ -177,7 +177,7 @@ def left_below(
     there = np.stack([touch[0] + out * away[0] - s * away[1], touch[1] + out * away[1] + s * away[0], z], axis=1)
     near = contacts[contacts[:, NORMAL] @ away > FACING]
     near = near[np.abs(near[:, POINT_X:POINT_Z] - touch[:Z]).max(axis=1) < 2.0 * pitch, POINT]
-    apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1)
+    apart = ((there[:, None] - near) ** 2).sum(axis=2).min(axis=1, initial=np.inf)
     return float((apart > half * half).mean()) * pitch * max(line.ceiling - line.height + half, 0.0)
 
 

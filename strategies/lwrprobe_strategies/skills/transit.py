@@ -16,6 +16,8 @@ from lwrprobe_strategies.skills.inner_edge import MAX_FRICTION
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
+AT_REST = 0.1
+"""s without motion at a goal, after which its place is reached: the gears may keep the tip off it for good."""
 YIELDS = 0.7
 """Share of a path along the force, from which on it yields to that force."""
 
@@ -44,6 +46,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
             rotation = waypoint.rotation
         speed = speed_to(tip, waypoint, rotation)
         goal = Goal(tip_pose(waypoint.place, rotation), speed, transit.name)
+        rests = 0.0
         while True:
             if waypoint.speed_limit is SpeedLimit.GUARDED:
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
@@ -62,7 +65,8 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
             if tip.touches:
                 tip.control.begin(tip.normal())
                 return Ended.CONTACT
-            if waypoint.reached(tip.seen.pose):
+            rests = rests + tip.period if tip.seen.goal_reached else 0.0
+            if waypoint.reached(tip.seen.pose) or rests >= AT_REST:
                 break
     return Ended.ARRIVED
 
