@@ -73,6 +73,25 @@ def test_where_a_joint_turns_round_on_the_path_the_tip_is_slow_enough_for_its_ac
     assert len(asked) < 2500
 
 
+def test_a_joint_path_with_a_kink_is_passed_slowly_enough():
+    """Where another joint comes to the end of its range: within one cycle the rest change their speeds."""
+    tip = CartesianTrajectory(8e-3, LIMITS)
+
+    def track_all(poses, seed, out):
+        out[:] = 12.5 * np.maximum(poses[:, :1, 3] - 0.1, 0.0)
+        return len(poses)
+
+    governor = SpeedGovernor(tip, track_all, np.array([1e3]), 60.0)
+    tip.set_goal(pose(0.2), 0.05)
+    asked = []
+    while not tip.arrived:
+        tip.step()
+        asked.append(12.5 * max(tip.pose[0, 3] - 0.1, 0.0))
+        governor.watch(np.array(asked[-1:]))
+    assert np.abs(np.diff(asked, 2)).max() / tip.cycle**2 < 60.0
+    assert len(asked) < 1500
+
+
 def test_near_a_singularity_the_tip_changes_its_speed_where_the_joints_can_follow():
     """A joint that goes up to 45 rad for each m of the tip: 2 m/s^2 of the tip are 90 rad/s^2 of it."""
     tip = CartesianTrajectory(1e-3, CartesianLimits(0.25, 2.0, 3000.0, 1.5, 10.0, 200.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
@@ -85,3 +86,22 @@ class Done:
 
 
 Motion = Goal | VelocityCommand | Done
+
+
+def check_motion(motion: object, fastest: float) -> None:
+    """Raise InputError for an answer of a strategy that is no motion, or faster than `fastest` m/s."""
+    if isinstance(motion, VelocityCommand):
+        velocity = motion.velocity
+        if getattr(velocity, "shape", None) != (3,):
+            raise InputError("velocity", velocity, "an array of three numbers, m/s")
+        speed = hypot(*velocity.tolist())
+        if not speed <= fastest:  # also of a velocity that is not finite
+            raise InputError("velocity", velocity.tolist(), f"at most {fastest:g} m/s, which motion.free_speed permits")
+        if motion.pose is not None:
+            as_pose(motion.pose, "velocity.pose")
+    elif isinstance(motion, Goal):
+        as_pose(motion.pose, "goal.pose")
+        if not motion.speed > 0.0:
+            raise InputError("goal.speed", motion.speed, "a positive number, m/s")
+    elif not isinstance(motion, Done):
+        raise InputError("motion", motion, "a Goal, a VelocityCommand or Done")

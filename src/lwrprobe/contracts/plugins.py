@@ -6,7 +6,7 @@ Groups: `lwrprobe.drivers`, `lwrprobe.emulators`, `lwrprobe.strategies`, `lwrpro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -22,6 +22,8 @@ GROUPS = {
     "reconstructor": "lwrprobe.reconstructors",
 }
 
+_OWN = "lwrprobe"
+"""Distribution of the built-in plug-ins, whose names no other one takes over."""
 _CHANGES: dict[str, dict[int, str]] = {"driver": DRIVER_CHANGES, "strategy": STRATEGY_CHANGES}
 
 
@@ -47,8 +49,17 @@ def names(kind: str) -> list[str]:
 
 
 def discover(kind: str) -> list[Plugin]:
-    """All plug-ins of a kind, imported; one that cannot be imported is listed with its reason."""
-    return [_describe(kind, entry) for entry in sorted(_entries(kind), key=lambda e: e.name)]
+    """All plug-ins of a kind, imported; one that cannot be used is listed with its reason."""
+    found: dict[str, list[Plugin]] = {}
+    for entry in _entries(kind):
+        found.setdefault(entry.name, []).append(_describe(kind, entry))
+    for (first, *others), entries in ((found[name], _named(kind, name)) for name in found):
+        hidden = others if _built_in(entries[0]) else [first, *others]
+        for plugin in hidden if others else ():
+            other = first if plugin is not first else others[0]
+            why = plugin.broken or f"{other.module} of {other.distribution} has the same name"
+            found[first.name][found[first.name].index(plugin)] = replace(plugin, broken=why)
+    return [plugin for name in sorted(found) for plugin in found[name]]
 
 
 def load(kind: str, name: str, contract: int | None = None) -> Any:
@@ -57,9 +68,12 @@ def load(kind: str, name: str, contract: int | None = None) -> Any:
     Raises UnknownNameError for an unknown name and PluginError, naming the plug-in, for one that cannot be
     imported or was written for another version of the contract.
     """
-    found = [entry for entry in _entries(kind) if entry.name == name]
+    found = _named(kind, name)
     if not found:
         raise UnknownNameError(kind, name, names(kind))
+    if len(found) > 1 and not _built_in(found[0]):
+        both = " and ".join(f"{entry.value} of {entry.dist.name if entry.dist else '?'}" for entry in found)
+        raise PluginError(f"{kind} plug-in {name!r}: {both} have this name; uninstall one of them")
     plugin = _describe(kind, found[0], contract)
     if plugin.broken:
         raise PluginError(f"{kind} plug-in {name!r} ({plugin.module}): {plugin.broken}")
@@ -72,7 +86,15 @@ def _entries(kind: str) -> list[EntryPoint]:
     seen: dict[tuple[str, str], EntryPoint] = {}
     for entry in entry_points(group=GROUPS[kind]):
         seen.setdefault((entry.name, entry.value), entry)
-    return list(seen.values())
+    return sorted(seen.values(), key=lambda entry: not _built_in(entry))
+
+
+def _named(kind: str, name: str) -> list[EntryPoint]:
+    return [entry for entry in _entries(kind) if entry.name == name]
+
+
+def _built_in(entry: EntryPoint) -> bool:
+    return entry.dist is not None and entry.dist.name == _OWN
 
 
 def _describe(kind: str, entry: EntryPoint, contract: int | None = None) -> Plugin:
@@ -80,7 +102,7 @@ def _describe(kind: str, entry: EntryPoint, contract: int | None = None) -> Plug
     loaded, broken = None, ""
     try:
         loaded = entry.load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         broken = f"{type(error).__name__}: {error}"
     else:
         stated = getattr(loaded, "contract", None)

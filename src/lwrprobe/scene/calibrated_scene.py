@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _STATED: dict[str, tuple[str, ...]] = {
     "arm": ("robot", "base", "tool", "correction", "gear_waves"),
     "probe": (
-        "radius", "sensor_distance", "stiffness_lateral", "stiffness_axial", "mass", "centre_of_mass", "force_range",
-        "torque_range",
+        "radius", "stick_length", "stick_radius", "sensor_distance", "stiffness_lateral", "stiffness_axial", "mass",
+        "centre_of_mass", "force_range", "torque_range",
     ),
 }  # fmt: skip
 """What a calibration is relative to."""

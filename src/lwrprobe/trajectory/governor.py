@@ -14,6 +14,8 @@ LOW_USE = 0.25
 """Share of a joint speed limit below which the next look may wait."""
 LONGER = 4
 """How many times longer, then."""
+SUDDEN = 0.5
+"""Share of the time between two poses of a close look, within which a joint may change its speed."""
 FASTER = 1.5
 """Growth of the speed asked for that does not wait for the next look."""
 
@@ -26,8 +28,9 @@ class SpeedGovernor:
     will ask for and where. At one place that share is
     proportional to the tip's speed, so that the speed which brings it back into the band follows at once. The
     acceleration that a joint needs because its path bends is proportional to the square of that speed: the root of
-    its share counts as a share does. The tip speeds up again where the joints can follow that: near a singularity the
-    acceleration of the tip alone may ask too much of them. Far from the limits it looks less often and less closely.
+    its share counts as a share does. Between two poses it may bend all at once. The tip speeds up again
+    where the joints can follow that: near a singularity the acceleration of the tip alone may ask too much of them. Far
+    from the limits it looks less often and less closely.
 
     Parameters
     ----------
@@ -128,7 +131,10 @@ class SpeedGovernor:
         speeds = np.diff(joints[:solved], axis=0) / spacing
         use = (np.abs(speeds) / self._speed).max(axis=1, initial=0.0)
         fastest = float(use.max(initial=0.0))
-        bends = np.abs(np.diff(speeds, axis=0)) / (spacing * self._acceleration)
+        # Where a joint comes to the end of its range, the others change their speeds from one cycle to the next.
+        close = count == len(self._speed_ratio)
+        sudden = max(self._trajectory.cycle, SUDDEN * spacing) if close else spacing
+        bends = np.abs(np.diff(speeds, axis=0)) / (sudden * self._acceleration)
         use[1:] = np.maximum(use[1:], np.sqrt(bends.max(axis=1, initial=0.0)))
         over = use > self._highest
         ratio = 0.5 * (speed_ratio[: solved - 1] + speed_ratio[1:solved])

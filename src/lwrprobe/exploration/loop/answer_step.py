@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from lwrprobe.contact import Wrench
 from lwrprobe.contracts import Motion, Observation, PluginError, StorageError
+from lwrprobe.contracts.motion import check_motion
 from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.safety.force_guard import ForceGuard
+
+FASTEST = 1.5
+"""Times the free speed: velocities along the surface and off it may add up. Faster is a mistake, as of mm/s for m/s."""
 
 
 class AnswerStep:
@@ -20,6 +24,8 @@ class AnswerStep:
         scene = parts.scene
         self._pipeline, self._arm, self._request = parts.pipeline, parts.arm, parts.request
         self._clock, self._confirm, self._strategy_name = parts.clock, parts.confirm, scene.strategy.name
+        self._fastest = FASTEST * scene.motion.free_speed
+        self._checked: object = self  # the last motion that passed, none yet
         contact, torque = scene.contact, scene.safety.torque_share * parts.pipeline.probe.torque_range
         self.force_guard = ForceGuard(contact.limit, contact.target, 2.0 * scene.motion.contour_speed, torque)
 
@@ -45,7 +51,11 @@ class AnswerStep:
 
     def _ask(self, seen: Observation) -> Motion:
         try:
-            return self._pipeline.strategy.step(seen)
+            motion = self._pipeline.strategy.step(seen)
+            if motion is not self._checked:
+                check_motion(motion, self._fastest)
+                self._checked = motion
+            return motion
         except StorageError:
             raise
         except Exception as error:

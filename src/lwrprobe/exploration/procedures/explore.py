@@ -48,6 +48,7 @@ from lwrprobe.exploration.safety.confirm import Confirm
 from lwrprobe.exploration.stages.pipeline import Choices, Pipeline, choose, compose
 from lwrprobe.exploration.stages.touch_law import softer_than_along, stiffness_slope
 from lwrprobe.host.real_time import LOOP, real_time_priority
+from lwrprobe.reconstruction.reconstruct import reconstructed
 from lwrprobe.scene import Scene, write_scene
 
 BIAS_SECONDS = 0.8
@@ -279,7 +280,7 @@ class Exploration:
         begin = perf_counter()
         corrections = correct_contacts(recorder, scene, pipeline, self._start[1])
         self.record = touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing)
-        self.surface, lack = reconstruct_surface(self.record, pipeline)
+        self.surface, lack = reconstruct_surface(self.record, pipeline, scene.reconstruction.method)
         pipeline.left_out += lack
         self.budget = budget = recorded_budget(scene, pipeline, recorder, corrections)
         certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, outcome.time)
@@ -402,12 +403,14 @@ def leave_table_out(recorder: Recorder, scene: Scene, pipeline: Pipeline) -> dic
     return table.as_dict(int(touched.sum()))
 
 
-def reconstruct_surface(record: TouchRecord, pipeline: Pipeline) -> tuple[Reconstruction | None, list[LeftOut]]:
-    """The mesh of a run's contacts by the scene's method, or why there is none."""
+def reconstruct_surface(
+    record: TouchRecord, pipeline: Pipeline, method: str
+) -> tuple[Reconstruction | None, list[LeftOut]]:
+    """The mesh of a run's contacts by the scene's `method`, or why there is none."""
     if len(record.points) == 0:
         return None, [{"stage": "reconstruction", "why": "no contact"}]
     try:
-        surface = pipeline.reconstructor.reconstruct(record)
+        surface = reconstructed(pipeline.reconstructor, record, method)
         why = surface.report.get("instead_of_contact_surface")
         return surface, [{"stage": "contact_surface", "why": why}] if why else []
     except LwrprobeError as error:

@@ -273,7 +273,7 @@ class Replay:
         table = leave_table_out(recorder, scene, pipeline)
         corrections = correct_contacts(recorder, scene, pipeline, self._start[1])
         surface, lack = reconstruct_surface(
-            touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline
+            touch_record(recorder, scene, pipeline.voxels, pipeline.line_spacing), pipeline, scene.reconstruction.method
         )
         pipeline.left_out += [*lack, {"stage": "truth", "why": "a recording is replayed"}]
         summary = summarise(scene, pipeline, None, recorder, outcome, surface, self.seconds)

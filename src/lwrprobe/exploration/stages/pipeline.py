@@ -23,6 +23,7 @@ from lwrprobe.contracts import (
     Bounds,
     CarefulStrategy,
     LeftOut,
+    PluginError,
     Probe,
     RaisingStrategy,
     Reconstructor,
@@ -154,6 +155,14 @@ class Choices:
     reconstructor_options: object
 
 
+def _made(plugin: Callable[[], Strategy], name: str) -> Strategy:
+    """A strategy of a plug-in; PluginError, naming it, for one that cannot be made."""
+    try:
+        return plugin()
+    except Exception as error:
+        raise PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}") from error
+
+
 def choose(
     scene: Scene,
     strategy: Callable[[], Strategy] | None = None,
@@ -224,7 +233,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         surface=surface,
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
-        strategy=choices.strategy(),
+        strategy=_made(choices.strategy, scene.strategy.name),
         reconstructor=choices.reconstructor(choices.reconstructor_options),
         options=choices.strategy_options,
         probe=probe,
