@@ -175,8 +175,8 @@ def feasible_leans(scene: Scene) -> tuple[list[Lean], list[float]]:
     shares: list[float] = []
     while wanted:
         wanted.sort(key=lambda lean: _angle(here, _leaned(upright, *lean)))
-        for lean, share in ((lean, share) for share in SMALLER for lean in wanted):
-            smaller = (share * lean[0], lean[1], lean[2])
+        for share, lean, spin in product(SMALLER, wanted, SPINS):
+            smaller = (share * lean[0], lean[1], _turned(lean[2], spin))
             reached = _swing(robot, pose, here, _leaned(upright, *smaller), now, least)
             if reached is not None:
                 order.append(smaller)
@@ -194,6 +194,11 @@ def feasible_leans(scene: Scene) -> tuple[list[Lean], list[float]]:
     if len(order) < FEWEST_LEANS:
         raise InputError("arm", scene.arm.robot, "an arm that can lean the probe to at least four sides at the sphere")
     return order, shares
+
+
+def _turned(spin: float, by: float) -> float:
+    """One of `SPINS`: `by` rad farther than another, in turn."""
+    return SPINS[(SPINS.index(spin) + SPINS.index(by)) % len(SPINS)]
 
 
 def _speed_share(robot: Robot, q: Vector, rotation: np.ndarray) -> float:
