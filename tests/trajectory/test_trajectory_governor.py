@@ -49,6 +49,16 @@ def test_near_a_singularity_the_joints_keep_their_speed_limits(q, displacement, 
     assert follow(q, displacement, turn, governed=True) < 1.0
 
 
+def driven(tip, governor, joint):
+    """Step the tip to its goal under a governor: the values (k,) of a `joint` that depends on the tip's x alone."""
+    asked = []
+    while not tip.arrived:
+        tip.step()
+        asked.append(joint(tip.pose[0, 3]))
+        governor.watch(np.array(asked[-1:]))
+    return asked
+
+
 @pytest.mark.parametrize(("acceleration", "kept"), [(np.inf, False), (30.0, True)])
 def test_where_a_joint_turns_round_on_the_path_the_tip_is_slow_enough_for_its_acceleration(acceleration, kept):
     """A joint that goes 0.08 rad there and back within 40 mm: at 0.25 m/s it turns round with 50 rad/s^2."""
@@ -63,11 +73,7 @@ def test_where_a_joint_turns_round_on_the_path_the_tip_is_slow_enough_for_its_ac
 
     governor = SpeedGovernor(tip, track_all, np.array([1e3]), acceleration)
     tip.set_goal(pose(0.2), 0.25)
-    asked = []
-    while not tip.arrived:
-        tip.step()
-        asked.append(joint(tip.pose[0, 3]))
-        governor.watch(np.array(asked[-1:]))
+    asked = driven(tip, governor, joint)
     turns = np.abs(np.diff(asked, 2)).max() / tip.cycle**2
     assert (turns < 30.0) == kept
     assert len(asked) < 2500
@@ -77,17 +83,16 @@ def test_a_joint_path_with_a_kink_is_passed_slowly_enough():
     """Where another joint comes to the end of its range: within one cycle the rest change their speeds."""
     tip = CartesianTrajectory(8e-3, LIMITS)
 
+    def joint(x):
+        return 12.5 * np.maximum(x - 0.1, 0.0)
+
     def track_all(poses, seed, out):
-        out[:] = 12.5 * np.maximum(poses[:, :1, 3] - 0.1, 0.0)
+        out[:] = joint(poses[:, :1, 3])
         return len(poses)
 
     governor = SpeedGovernor(tip, track_all, np.array([1e3]), 60.0)
     tip.set_goal(pose(0.2), 0.05)
-    asked = []
-    while not tip.arrived:
-        tip.step()
-        asked.append(12.5 * max(tip.pose[0, 3] - 0.1, 0.0))
-        governor.watch(np.array(asked[-1:]))
+    asked = driven(tip, governor, joint)
     assert np.abs(np.diff(asked, 2)).max() / tip.cycle**2 < 60.0
     assert len(asked) < 1500
 
@@ -105,11 +110,7 @@ def test_near_a_singularity_the_tip_changes_its_speed_where_the_joints_can_follo
 
     governor = SpeedGovernor(tip, track_all, np.array([1.9]), 60.0)
     tip.set_goal(pose(0.3), 0.25)
-    asked = []
-    while not tip.arrived:
-        tip.step()
-        asked.append(joint(tip.pose[0, 3]))
-        governor.watch(np.array(asked[-1:]))
+    asked = driven(tip, governor, joint)
     assert np.abs(np.diff(asked)).max() < 1.9 * tip.cycle
     accelerations = np.diff(asked, 2) / tip.cycle**2
     assert accelerations.max() < 60.0, "speeding up"
