@@ -102,7 +102,7 @@ class PageRunner:
         if words[:2] == ["python3", _RUN]:
             program, arguments = "lwrprobe", words[2:]
         if words[:2] == ["pip", "install"]:
-            assert words[2].startswith("./"), f"{words[2]}: pip would take this name from the package index"
+            assert "/" in words[2], f"{words[2]}: pip would take this name from the package index"
             install(words[2])
         elif program == "python3" and arguments[0].endswith(".py"):
             path = Path(arguments[0]) if Path(arguments[0]).is_file() else ROOT / arguments[0]

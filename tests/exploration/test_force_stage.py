@@ -1,11 +1,15 @@
 """What a run learns of its touch: refusal, the sensor's state, zero, swinging, and swinging."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lwrprobe.contact import Wrench, WrenchConditioner, make_estimator
-from lwrprobe.contracts import Contact, Goal, SafetyStop, VelocityCommand, WrenchSample
+from lwrprobe.contracts import Contact, Goal, VelocityCommand, WrenchSample
+from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.procedures.start_posture import start_posture
+from lwrprobe.exploration.safety.silence_guard import SensorLost
 from lwrprobe.exploration.stages.force import ForceStage, TouchRefused
 from lwrprobe.exploration.stages.touch_law import arm_stiffness, softer_than_along, stiffness_slope
 from lwrprobe.kinematics import follow
@@ -46,13 +50,14 @@ def test_a_surface_that_no_speed_is_safe_for_is_refused_with_the_numbers():
 
 
 def test_a_stream_that_fails_stops_the_run():
-    force, conditioner = stage()
-    force.begin(0.0135)
-    force.update(wrench(1.0, (0, 0, 0)), np.eye(4), None)
-    for k in range(3):
-        conditioner.condition(WrenchSample(2.0 + k / 125.0, np.full(3, np.nan), np.zeros(3), 200 + k), DOWN)
-    with pytest.raises(SafetyStop, match="3 invalid readings"):
-        force.update(wrench(2.1, (0, 0, 0)), np.eye(4), None)
+    step = SampleStep.__new__(SampleStep)
+    step._pipeline = SimpleNamespace(conditioner=stage()[1])
+    step._silence = SimpleNamespace(update=lambda status: None)
+    bad = [WrenchSample(2.0 + k / 125.0, np.full(3, np.nan), np.zeros(3), 200 + k) for k in range(3)]
+    for sample in bad[:2]:
+        step.conditioned(sample, DOWN)
+    with pytest.raises(SensorLost, match="3 invalid readings"):
+        step.conditioned(bad[2], DOWN)
 
 
 def test_a_force_that_swings_slows_the_velocity_and_calm_gives_it_back():
