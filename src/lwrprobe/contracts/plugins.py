@@ -50,16 +50,14 @@ def names(kind: str) -> list[str]:
 
 def discover(kind: str) -> list[Plugin]:
     """All plug-ins of a kind, imported; one that cannot be used is listed with its reason."""
-    found: dict[str, list[Plugin]] = {}
-    for entry in _entries(kind):
-        found.setdefault(entry.name, []).append(_describe(kind, entry))
-    for (first, *others), entries in ((found[name], _named(kind, name)) for name in found):
-        hidden = others if _built_in(entries[0]) else [first, *others]
-        for plugin in hidden if others else ():
-            other = first if plugin is not first else others[0]
-            why = plugin.broken or f"{other.module} of {other.distribution} has the same name"
-            found[first.name][found[first.name].index(plugin)] = replace(plugin, broken=why)
-    return [plugin for name in sorted(found) for plugin in found[name]]
+    found = []
+    for entry in sorted(_entries(kind), key=lambda e: e.name):
+        plugin = _describe(kind, entry)
+        others = [other.value for other in _named(kind, entry.name) if other.value != entry.value]
+        if others and not _built_in(entry) and not plugin.broken:
+            plugin = replace(plugin, broken=f"{others[0]} has the same name")
+        found.append(plugin)
+    return found
 
 
 def load(kind: str, name: str, contract: int | None = None) -> Any:
