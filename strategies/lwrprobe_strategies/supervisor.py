@@ -34,11 +34,13 @@ Program = Generator[Motion, Observation, Done]
 
 OVERLOAD = 0.6
 """Share of the range from the wanted force to the limit, above which the force is overlarge: time to act remains."""
-JAM_TIME, JAM_LIMIT = 3.0, 30.0
-JAM_DISTANCE = 0.002
+JAM_TIME, JAM_DISTANCE = 3.0, 0.002
+"""s and m: a tip that follows a surface and has not come further than this in that time is stuck, if it was to come
+much further."""
 JAM_SHARE = 1.0 / 3.0
-"""s and m: a tip that follows a surface and has not come further than this in that time is stuck, where it was to go
-farther than that by the share; in any case after the limit."""
+"""Share of the commanded path that a tip which is not stuck covers at least."""
+JAM_LIMIT = 30.0
+"""s, after which a tip is stuck however slowly it was to move."""
 NEARER = 0.0005
 """m by which a link may come nearer after a threat has been answered, before that is a new threat."""
 

@@ -78,6 +78,11 @@ def load(kind: str, name: str, contract: int | None = None) -> Any:
     return plugin.loaded
 
 
+def failed(kind: str, name: str, error: Exception) -> PluginError:
+    """A plug-in's error in words that name the plug-in."""
+    return PluginError(f"{kind} plug-in {name!r} failed: {type(error).__name__}: {error}")
+
+
 def _entries(kind: str) -> list[EntryPoint]:
     if kind not in GROUPS:
         raise UnknownNameError("plug-in kind", kind, GROUPS)

@@ -14,6 +14,11 @@ from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import TablePlane
 from lwrprobe.scene import Scene, load_scene
 
+CLOUD_FILE = "contacts.ply"
+"""The contacts that the mesh is made of, corrected."""
+HIDING_FILE = "hiding.ply"
+"""The places where something about as large as certified could hide, with the size in m."""
+
 _CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "confidence")
 _TRACE = ("time", "x", "y", "z", "force", "touching", "clearance")
 

@@ -20,7 +20,7 @@ from lwrprobe.evaluation.mesh_error import deviation, mean_error, mesh_error, sa
 from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
-from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.run_folder import CLOUD_FILE, HIDING_FILE, RunFolder, read_run
 from lwrprobe.evaluation.summary import area_by_reason
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.mapping.clouds import read_cloud
@@ -28,10 +28,6 @@ from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
 from lwrprobe.scene.solid import Solid
 
-HIDING_FILE = "hiding.ply"
-"""In a run folder: the places where something about as large as certified could hide, with the size in m."""
-CLOUD_FILE = "contacts.ply"
-"""In a run folder: the contacts that the mesh is made of, corrected."""
 _PLAIN = np.array([0.80, 0.74, 0.62])
 _BEYOND = np.array([0.62, 0.36, 0.70])
 _STAGES_OF_TIME = (1 / 3, 2 / 3)  # of the run, at which the mesh is made as well

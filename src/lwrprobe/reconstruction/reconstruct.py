@@ -16,7 +16,7 @@ from lwrprobe.contracts import (
     TouchRecord,
     TriangleMesh,
 )
-from lwrprobe.contracts.plugins import load
+from lwrprobe.contracts.plugins import failed, load
 from lwrprobe.reconstruction.closed import is_closed
 
 
@@ -67,7 +67,7 @@ def reconstructed(worker: Reconstructor, record: TouchRecord, name: str) -> Reco
     except LwrprobeError:
         raise
     except Exception as error:
-        raise PluginError(f"reconstructor plug-in {name!r} failed: {type(error).__name__}: {error}") from error
+        raise failed("reconstructor", name, error) from error
     wrong = _wrong(found)
     if wrong:
         raise PluginError(f"reconstructor plug-in {name!r}: {wrong}")

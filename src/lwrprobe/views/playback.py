@@ -11,8 +11,7 @@ import numpy as np
 
 from lwrprobe.bags.bag_file import STORAGES
 from lwrprobe.contracts import FormatError, LinkShape, TriangleMesh
-from lwrprobe.evaluation.run_folder import read_run, read_table
-from lwrprobe.evaluation.run_report import HIDING_FILE
+from lwrprobe.evaluation.run_folder import HIDING_FILE, read_run, read_table
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.kinematics import IKSolver, Robot

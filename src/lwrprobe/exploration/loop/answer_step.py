@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from lwrprobe.contact import Wrench
-from lwrprobe.contracts import Motion, Observation, PluginError, StorageError
+from lwrprobe.contracts import Motion, Observation, StorageError
 from lwrprobe.contracts.motion import check_motion
+from lwrprobe.contracts.plugins import failed
 from lwrprobe.exploration.loop.loop_parts import LoopParts
 from lwrprobe.exploration.safety.force_guard import ForceGuard
 
@@ -59,9 +60,4 @@ class AnswerStep:
         except StorageError:
             raise
         except Exception as error:
-            raise failed(self._strategy_name, error) from error
-
-
-def failed(name: str, error: Exception) -> PluginError:
-    """A strategy's error in words that name the strategy."""
-    return PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}")
+            raise failed("strategy", self._strategy_name, error) from error

@@ -22,7 +22,7 @@ from lwrprobe.contracts import (
     StorageError,
     Task,
 )
-from lwrprobe.exploration.loop.answer_step import failed
+from lwrprobe.contracts.plugins import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.loop_parts import LoopParts
@@ -210,7 +210,7 @@ class Explorer:
         except StorageError:
             raise
         except Exception as error:
-            raise failed(self._scene.strategy.name, error) from error
+            raise failed("strategy", self._scene.strategy.name, error) from error
 
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""

@@ -28,8 +28,8 @@ from lwrprobe.contracts import (
     Task,
     WrenchSample,
 )
+from lwrprobe.contracts.plugins import failed
 from lwrprobe.evaluation.summary import Summary
-from lwrprobe.exploration.loop.answer_step import failed
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.explorer import STAGES, Outcome, make_task
 from lwrprobe.exploration.loop.loop_parts import LoopParts
@@ -318,7 +318,7 @@ class Replay:
         except LwrprobeError:
             raise
         except Exception as error:
-            raise failed(scene.strategy.name, error) from error
+            raise failed("strategy", scene.strategy.name, error) from error
         return tip
 
     def _task(self, tip: RecordedTip) -> Task:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import Area, Probe
-from lwrprobe.evaluation.run_report import HIDING_FILE
+from lwrprobe.evaluation.run_folder import HIDING_FILE
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.swept_path import TOLERANCE, WIDER
 from lwrprobe.mapping.certificate import Certificate, Hiding

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import InputError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.evaluation.run_folder import CLOUD_FILE
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS, Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -109,7 +110,7 @@ def write_shapes(
     from lwrprobe.evaluation.preview import run_preview
     from lwrprobe.reconstruction.meshes import write_mesh
 
-    write_cloud(out / "contacts.ply", cloud)
+    write_cloud(out / CLOUD_FILE, cloud)
     write_cloud(out / "cloud.pcd", Cloud(voxels.centres()))
     voxels.write(out / "map.bt")
     empty = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))

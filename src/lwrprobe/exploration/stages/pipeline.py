@@ -23,7 +23,6 @@ from lwrprobe.contracts import (
     Bounds,
     CarefulStrategy,
     LeftOut,
-    PluginError,
     Probe,
     RaisingStrategy,
     Reconstructor,
@@ -31,7 +30,7 @@ from lwrprobe.contracts import (
     Strategy,
 )
 from lwrprobe.contracts.options import configure
-from lwrprobe.contracts.plugins import load
+from lwrprobe.contracts.plugins import failed, load
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.loop.loop_delay import LoopDelay
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
@@ -160,7 +159,7 @@ def _made(plugin: Callable[[], Strategy], name: str) -> Strategy:
     try:
         return plugin()
     except Exception as error:
-        raise PluginError(f"strategy plug-in {name!r} failed: {type(error).__name__}: {error}") from error
+        raise failed("strategy", name, error) from error
 
 
 def choose(
