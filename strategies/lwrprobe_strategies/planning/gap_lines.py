@@ -18,7 +18,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL_X, NORMAL_Y, NORMAL_Z, POINT_Y, SPACING
+from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL_X, NORMAL_Y, NORMAL_Z, POINT_Y
 from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 
 ROUGH = 0.002
@@ -98,8 +98,7 @@ def _end(trail: np.ndarray, xs: np.ndarray, heights: np.ndarray, index: int, y: 
     if heights[index] <= floor + 1e-4:
         return Line(X, float(y), x, x, floor)
     # Where the probe has stood its stick filled the column above.
-    # A contact may be as far from its place in the trail as places in that are apart.
-    near = (trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - y) < ON_LINE + SPACING)
+    near = (trail[:, GRID_X] == x) & (np.abs(trail[:, Y] - y) < ON_LINE)
     stood = trail[near, Z].max(initial=heights[index])
     return Line(X, float(y), x, x, float(heights[index]), on_surface=True, free_to=float(stood))
 
