@@ -120,6 +120,7 @@ class Coverage(SkillStrategy):
         self._stand_still_first = False
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
+        dropped = False
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)
@@ -131,10 +132,15 @@ class Coverage(SkillStrategy):
                     return Done(f"the object is as high as the area's upper end, {top}: no path leads over it", False)
             self.retractions.line_ends()
             self.line_ended()
-            if self.retractions.stuck:
+            dropped = self.retractions.exhausted
+            if dropped and not self.retractions.free:
                 return Done("the probe cannot leave its place: no path off the contact is free", complete=False)
-            if self.retractions.stays:
+            if dropped:
+                self.retractions.line_dropped()
+            elif self.retractions.stays:
                 self.lines.insert(line)
+        if dropped:
+            return Done("the arm cannot reach the lines that are left from where it is", complete=False)
         with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
             yield from transit(tip, self.retractions.path(), self.line_rotation)
         return Done("area covered")

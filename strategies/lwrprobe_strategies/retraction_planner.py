@@ -57,9 +57,19 @@ class RetractionPlanner:
         return self._stays > 0
 
     @property
-    def stuck(self) -> bool:
+    def exhausted(self) -> bool:
         """All fallbacks have left the tip where it was."""
         return self._stays > FALLBACKS
+
+    @property
+    def free(self) -> bool:
+        """Nothing presses on the tip: what keeps it where it is, is that the next line is out of the arm's reach."""
+        seen = self._tip.seen
+        return seen.contact is None and float(np.linalg.norm(seen.force)) <= self._tip.task.force_threshold
+
+    def line_dropped(self) -> None:
+        """The line is not begun again; the next one may be within reach."""
+        self._stays = 0
 
     def _stayed(self) -> bool:
         """Whether the tip is where it was when the line began, and in between came no farther than a retraction leads.

@@ -206,9 +206,12 @@ def test_coverage_inside_an_area_leaves_out_what_the_area_does_not_hold(block, f
     assert inside.reachable_area == pytest.approx(0.0182 / 2, rel=0.02)
 
 
-def test_coverage_of_nothing_is_complete():
+def test_coverage_of_nothing_is_not_known():
     nothing = reach(load_scene("empty").solid(), RADIUS, LOWEST)
-    assert coverage(NOTHING, NOTHING, nothing, PITCH).share == 1.0
+    of_nothing = coverage(NOTHING, NOTHING, nothing, PITCH).as_dict()
+    assert of_nothing["coverage"] is None
+    assert of_nothing["coverage_5mm"] is None
+    assert np.isnan(coverage_over_time(NOTHING, NOTHING, np.empty(0), np.array([1.0]), nothing, PITCH)).all()
 
 
 def test_coverage_over_time_ends_at_the_coverage_and_never_falls(block, found):

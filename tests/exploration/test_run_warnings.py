@@ -29,6 +29,8 @@ FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrenc
         ({"wrench_counters": {"samples": 900, "lost": 100}}, "10.0% of the wrench samples were lost"),
         ({"devices": {"fri": {"late_set_points": 9, "received": 1000}}}, None),
         ({"devices": {"fri": {"late_set_points": 30, "received": 1000}, "ati": {"lost": 1}}}, "3.0% of the set points"),
+        ({"status": "done", "contacts": 0}, "nothing was touched"),
+        ({"status": "ended early", "contacts": 0}, None),
         ({"reentries": 2}, "set in motion again 2 times"),
         ({"area_raised_mm": 10.0}, "upper end was raised by 10 mm"),
         ({"unreachable_area": "out of reach: 3 of 70 places of the area"}, "out of reach: 3 of 70"),

@@ -418,6 +418,19 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     assert up == pytest.approx([0.0, 0.0, 0.01])
 
 
+def test_a_line_that_the_arm_does_not_reach_from_free_space_is_left_out_and_the_next_one_is_tried():
+    """At the border of its reach the arm did not come to one line: the run ended, "no path off the contact is free"."""
+    strategy, tried = GridVersion(), []
+    strategy.start(task(approach=0.03))
+    strategy.tip.observe(seen([0.0, 0.0, 0.02]))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
+    strategy.drive_line = lambda line: tried.append(line.place) or iter(())
+    with pytest.raises(StopIteration) as stop:
+        next(strategy.program())
+    assert set(tried) >= set(strategy.lines.grid.x)
+    assert (stop.value.value.complete, "cannot reach" in stop.value.value.reason) == (False, True)
+
+
 def test_a_line_that_ends_where_it_began_has_been_driven():
     """Along a wall and back: taken for one that had not been left, it had been driven four times, and the run ended."""
     strategy, driven = GridVersion(), []

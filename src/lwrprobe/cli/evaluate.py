@@ -95,4 +95,4 @@ def _show(figures: dict[str, Any]) -> None:
             elif isinstance(value, float):
                 typer.echo(f"  {key:<18} {value:.5g}")
             else:
-                typer.echo(f"  {key:<18} {value}")
+                typer.echo(f"  {key:<18} {'not known' if value is None else value}")

@@ -25,7 +25,7 @@ DEFAULT_SPACING = 0.010
 class Coverage:
     """Shares (0..1) of the reachable surface that have a contact nearby which faces the same way within 60 degrees.
 
-    A contact on the other side of something thin does not count. 1 where nothing can be reached.
+    A contact on the other side of something thin does not count. None where nothing can be reached.
 
     Attributes
     ----------
@@ -34,16 +34,16 @@ class Coverage:
     reachable_area, whole_area : m^2
     """
 
-    share: float
-    share_5mm: float
+    share: float | None
+    share_5mm: float | None
     reachable_area: float
     whole_area: float
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, float | None]:
         """Shares, and areas in cm^2."""
         return {
-            "coverage": round(self.share, 4),
-            "coverage_5mm": round(self.share_5mm, 4),
+            "coverage": None if self.share is None else round(self.share, 4),
+            "coverage_5mm": None if self.share_5mm is None else round(self.share_5mm, 4),
             "reachable_area_cm2": round(1e4 * self.reachable_area, 2),
             "whole_area_cm2": round(1e4 * self.whole_area, 2),
         }
@@ -81,7 +81,7 @@ def coverage_over_time(
     contacts: np.ndarray, normals: np.ndarray, times: np.ndarray, at: np.ndarray, found: Reach, pitch: float
 ) -> np.ndarray:
     """(m,) share as in `coverage` at the rising times `at` (m,) s, for contacts (n, 3) with normals (n, 3) made at
-    `times` (n,) s."""
+    `times` (n,) s; NaN where nothing is reachable."""
     contacts, normals = rows("contacts", contacts), rows("normals", normals)
     times = np.asarray(times, dtype=np.float64)
     if times.shape != (len(contacts),):
@@ -90,7 +90,7 @@ def coverage_over_time(
     for k, made in enumerate(_between(times, at)):
         now = _Contacts(contacts[made], normals[made])
         left = left[~now.touch(found.points[left], found.normals[left], _near(pitch))]
-        share[k] = 1.0 - len(left) / max(len(found.points), 1)
+        share[k] = 1.0 - len(left) / len(found.points) if len(found.points) else np.nan
     return share
 
 
@@ -182,5 +182,5 @@ def _between(times: np.ndarray, at: np.ndarray) -> Iterator[np.ndarray]:
     return (order[begin:end] for begin, end in pairwise([0, *ends]))
 
 
-def _share(touched: np.ndarray) -> float:
-    return float(np.mean(touched)) if len(touched) else 1.0
+def _share(touched: np.ndarray) -> float | None:
+    return float(np.mean(touched)) if len(touched) else None

@@ -129,7 +129,8 @@ class Summary:
     `rms_mm`, and by dimension `size_mm`, `sigma_mm` and, after alignment, `sigma_aligned_mm`."""
     coverage: float | None = None
     """Share of the reachable surface that has a contact within half the line spacing plus 1 mm which faces the same way
-    within 60 degrees, 0 to 1; after the rigid motion that aligns the contacts with their true places."""
+    within 60 degrees, 0 to 1; after the rigid motion that aligns the contacts with their true places. Null where
+    nothing of the object can be reached in the area."""
     coverage_upright: float | None = None
     """The same of what a probe held upright can reach."""
     coverage_5mm: float | None = None

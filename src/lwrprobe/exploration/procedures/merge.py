@@ -221,8 +221,8 @@ def _compare(summary: Summary, scene: Scene, record: TouchRecord, surface: Recon
     pitch = record.pitch or DEFAULT_SPACING
     found = reach(solid, scene.probe.radius, scene.area.lower[2], scene.area.as_area())
     assert record.normals is not None
-    share = coverage(record.points, record.normals, found, pitch)
-    summary.coverage, summary.coverage_5mm = round(share.share, 4), round(share.share_5mm, 4)
+    share = coverage(record.points, record.normals, found, pitch).as_dict()
+    summary.coverage, summary.coverage_5mm = share["coverage"], share["coverage_5mm"]
     summary.surface_error_mm = surface_error(record.points, solid).as_dict()
     if surface is not None:
         error = mesh_error(surface.mesh, solid, scene.area.lower[2]).as_dict()

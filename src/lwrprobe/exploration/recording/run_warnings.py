@@ -23,6 +23,8 @@ ANOTHER_WORLD = (
 def run_warnings(summary: Summary, limit: float) -> list[str]:
     """Sentences on a summary that is otherwise complete; `limit` is the force limit [N]."""
     found = []
+    if summary.status == "done" and summary.contacts == 0:
+        found.append("nothing was touched: the area is empty, or the object stands outside of it")
     share = summary.rejected_share
     if share is not None and share > REJECTED:
         found.append(f"{share:.1%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")

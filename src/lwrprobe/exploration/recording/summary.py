@@ -160,19 +160,20 @@ def _against_truth(
     true_points = np.array([true.point for true in touches if true is not None]).reshape(-1, 3)
     # Which side was touched is another question than where it is: a base that is off by a millimetre uncovers nothing.
     aligned, facing = aligned_points(points[known], true_points), normals[known]
-    share = coverage(aligned, facing, within, pitch)
-    found["coverage"], found["coverage_5mm"] = round(share.share, 4), round(share.share_5mm, 4)
+    share = coverage(aligned, facing, within, pitch).as_dict()
+    found["coverage"], found["coverage_5mm"] = share["coverage"], share["coverage_5mm"]
     if len(points) == 0:
         return found
     few = reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES)
     within_upright = _upright(scene, pipeline, few, solid)
     if len(within_upright.points) == len(few.points):
         within_upright = within
-    found["coverage_upright"] = round(coverage(aligned, facing, within_upright, pitch).share, 4)
+    found["coverage_upright"] = coverage(aligned, facing, within_upright, pitch).as_dict()["coverage"]
     times = np.array([contact.time for contact in recorder.contacts])
     at = np.linspace(0.0, times.max(), 41)[1:]
-    shares = coverage_over_time(aligned, facing, times[known], at, within, pitch)
-    found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
+    if len(within.points):
+        shares = coverage_over_time(aligned, facing, times[known], at, within, pitch)
+        found["coverage_over_time"] = [[round(float(t), 2), round(float(c), 4)] for t, c in zip(at, shares)]
     ends = end_errors(points, normals, everywhere)
     found["end_errors_mm"] = [round(1e3 * end, 4) if np.isfinite(end) else None for end in ends]
     if known.any():
