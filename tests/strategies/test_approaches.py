@@ -375,6 +375,34 @@ def test_where_one_column_is_barred_another_one_is_taken_and_not_the_unknown(y, 
     assert pieces[over + 1].speed_limit is SpeedLimit.FREE
 
 
+def test_a_deep_start_beside_a_known_column_is_come_to_level_and_not_down_through_the_unknown():
+    """16 s of 4 mm/s straight down on the border, where the probe had come down 40 mm beside it."""
+    free, line = column(-0.05, 0.03, 0.006), Line(1, -0.02, 0.02, 0.05, 0.006)
+    pieces = way(line, [0.05, 0.05, TOP], free)
+    assert seconds(pieces, np.array([0.05, 0.05, TOP]), SPEEDS) < 3.0
+    assert [piece.speed_limit for piece in pieces[-2:]] == [SpeedLimit.FREE, SpeedLimit.GUARDED]
+    assert pieces[-1].place == pytest.approx(line.start)
+    barred = path_to(line, np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, lambda begin, end: False)
+    assert barred[-1].place[:2] == pytest.approx(barred[-2].place[:2]), "what was touched on the way bars it"
+    leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
+    down = path_to(line, np.array([0.05, 0.05, TOP]), leaning, AREA, free, SPEEDS)
+    assert down[-1].place[:2] == pytest.approx(down[-2].place[:2]), "what the upright stick has shown is not asked for"
+
+
+@pytest.mark.parametrize("level", [0.01, 0.03])
+def test_up_through_what_the_stick_alone_has_passed_the_probe_goes_level_to_a_known_column_first(level):
+    """Straight up at the speed at which the flank may be met it took 8 s; a column 30 mm beside was known."""
+    free = column(0.0, 0.03, level)
+    here = np.array([0.0, 0.0, 0.01])
+    stand(free, [0.0, -0.05, 0.02], here)
+    pieces = way(Line(1, 0.05, -0.05, 0.05, TOP), here, free)
+    up = next(k for k, piece in enumerate(pieces) if piece.place[2] == pytest.approx(TOP))
+    assert pieces[up].speed_limit is SpeedLimit.FREE
+    assert pieces[up].place[:2] == pytest.approx([0.0, 0.03], abs=SIDE)
+    assert pieces[up - 1].place == pytest.approx([0.0, 0.03, level], abs=SIDE)
+    assert pieces[up - 1].speed_limit is SpeedLimit.GUARDED
+
+
 def test_a_level_path_that_ends_at_a_wall_is_slow_for_its_last_millimetres_only():
     free = stand(column(-0.05, 0.05, 0.006), *([-0.05, y, 0.006] for y in np.arange(0.049, 0.0009, -0.001)))
     wall = np.eye(4)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.planning.free_space import BORDER, GAP, FreeSpace
-from lwrprobe_strategies.planning.lines import Line, X, Y, Z
+from lwrprobe_strategies.planning.free_space import BORDER, GAP, UPRIGHT, FreeSpace
+from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import HELD, THERE, SpeedLimit, Speeds, Waypoint, seconds, tip_pose
 from lwrprobe_strategies.planning.upright_body import Clear
 
@@ -22,6 +23,9 @@ BEFORE = 0.006
 """m before the end of a level path, up to which it is fast where it ends at a wall."""
 FARTHEST = 0.3
 """m sideways, as which the rest of a path from a known column may count at most; more is no gain."""
+AROUND = 0.1
+"""m along x and y, within which a place from which the probe may go straight up is worth a level path through the
+unknown: across the stick the probe gives way, so that it goes several times as fast there as down."""
 HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
 SOUGHT = 0.003
@@ -52,7 +56,7 @@ def path_to(
         return [replace(waypoint, rotation=turn) for waypoint in up_from(here, line.start, free)]
     start, touch = _touched_at(line, area) if line.on_surface else (line.start, [])
     to_column = _back_to_column(here, free)
-    up = _to_top(here, turn, top, to_column, free, speeds, allows)
+    up = _to_top(here, turn, top, to_column, free, speeds, clear, allows)
     above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
     down = _down_to(start, free, SpeedLimit.COLUMN) if line.on_surface else _down_at(start, top, free)
     straight_down = [*up, above, *down]
@@ -60,6 +64,8 @@ def path_to(
     paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
     if line.on_surface or not columns:
         paths.append(straight_down)
+    if not line.on_surface and -turn[Z, Z] > UPRIGHT:
+        paths += [[*up, *_beside(column, start, turn, top, free)] for column in _columns_around(start, free, speeds)]
     paths += _as_it_came(start, here, turn, free)
     paths += _up_to(start, turn, to_column, free)
     paths += _along_border(line, here, turn, free)
@@ -178,19 +184,30 @@ def _to_top(
     to_column: list[Waypoint],
     free: FreeSpace,
     speeds: Speeds,
+    clear: Clear,
     allows: Clear,
 ) -> list[Waypoint]:
-    """From a place (3,) to the top of the area: straight up, or first along a path to a column where that is quicker.
+    """From a place (3,) to the top of the area: straight up, or first to a column from which that is quicker.
 
-    Above a place to which the sphere did not come down it might meet something with its flank.
+    Above a place to which the sphere did not come down it might meet something with its flank. To a column the probe
+    goes back on its own path, or level.
     """
     up = up_from(here, np.array([here[X], here[Y], top]), free)
-    if not to_column:
-        return up
-    column = to_column[-1].place
-    path = [*to_column, *up_from(column, np.array([*column[:2], top]), free)]
-    quicker = seconds(path, here, speeds) < seconds(up, here, speeds)
-    return path if quicker and _allowed(path, here, turn, allows) else up
+    paths = []
+    if to_column:
+        column = to_column[-1].place
+        paths.append([*to_column, *up_from(column, np.array([*column[:2], top]), free)])
+    for column in _columns_around(here, free, speeds) if free.upright else []:
+        own = np.array([here[X], here[Y], max(here[Z], column[Z])])
+        rise = up_from(here, own, free) if own[Z] - here[Z] > THERE else []
+        foot = np.array([*column[:2], own[Z]])
+        paths.append([*rise, *_level(own, foot, free), Waypoint(np.array([*column[:2], top]))])
+    slowest = seconds(up, here, speeds)
+    timed = [(time, path) for path in paths if (time := seconds(path, here, speeds)) < slowest]
+    for _, path in sorted(timed, key=lambda one: one[0]):
+        if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
+            return path
+    return up
 
 
 def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Waypoint]:
@@ -218,6 +235,24 @@ def _known_columns(free: FreeSpace, start: np.ndarray, axis: int) -> list[np.nda
             if left.any():
                 best = int(np.argmin(np.where(left, cost, np.inf)))
                 found.append(np.array([*stood[best, :2], max(deep[best], low)]))
+    return found
+
+
+def _columns_around(place: np.ndarray, free: FreeSpace, speeds: Speeds) -> list[np.ndarray]:
+    """(3,) m, places around one (3,), from which the sphere fits straight up.
+
+    To each side along x and y the one between which and the place an upright probe goes soonest: level, and with care.
+    """
+    stood = free.open_around(place, AROUND)
+    apart, rise = stood[:, :2] - place[:2], np.maximum(stood[:, Z] - place[Z], 0.0)
+    level = min(speeds.guarded(np.eye(3)[axis]) for axis in (X, Y))
+    time = np.hypot(*apart.T) / level + rise / speeds.guarded(DOWN)
+    found = []
+    for right, back in product((False, True), repeat=2):
+        side = ((apart[:, X] > 0.0) == right) & ((apart[:, Y] > 0.0) == back)
+        if side.any():
+            best = int(np.argmin(np.where(side, time, np.inf)))
+            found.append(np.array([*stood[best, :2], max(stood[best, Z], place[Z])]))
     return found
 
 

@@ -186,6 +186,18 @@ class FreeSpace:
         rows = self._places.rows()
         return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, self._came_down), :3]
 
+    def open_around(self, place: np.ndarray, reach: float) -> np.ndarray:
+        """(n, 3) m, places as in `open_places`, within `reach` m along x and y of a place (3,)."""
+        rows = self._places.rows()
+        near = np.abs(rows[:, :2] - place[:2]).max(axis=1, initial=0.0) < reach
+        return rows[self._open(rows, near, self._came_down), :3]
+
+    @property
+    def upright(self) -> bool:
+        """Whether the probe is held upright now."""
+        last = self._places.last
+        return last is None or last[STOOD] > 0.0
+
     def swept(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether the upright probe has been all along a straight level line between two places (3,), free of contact.
 

@@ -11,8 +11,9 @@ from lwrprobe_strategies.planning.lines import Line, Z
 
 NEARER = 0.0005
 """m that the nearest of the contacts of one wall differ in distance."""
-RISE = 0.0015
-"""m by which something may reach further than what was touched of it."""
+RISE = 0.0021
+"""m by which something may reach further than what was touched of it: an edge of the cubes in the map, which the
+clearance looks at, and the error of a contact."""
 
 Clear = Callable[[np.ndarray, np.ndarray], bool]
 """Whether the straight path may be taken from one place (3,) to another, or from one tip pose (4, 4) to another."""
@@ -40,8 +41,11 @@ def tallest_possible(task: Task) -> float:
 
 
 def line_height(task: Task) -> float:
-    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold."""
-    tallest = tallest_possible(task)
+    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold.
+
+    With `RISE`, since of the tallest object the top that was touched would else be a threat or not by chance.
+    """
+    tallest = tallest_possible(task) + RISE
     lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
