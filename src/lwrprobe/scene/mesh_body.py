@@ -12,9 +12,10 @@ from lwrprobe.contracts import SceneError
 from lwrprobe.scene import program
 from lwrprobe.scene.box_tree_kernels import halve
 from lwrprobe.scene.shape import Mesh, RandomObject
+from lwrprobe.scene.table import LARGEST
 
 _LEAF = 4  # faces
-SMALLEST, LARGEST = 0.001, 5.0
+SMALLEST = 0.001
 """m, of the longest side of a mesh."""
 
 
