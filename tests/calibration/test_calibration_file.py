@@ -76,7 +76,7 @@ def changed(calibration, name, values):
 
 def test_doctor_says_what_has_changed_since_the_calibration_before(calibration, tmp_path):
     path = tmp_path / "c.toml"
-    today = replace(calibration, date=datetime.now(UTC).replace(microsecond=0))
+    today = replace(calibration, date=datetime.now(UTC).replace(microsecond=0) - timedelta(days=61))
     write_calibration(today, path)
     asked = ["doctor", "--scene", "block", "--set", f'calibration="{path}"']
     assert "calibration drift" not in CliRunner().invoke(app, asked).output
@@ -192,7 +192,8 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
     [
         ("format = 3", "format = 9", "format"),
         ("touches = 75", 'touches = "many"', "touches"),
-        ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
+        ("[quantity.table]", "[other.table]", "quantity.table is missing"),
+        ("[quantity.table]", "[quantity.tabel]", "quantity.tabel is none of"),
         ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
         ("0.00501,", "nan,", "sphere_radius"),
         ("-6e-05,\n", "", "gear_waves"),
@@ -200,6 +201,13 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
         ("0.0007,\n", "nan,\n", "arm_errors"),
         ("0.0008,\n", "", "force_errors"),
         ("0.0008,\n", "inf,\n", "force_errors"),
+        ("0.00501,", "5.0,", r"quantity.sphere_radius.values is \[5.0\], not 1 finite numbers from 0.0001 to 0.5"),
+        ("0.0003,\n", "0.3,\n", "quantity.tool_shift.values"),
+        ("1e-05,\n", "-1e-05,\n", "quantity.tool_shift.sigma .* from 0 to"),
+        ("2000.0,", "0.0,", "quantity.stick_stiffness.values"),
+        ("residual_m = 3e-06", "residual_m = nan", "residual_m is nan"),
+        ("date = 2026", "date = 2126", "date is 2126-01-02 .* in the future"),
+        ("05+00:00", "05", "without a time zone"),
     ],
 )
 def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):

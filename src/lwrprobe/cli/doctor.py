@@ -123,7 +123,7 @@ def _calibration(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
         return
     days = (datetime.now(UTC) - found.date).total_seconds() / 86400.0
     facts = f"{days:.0f} days old, residual {1e3 * found.residual:.3f} mm, sphere {1e3 * found.reference_sphere:g} mm"
-    good = days + 1.0 >= 0.0 and days <= MAX_AGE
+    good = days <= MAX_AGE
     yield f"{'calibration':<24} {facts}" + ("" if good else f": calibrate again, {MAX_AGE} days are allowed"), good
     if not previous_path(loaded.calibration).is_file():
         return
