@@ -89,6 +89,30 @@ def test_doctor_says_what_has_changed_since_the_calibration_before(calibration, 
     assert found.exit_code == 1
 
 
+def test_doctor_counts_a_calibration_that_cannot_be_used_as_a_problem(calibration, tmp_path):
+    """It had ended behind its list, without a mark in it."""
+    path = tmp_path / "c.toml"
+    asked = ["doctor", "--scene", "block", "--set", f'calibration="{path}"']
+    write_calibration(replace(calibration, scene_hash="another"), path)
+    contents = ["format = 3\n", path.read_text(), None]
+    for content, words in zip(contents, ("date is None", "calibrate again", "an existing file")):
+        path.unlink()
+        if content is not None:
+            path.write_text(content)
+        found = CliRunner().invoke(app, asked)
+        (line,) = (line for line in found.output.splitlines() if line.startswith("! "))
+        assert line.startswith("! calibration ")
+        assert words in line
+        assert "problems found: 1" in found.output
+        assert found.exit_code == 1
+
+
+def test_doctor_refuses_a_scene_that_is_wrong_at_once():
+    found = CliRunner().invoke(app, ["doctor", "--scene", "nowhere.toml"])
+    assert isinstance(found.exception, SceneError)
+    assert found.output == ""
+
+
 def test_only_what_both_have_seen_counts_as_changed(calibration):
     stick = changed(calibration, "stick_stiffness", [2000.0, 5e6])
     assert drifts(stick, calibration) == []

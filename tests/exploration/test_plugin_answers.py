@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from lwrprobe.cli.app import app
 from lwrprobe.contracts import (
     Done,
     Goal,
@@ -110,6 +112,12 @@ def test_a_reconstructor_of_another_shape_is_refused():
             reconstructed(SimpleNamespace(reconstruct=lambda record, wrong=wrong: wrong), TouchRecord(BOX), "mine")
 
 
+class Old(GridVersion):
+    """One that was written for an earlier contract."""
+
+    contract = 1
+
+
 def entry(name, value, distribution):
     found = EntryPoint(name, value, "lwrprobe.strategies")
     vars(found)["dist"] = SimpleNamespace(name=distribution, version="1")
@@ -133,6 +141,18 @@ def test_two_others_of_one_name_are_refused(monkeypatch):
     with pytest.raises(PluginError, match="have this name"):
         plugins.load("strategy", "mine")
     assert all("same name" in plugin.broken for plugin in plugins.discover("strategy"))
+
+
+@pytest.mark.parametrize("command", [["list", "strategies"], ["doctor"]])
+def test_a_plug_in_of_another_contract_is_marked_in_the_lists(command, monkeypatch):
+    """They had shown it as in order; a run refused it."""
+    found = plugins._entries
+    old = entry("mine", f"{__name__}:Old", "another")
+    monkeypatch.setattr(plugins, "_entries", lambda kind: [*found(kind), *([old] if kind == "strategy" else [])])
+    done = CliRunner().invoke(app, command)
+    (line,) = (line for line in done.output.splitlines() if "mine" in line.split())
+    assert "broken: written for contract 1, this lwrprobe speaks contract 2" in line.replace("BROKEN", "broken")
+    assert done.exit_code == (1 if command == ["doctor"] else 0)
 
 
 def test_a_module_that_ends_the_program_breaks_only_itself(monkeypatch, tmp_path):

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import (
-    DRIVER_CONTRACT,
     Arm,
     DelayedArm,
     Driver,
@@ -51,7 +50,7 @@ class Devices:
         """
         drivers: dict[str, Driver[Scene]] = {}
         for role, name in (("arm", scene.arm.driver), ("sensor", scene.sensor.driver)):
-            plugin = load("driver", name, DRIVER_CONTRACT)
+            plugin = load("driver", name)
             if role not in plugin.roles:
                 raise InputError(f"{role}.driver", name, f"a driver with the role {role}")
             if name not in drivers:

@@ -17,8 +17,6 @@ from lwrprobe.contact import (
     make_estimator,
 )
 from lwrprobe.contracts import (
-    RECONSTRUCTOR_CONTRACT,
-    STRATEGY_CONTRACT,
     Area,
     Bounds,
     CarefulStrategy,
@@ -176,7 +174,7 @@ def choose(
     check_estimator(scene.contact.estimator)
     if strategy is None:
         name = scene.strategy.name
-        strategy = plugin = load("strategy", name, STRATEGY_CONTRACT)
+        strategy = plugin = load("strategy", name)
         options = configure(plugin.Config, scene.strategy.options, f"strategy {name}")
     if reconstructor is not None:
         given = reconstructor
@@ -187,7 +185,7 @@ def choose(
 def named_reconstructor(scene: Scene) -> tuple[Callable[[object], Reconstructor], object]:
     """What makes the scene's reconstructor from its options, and these; raises as `choose` does."""
     method = scene.reconstruction.method
-    plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    plugin = load("reconstructor", method)
     return plugin, configure(plugin.Config, scene.reconstruction.options, f"reconstruction {method}")
 
 
