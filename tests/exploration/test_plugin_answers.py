@@ -1,5 +1,6 @@
 """What a plug-in answers is checked where it is handed over, and the error names the plug-in."""
 
+import re
 from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from lwrprobe.contracts import (
     Goal,
     InputError,
     PluginError,
+    Progress,
     Reconstruction,
     TouchRecord,
     TriangleMesh,
@@ -63,6 +65,25 @@ def test_a_run_whose_strategy_answers_nonsense_keeps_its_data_and_names_it(answe
     found = explore(load_scene("block", ["truth.profile=ideal"]), tmp_path / "run")
     assert found["status"] == "ended early"
     assert "strategy plug-in 'grid_version' failed" in found["reason"]
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("what", "answer", "words"),
+    [
+        ("progress", lambda self: None, "progress().*allowed: a Progress"),
+        ("progress", lambda self: Progress("on", np.nan), "covered: got nan"),
+        ("line_spacing", property(lambda self: "10 mm"), "line_spacing: got '10 mm'; allowed: a positive length"),
+        ("trace", property(lambda self: 7), "not subscriptable"),
+        ("trace", property(lambda self: [("a state", 3.0)]), "trace: got .* rows of a time"),
+    ],
+)
+def test_what_a_strategy_says_of_itself_is_checked_too(what, answer, words, tmp_path, monkeypatch):
+    """It had ended with a traceback."""
+    monkeypatch.setattr(GridVersion, what, answer)
+    found = explore(load_scene("block", ["truth.profile=ideal"]), tmp_path / "run", watch=lambda snapshot: None)
+    assert found["status"] == "ended early"
+    assert re.match(f"strategy plug-in 'grid_version' failed: .*{words}", found["reason"])
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
