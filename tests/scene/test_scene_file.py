@@ -29,7 +29,7 @@ REFUSED = {
     "radius_text": ("probe.radius", "5 mm", "a number"),
     "stick_thicker_than_sphere": ("probe.stick_radius", "0.006", "less than the sphere's radius"),
     "probe_in_millimetres": ("probe.radius", "5.0", "at most 0.5 in size: lengths are in metres, and 5 mm are 0.005"),
-    "stick_through_sensor": ("probe.sensor_distance", "0.05", "at least radius + stick_length, 0.205"),
+    "stick_through_sensor": ("probe.sensor_distance", "0.05", "radius + stick_length, 0.205, or more"),
     "probe_heavy": ("probe.mass", "0.15", "at most 0.03 kg"),
     "lever_long": ("contact.target", "0.8", "less than 0.64 N"),
     "area_inverted": ("area.lower x", "0.1", "less than upper x"),
@@ -247,6 +247,11 @@ def test_the_probe_has_its_shapes_one_behind_the_other():
     assert reach["sensor"][0] - 0.001 <= -probe.sensor_distance <= reach["sensor"][0] + 0.0145
     left, right = (next(link for link in probe.links if link.name == f"finger_{side}") for side in ("left", "right"))
     assert right.pose[0, 3] - left.pose[0, 3] - right.size[0] == pytest.approx(2 * 0.0125)
+
+
+def test_a_sphere_that_was_measured_a_little_larger_is_no_contradiction():
+    """What `lwrprobe calibrate` finds changes the radius alone, and a world may be built from such a scene."""
+    assert load_scene(load_scene("block"), ["probe.radius=0.0051"]).probe.radius == 0.0051
 
 
 def test_compliance_of_a_rigid_and_of_a_soft_stick():

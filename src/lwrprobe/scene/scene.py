@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 INERTIA = 0.3
 """Of the threshold of a touch, that the probe's own inertia may read."""
 ProbeLength = Annotated[Length, in_metres(0.5)]
-ROUNDING = 1e-9
-"""m, by which lengths that were added up may differ."""
+BEHIND = 0.002
+"""m, by which sphere and stick may reach behind the sensor's origin: a calibration measures the sphere alone."""
 
 
 class ArmTable(Table):
@@ -89,8 +89,8 @@ class ProbeTable(Table):
         if self.stick_radius >= self.radius:
             raise Refusal("stick_radius", self.stick_radius, f"less than the sphere's radius, {self.radius:g}")
         begin = self.radius + self.stick_length
-        if self.sensor_distance < begin - ROUNDING:
-            allowed = f"at least radius + stick_length, {begin:g}: the sensor begins where the stick ends"
+        if self.sensor_distance < begin - BEHIND:
+            allowed = f"about radius + stick_length, {begin:g}, or more: the sensor begins where the stick ends"
             raise Refusal("sensor_distance", self.sensor_distance, allowed)
         return self
 
