@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError
+from lwrprobe.contracts import DriverContext, DriverError
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 
@@ -37,7 +37,7 @@ class SimulatedWorld:
     """
 
     def __init__(self, scene: Any, seed: int, start: np.ndarray | None = None) -> None:
-        plugin = load("driver", "sim", DRIVER_CONTRACT)
+        plugin = load("driver", "sim")
         options = dict(scene.drivers.get("sim", {})) | _IDEAL_LINE
         if start is not None:
             options["start_q"] = start.tolist()

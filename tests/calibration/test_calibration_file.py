@@ -76,7 +76,7 @@ def changed(calibration, name, values):
 
 def test_doctor_says_what_has_changed_since_the_calibration_before(calibration, tmp_path):
     path = tmp_path / "c.toml"
-    today = replace(calibration, date=datetime.now(UTC).replace(microsecond=0))
+    today = replace(calibration, date=datetime.now(UTC).replace(microsecond=0) - timedelta(days=61))
     write_calibration(today, path)
     asked = ["doctor", "--scene", "block", "--set", f'calibration="{path}"']
     assert "calibration drift" not in CliRunner().invoke(app, asked).output
@@ -87,6 +87,30 @@ def test_doctor_says_what_has_changed_since_the_calibration_before(calibration, 
     found = CliRunner().invoke(app, asked)
     assert "tool_shift[2] from 0.00034 to 0.0006" in found.output
     assert found.exit_code == 1
+
+
+def test_doctor_counts_a_calibration_that_cannot_be_used_as_a_problem(calibration, tmp_path):
+    """It had ended behind its list, without a mark in it."""
+    path = tmp_path / "c.toml"
+    asked = ["doctor", "--scene", "block", "--set", f'calibration="{path}"']
+    write_calibration(replace(calibration, scene_hash="another"), path)
+    contents = ["format = 3\n", path.read_text(), None]
+    for content, words in zip(contents, ("date is None", "calibrate again", "an existing file")):
+        path.unlink()
+        if content is not None:
+            path.write_text(content)
+        found = CliRunner().invoke(app, asked)
+        (line,) = (line for line in found.output.splitlines() if line.startswith("! "))
+        assert line.startswith("! calibration ")
+        assert words in line
+        assert "problems found: 1" in found.output
+        assert found.exit_code == 1
+
+
+def test_doctor_refuses_a_scene_that_is_wrong_at_once():
+    found = CliRunner().invoke(app, ["doctor", "--scene", "nowhere.toml"])
+    assert isinstance(found.exception, SceneError)
+    assert found.output == ""
 
 
 def test_only_what_both_have_seen_counts_as_changed(calibration):
@@ -192,7 +216,8 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
     [
         ("format = 3", "format = 9", "format"),
         ("touches = 75", 'touches = "many"', "touches"),
-        ("[quantity.table]", "[quantity.tabel]", "quantity.table is missing"),
+        ("[quantity.table]", "[other.table]", "quantity.table is missing"),
+        ("[quantity.table]", "[quantity.tabel]", "quantity.tabel is none of"),
         ("[quantity.clock_offset]", "[quantity.clock_offset", "TOML"),
         ("0.00501,", "nan,", "sphere_radius"),
         ("-6e-05,\n", "", "gear_waves"),
@@ -200,6 +225,13 @@ def test_sensor_is_read_with_its_matrix_and_clock(calibration):
         ("0.0007,\n", "nan,\n", "arm_errors"),
         ("0.0008,\n", "", "force_errors"),
         ("0.0008,\n", "inf,\n", "force_errors"),
+        ("0.00501,", "5.0,", r"quantity.sphere_radius.values is \[5.0\], not 1 finite numbers from 0.0001 to 0.5"),
+        ("0.0003,\n", "0.3,\n", "quantity.tool_shift.values"),
+        ("1e-05,\n", "-1e-05,\n", "quantity.tool_shift.sigma .* from 0 to"),
+        ("2000.0,", "0.0,", "quantity.stick_stiffness.values"),
+        ("residual_m = 3e-06", "residual_m = nan", "residual_m is nan"),
+        ("date = 2026", "date = 2126", "date is 2126-01-02 .* in the future"),
+        ("05+00:00", "05", "without a time zone"),
     ],
 )
 def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, message):

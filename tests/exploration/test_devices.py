@@ -116,9 +116,19 @@ def test_a_driver_of_both_roles_is_made_once_and_goes_cycle_by_cycle():
     assert SimulatedTime.of(one, 7) is None
 
 
-def test_the_simulator_goes_many_cycles_at_once_where_its_own_sensor_is_used():
+def test_the_simulator_goes_many_cycles_at_once():
     assert SimulatedTime.of(devices("sim", "sim"), 7) is not None
-    assert SimulatedTime.of(devices("sim", "silent"), 7) is None
+
+
+@pytest.mark.parametrize(("arm", "sensor"), [("sim", "ati"), ("sim", "silent"), ("fri", "sim"), ("mujoco", "sim")])
+def test_a_simulated_device_is_not_combined_with_one_on_another_clock(arm, sensor):
+    """The samples would never be at a time at which the arm was anywhere."""
+    with pytest.raises(InputError, match=r"arm.driver, sensor.driver: got .* for both: it is simulated"):
+        devices(arm, sensor)
+
+
+def test_two_devices_on_the_clock_of_the_computer_are_combined():
+    assert set(devices("fri", "ati").drivers) == {"fri", "ati"}
 
 
 def test_both_devices_are_closed_where_one_does_not_open():

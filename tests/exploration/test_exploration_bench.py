@@ -243,6 +243,16 @@ def test_what_is_no_number_of_seeds_is_refused(text):
         exploration.run(True, {"seed": "1"})
 
 
+@pytest.mark.parametrize(
+    "option", [("strategies", "nonsense"), ("profiles", "labb"), ("scenes", "block,blok"), ("scenes", "gone.toml")]
+)
+def test_a_name_that_is_none_is_refused_before_the_first_run(option, monkeypatch):
+    """It had been a row of the report, beside runs that took their time."""
+    monkeypatch.setattr(exploration, "run_kept", None)
+    with pytest.raises(InputError, match=option[1].split(",")[-1]):
+        exploration.run(True, dict([option]))
+
+
 def test_level_ways_along_a_wall_are_told_from_those_up_and_over(tmp_path):
     """Up a wall, across the top, and level around the wall; a jump from one to the next is neither."""
     steps = np.arange(0.0, 0.02, 0.001)

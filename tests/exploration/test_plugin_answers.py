@@ -1,16 +1,20 @@
 """What a plug-in answers is checked where it is handed over, and the error names the plug-in."""
 
+import re
 from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from lwrprobe.cli.app import app
 from lwrprobe.contracts import (
     Done,
     Goal,
     InputError,
     PluginError,
+    Progress,
     Reconstruction,
     TouchRecord,
     TriangleMesh,
@@ -64,6 +68,25 @@ def test_a_run_whose_strategy_answers_nonsense_keeps_its_data_and_names_it(answe
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("what", "answer", "words"),
+    [
+        ("progress", lambda self: None, "progress().*allowed: a Progress"),
+        ("progress", lambda self: Progress("on", np.nan), "covered: got nan"),
+        ("line_spacing", property(lambda self: "10 mm"), "line_spacing: got '10 mm'; allowed: a positive length"),
+        ("trace", property(lambda self: 7), "not subscriptable"),
+        ("trace", property(lambda self: [("a state", 3.0)]), "trace: got .* rows of a time"),
+    ],
+)
+def test_what_a_strategy_says_of_itself_is_checked_too(what, answer, words, tmp_path, monkeypatch):
+    """It had ended with a traceback."""
+    monkeypatch.setattr(GridVersion, what, answer)
+    found = explore(load_scene("block", ["truth.profile=ideal"]), tmp_path / "run", watch=lambda snapshot: None)
+    assert found["status"] == "ended early"
+    assert re.match(f"strategy plug-in 'grid_version' failed: .*{words}", found["reason"])
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
 def test_a_run_whose_reconstructor_fails_keeps_its_contacts(tmp_path, monkeypatch):
     """Summary, map and report had been lost with it."""
 
@@ -110,6 +133,12 @@ def test_a_reconstructor_of_another_shape_is_refused():
             reconstructed(SimpleNamespace(reconstruct=lambda record, wrong=wrong: wrong), TouchRecord(BOX), "mine")
 
 
+class Old(GridVersion):
+    """One that was written for an earlier contract."""
+
+    contract = 1
+
+
 def entry(name, value, distribution):
     found = EntryPoint(name, value, "lwrprobe.strategies")
     vars(found)["dist"] = SimpleNamespace(name=distribution, version="1")
@@ -133,6 +162,18 @@ def test_two_others_of_one_name_are_refused(monkeypatch):
     with pytest.raises(PluginError, match="have this name"):
         plugins.load("strategy", "mine")
     assert all("same name" in plugin.broken for plugin in plugins.discover("strategy"))
+
+
+@pytest.mark.parametrize("command", [["list", "strategies"], ["doctor"]])
+def test_a_plug_in_of_another_contract_is_marked_in_the_lists(command, monkeypatch):
+    """They had shown it as in order; a run refused it."""
+    found = plugins._entries
+    old = entry("mine", f"{__name__}:Old", "another")
+    monkeypatch.setattr(plugins, "_entries", lambda kind: [*found(kind), *([old] if kind == "strategy" else [])])
+    done = CliRunner().invoke(app, command)
+    (line,) = (line for line in done.output.splitlines() if "mine" in line.split())
+    assert "broken: written for contract 1, this lwrprobe speaks contract 2" in line.replace("BROKEN", "broken")
+    assert done.exit_code == (1 if command == ["doctor"] else 0)
 
 
 def test_a_module_that_ends_the_program_breaks_only_itself(monkeypatch, tmp_path):

@@ -13,14 +13,21 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from lwrprobe.bags.bag_file import read_bag
-from lwrprobe.calibration.calibration_file import LENGTHS, Calibration, Quantity, read_calibration, write_calibration
+from lwrprobe.calibration.calibration_file import (
+    EACH_JOINT,
+    LENGTHS,
+    Calibration,
+    Quantity,
+    read_calibration,
+    write_calibration,
+)
 from lwrprobe.contracts import LwrprobeError, TriangleMesh
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, read_log
@@ -176,10 +183,11 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
     found["journal.jsonl"] = [b'{"key": "a", "result": {"status": "done"}}\n{"key": "b", "result": {}}\n']
     found["scene.toml"] = [SCENE.encode(), b'[[object]]\nshape = "mesh"\nfile = "../../../etc/passwd"\n']
     found["plan.toml"] = [b'scenes = ["block"]\nseeds = 3\nset = ["strategy.step=0.01"]\n']
-    quantities = {name: Quantity("m", (0.1,) * n, (0.01,) * n, (True,) * n) for name, n in LENGTHS.items() if n}
-    quantities |= {name: Quantity("m", (0.1,), (0.01,), (True,)) for name, n in LENGTHS.items() if not n}
+    lengths = {name: count or EACH_JOINT[name] for name, count in LENGTHS.items()}
+    quantities = {name: Quantity("m", (0.1,) * n, (0.01,) * n, (True,) * n) for name, n in lengths.items()}
     write_calibration(
-        Calibration(datetime(2026, 1, 1), "block", "0", "lwr4", 0.02, 3, 1e-5, 60.0, quantities), folder / "c.toml"
+        Calibration(datetime(2026, 1, 1, tzinfo=UTC), "block", "0", "lwr4", 0.02, 3, 1e-5, 60.0, quantities),
+        folder / "c.toml",
     )
     found["calibration.toml"] = [(folder / "c.toml").read_bytes()]
     found["console.txt"] = ["\n".join(Transducer(2, 0.0, 3).table()).encode()]

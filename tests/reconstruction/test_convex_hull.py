@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, TouchRecord
+from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.contracts.plugins import load
 from lwrprobe.reconstruction.convex_hull import ConvexHull, convex_hull
 
@@ -78,6 +78,6 @@ def test_a_million_points():
 
 
 def test_it_is_found_by_its_entry_point_and_reports():
-    method = load("reconstructor", "convex_hull", RECONSTRUCTOR_CONTRACT)
+    method = load("reconstructor", "convex_hull")
     result = method(method.Config()).reconstruct(TouchRecord(np.random.default_rng(3).random((30, 3))))
     assert {"method", "seconds", "watertight", "without"} <= result.report.keys()

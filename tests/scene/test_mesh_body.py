@@ -5,6 +5,7 @@ import odd_solids as odd
 import pytest
 
 from lwrprobe.contracts import InputError, SceneError, TriangleMesh
+from lwrprobe.evaluation.truth import read_truth
 from lwrprobe.scene.mesh_distance import MeshDistance
 
 trimesh = pytest.importorskip("trimesh")
@@ -113,6 +114,36 @@ def test_a_mesh_that_is_wound_inwards_is_turned_round(tmp_path):
     box.invert()
     solid = odd.scene(mesh_of(tmp_path / "box.ply", box)).solid()
     assert solid.signed_distance(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.02]])) == pytest.approx([-0.01, 0.01])
+
+
+def two_boxes(apart, second_inverted, all_inverted=False):
+    first, second = trimesh.creation.box([0.04, 0.04, 0.04]), trimesh.creation.box([0.02, 0.01, 0.015])
+    second.apply_translation([apart, 0.0, 0.0])
+    if second_inverted:
+        second.invert()
+    both = trimesh.util.concatenate([first, second])
+    if all_inverted:
+        both.invert()
+    return both
+
+
+@pytest.mark.parametrize("all_inverted", [False, True])
+def test_a_mesh_of_which_one_body_is_inside_out_is_refused(tmp_path, all_inverted):
+    """All that lies outside of that body had counted as inside."""
+    mesh = two_boxes(0.06, True, all_inverted)
+    with pytest.raises(SceneError, match=r"object\[0\]\.file.* one of them is inside out"):
+        odd.scene(mesh_of(tmp_path / "boxes.stl", mesh)).solid()
+    with pytest.raises(SceneError, match="one of them is inside out"):
+        read_truth(str(tmp_path / "boxes.stl"))
+
+
+@pytest.mark.parametrize("all_inverted", [False, True])
+def test_cavities_and_bodies_apart_are_as_they_are(tmp_path, all_inverted):
+    points = np.array([[0.0, 0.0, 0.0], [0.018, 0.0, 0.0], [0.06, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    hollow = odd.scene(mesh_of(tmp_path / "hollow.stl", two_boxes(0.0, True, all_inverted))).solid()
+    assert hollow.contains(points).tolist() == [False, True, False, False]
+    apart = odd.scene(mesh_of(tmp_path / "apart.stl", two_boxes(0.06, False, all_inverted))).solid()
+    assert apart.contains(points).tolist() == [True, True, True, False]
 
 
 def test_scale_counts_in_metres(tmp_path):

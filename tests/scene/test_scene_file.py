@@ -28,9 +28,12 @@ REFUSED = {
     "radius_infinite": ("probe.radius", "inf", "a finite number"),
     "radius_text": ("probe.radius", "5 mm", "a number"),
     "stick_thicker_than_sphere": ("probe.stick_radius", "0.006", "less than the sphere's radius"),
+    "probe_in_millimetres": ("probe.radius", "5.0", "at most 0.5 in size: lengths are in metres, and 5 mm are 0.005"),
+    "stick_through_sensor": ("probe.sensor_distance", "0.05", "radius + stick_length, 0.205, or more"),
     "probe_heavy": ("probe.mass", "0.15", "at most 0.03 kg"),
     "lever_long": ("contact.target", "0.8", "less than 0.64 N"),
     "area_inverted": ("area.lower x", "0.1", "less than upper x"),
+    "area_in_millimetres": ("area.lower[0]", "-85.0", "lengths are in metres"),
     "area_in_table": ("area.lower z", "0.001", "table.height + probe.radius"),
     "area_two_numbers": ("area.lower[2]", "-0.06", "the missing number"),
     "area_four_numbers": ("area.lower", "0.006", "at most 3 items"),
@@ -39,6 +42,8 @@ REFUSED = {
     "box_without_size": ("object[0].size", "nothing", "the key is missing"),
     "box_key_of_cylinder": ("object[0].radius", "0.02", "size"),
     "box_flat": ("object[0].size[1]", "0.0", "greater than 0"),
+    "box_in_millimetres": ("object[0].size[0]", "120.0", "lengths are in metres, and 120 mm are 0.12"),
+    "box_far_away": ("object[0].at.xyz[2]", "25.0", "lengths are in metres"),
     "union_empty": ("object[0].children", "[]", "at least 1"),
     "difference_of_one": ("object[0].children", "sphere", "at least 2"),
     "random_kind": ("object[0].kind", "orgnic", "'organic'"),
@@ -166,6 +171,31 @@ def test_a_bad_override_is_refused(override, key, allowed):
     assert allowed in caught.value.allowed
 
 
+@pytest.mark.parametrize(
+    ("overrides", "source", "key"),
+    [
+        (["run.seed=3", "probe.radius=5"], "--set probe.radius=5", "probe.radius"),
+        ({"run.until.time": -1}, "--set run.until.time=-1", "run.until.time"),
+        (["contact.target=0.1", "run.seed=3"], "--set contact.target=0.1", "contact.threshold, target, limit"),
+        (["contact.threshold=1", "contact.target=1.5", "contact.limit=1"], "--set contact.limit=1", "contact.thr"),
+        (["calibration=gone.toml"], "--set calibration=gone.toml", "calibration"),
+        (["object.3.friction=0.1"], "--set object.3.friction=0.1", "object.3.friction"),
+    ],
+)
+def test_what_was_set_beside_the_file_is_blamed_on_the_setting(overrides, source, key):
+    """Messages had named block.toml, which is in order."""
+    with pytest.raises(SceneError) as caught:
+        load_scene("block", overrides)
+    assert caught.value.field.startswith(f"{source}: {key}")
+    assert "block.toml" not in str(caught.value)
+
+
+def test_what_a_file_has_wrong_is_blamed_on_the_file_whatever_was_set():
+    with pytest.raises(SceneError) as caught:
+        load_scene(BAD / "radius_zero.toml", ["run.seed=3", "probe.stick_length=0.04"])
+    assert caught.value.field == "radius_zero.toml: probe.radius"
+
+
 def test_an_unknown_name_lists_the_known_ones_and_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'bridge'"):
         load_scene("brigde")
@@ -217,6 +247,11 @@ def test_the_probe_has_its_shapes_one_behind_the_other():
     assert reach["sensor"][0] - 0.001 <= -probe.sensor_distance <= reach["sensor"][0] + 0.0145
     left, right = (next(link for link in probe.links if link.name == f"finger_{side}") for side in ("left", "right"))
     assert right.pose[0, 3] - left.pose[0, 3] - right.size[0] == pytest.approx(2 * 0.0125)
+
+
+def test_a_sphere_that_was_measured_a_little_larger_is_no_contradiction():
+    """What `lwrprobe calibrate` finds changes the radius alone, and a world may be built from such a scene."""
+    assert load_scene(load_scene("block"), ["probe.radius=0.0051"]).probe.radius == 0.0051
 
 
 def test_compliance_of_a_rigid_and_of_a_soft_stick():

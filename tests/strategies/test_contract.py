@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from lwrprobe.contracts import PluginError, Strategy, plugins
-from lwrprobe.contracts.strategy import STRATEGY_CHANGES, STRATEGY_CONTRACT
+from lwrprobe.contracts.strategy import STRATEGY_CHANGES
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.surface_contour import SurfaceContour
@@ -36,7 +36,7 @@ def test_a_strategy_for_version_1_is_told_what_to_change(text, tmp_path, monkeyp
     entry = EntryPoint("old", "old_plugin:Old", "lwrprobe.strategies")
     monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
     with pytest.raises(PluginError) as raised:
-        plugins.load("strategy", "old", STRATEGY_CONTRACT)
+        plugins.load("strategy", "old")
     assert STRATEGY_CHANGES[1] in str(raised.value)
     monkeypatch.delitem(__import__("sys").modules, "old_plugin", raising=False)
 

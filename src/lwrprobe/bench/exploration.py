@@ -30,9 +30,10 @@ from lwrprobe.bench.stroke_pictures import draw_strokes, stroke_ends, strokes_of
 from lwrprobe.bench.threat_pictures import SCENE as STACKED
 from lwrprobe.bench.threat_pictures import draw_touches, touches_of
 from lwrprobe.contracts import LwrprobeError
+from lwrprobe.contracts.plugins import names
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.evaluation.truth import with_given_area
-from lwrprobe.scene import Scene
+from lwrprobe.scene import Scene, load_scene, profile_names
 from lwrprobe.sweeps.execute import run_kept
 
 Job = tuple[str, str, str, int]
@@ -154,8 +155,13 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
     asked = Options("exploration", options, "scenes", "strategies", "profiles", "seeds", "jobs", "journal")
     scenes = asked.words("scenes", QUICK_SCENES if quick else SOURCE_SCENES)
     scenes = list(LARGE_SCENES) if scenes == [LARGE] else scenes
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else (*STRATEGIES, *POKES))
-    profiles = asked.words("profiles", (DEFAULT,) if quick else (DEFAULT, THESIS))
+    for scene in scenes:
+        load_scene(scene)  # what is no scene is refused before the first one is explored
+    usual = STRATEGIES[:1] if quick else (*STRATEGIES, *POKES)
+    strategies = asked.names("strategies", "strategy", usual, names("strategy"))
+    profiles = asked.names(
+        "profiles", "profile", (DEFAULT,) if quick else (DEFAULT, THESIS), (DEFAULT, LAB, GIVEN, *profile_names())
+    )
     seeds = range(1, asked.count("seeds", 1 if quick else 3) + 1)
     journal = Path(options["journal"]) if "journal" in asked else None
     return list(product(scenes, strategies, profiles, seeds)), asked.count("jobs", 1), journal
@@ -171,8 +177,6 @@ def _named(job: Job) -> dict[str, Any]:
 
 def _explored(job: Job) -> dict[str, Any]:
     """One run as a flat record; a scene that cannot be run is a record that says so."""
-    from lwrprobe.scene import load_scene
-
     name, strategy, profile, seed = job
     record = _named(job)
     try:

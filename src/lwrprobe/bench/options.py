@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from lwrprobe.contracts import InputError, UnknownNameError
 
@@ -29,6 +29,14 @@ class Options:
     def words(self, name: str, default: Sequence[str]) -> list[str]:
         """Separated by commas."""
         return self._given[name].split(",") if name in self._given else list(default)
+
+    def names(self, option: str, kind: str, default: Sequence[str], known: Iterable[str]) -> list[str]:
+        """Separated by commas, each of them known; raises UnknownNameError."""
+        found, known = self.words(option, default), list(known)
+        for name in found:
+            if name not in known:
+                raise UnknownNameError(kind, name, known)
+        return found
 
     def count(self, name: str, default: int) -> int:
         """A whole number from 1 on; raises InputError."""

@@ -28,7 +28,8 @@ from lwrprobe.bench.criterion import Criterion
 from lwrprobe.bench.exploration import SOURCE_SCENES, STRATEGIES
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
-from lwrprobe.contracts import LwrprobeError, UnknownNameError
+from lwrprobe.contracts import LwrprobeError
+from lwrprobe.contracts.plugins import names
 from lwrprobe.evaluation import aligned_points
 from lwrprobe.evaluation.machine import machine, versions
 from lwrprobe.sweeps.execute import run_kept
@@ -165,7 +166,8 @@ def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """`lwrprobe bench reality`."""
     asked = Options("reality", options, "rows", "scenes", "strategies", "profiles", "count", "first", "jobs", "journal")
     scenes = asked.words("scenes", SOURCE_SCENES[:1] if quick else SOURCE_SCENES)
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES[:3])
+    usual = STRATEGIES[:1] if quick else STRATEGIES[:3]
+    strategies = asked.names("strategies", "strategy", usual, names("strategy"))
     first, counts = asked.count("first", 1), asked.counts("count", 1 if quick else 5)
     draws = [range(first, first + count) for count in counts]
     single = [_single(row, draw) for row in _rows(asked, quick) for draw in (draws[0] if row.drawn else draws[0][:1])]
@@ -237,24 +239,15 @@ def _report_single(report: BenchReport, found: list[dict[str, Any]]) -> None:
 
 
 def _rows(asked: Options, quick: bool) -> list[Row]:
-    names = asked.words("rows", ("nothing", "gain 1 %") if quick else ("all",))
-    if names == ["none"]:
-        return []
     known = {row.name: row for row in ROWS}
-    if names == ["all"]:
-        return list(ROWS)
-    for name in names:
-        if name not in known:
-            raise UnknownNameError("row", name, ("all", "none", *known))
-    return [known[name] for name in names]
+    usual = ("nothing", "gain 1 %") if quick else ("all",)
+    given = asked.names("rows", "row", usual, ("all", "none", *known))
+    return list(ROWS) if "all" in given else [known[name] for name in given if name != "none"]
 
 
 def _profiles(asked: Options, quick: bool) -> list[str]:
-    names = asked.words("profiles", ("none",) if quick else STATED)
-    for name in names:
-        if name not in ("none", *PROFILES):
-            raise UnknownNameError("profile", name, ("none", *PROFILES))
-    return [name for name in names if name != "none"]
+    given = asked.names("profiles", "profile", ("none",) if quick else STATED, ("none", *PROFILES))
+    return [name for name in given if name != "none"]
 
 
 def _single(row: Row, draw: int) -> SweepTask:

@@ -27,7 +27,7 @@ from lwrprobe.bench.exploration import STRATEGIES
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.reality import TRUTH_PROFILES
 from lwrprobe.bench.report import BenchReport
-from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh, UnknownNameError
+from lwrprobe.contracts import LwrprobeError, TouchRecord, TriangleMesh
 from lwrprobe.contracts.plugins import load
 from lwrprobe.sweeps.execute import run_kept
 
@@ -140,17 +140,9 @@ def _jobs(quick: bool, options: dict[str, str]) -> tuple[list[Job], int, Path | 
         "shapes", options, "count", "base_seed", "kinds", "strategies", "profiles", "step", "objects", "seeds", "noise",
         "jobs", "journal", "keep",
     )  # fmt: skip
-    kinds = asked.words("kinds", KINDS)
-    strategies = asked.words("strategies", STRATEGIES[:1] if quick else STRATEGIES[:3])
-    profiles = asked.words("profiles", (IDEAL,) if quick else (IDEAL, "lab"))
-    for what, given, known in (
-        ("kind", kinds, KINDS),
-        ("strategy", strategies, STRATEGIES),
-        ("profile", profiles, TRUTH_PROFILES),
-    ):
-        for name in given:
-            if name not in known:
-                raise UnknownNameError(what, name, known)
+    kinds = asked.names("kinds", "kind", KINDS, KINDS)
+    strategies = asked.names("strategies", "strategy", STRATEGIES[:1] if quick else STRATEGIES[:3], STRATEGIES)
+    profiles = asked.names("profiles", "profile", (IDEAL,) if quick else (IDEAL, "lab"), TRUTH_PROFILES)
     first = asked.count("base_seed", 1)
     count, seeds = asked.count("count", 2 if quick else 18), range(first, first + asked.count("seeds", 1))
     objects = [(f"random:{kinds[n % len(kinds)]}:{first + n}", first + n) for n in range(count)]

@@ -27,7 +27,6 @@ import numpy as np
 from lwrprobe.bench.emulated import Rig
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
-from lwrprobe.contracts import UnknownNameError
 from lwrprobe.evaluation.machine import machine
 from lwrprobe.scene import load_scene
 
@@ -103,11 +102,8 @@ class Outcome:
 def run(quick: bool, options: dict[str, str]) -> BenchReport:
     """Each disturbance and scene in turn; options `scenes`, `disturbances`, `runs` and `set` (settings, by `;`)."""
     asked = Options("stalls", options, "scenes", "disturbances", "runs", "set")
-    names = asked.words("disturbances", ("busy", "answering-100") if quick else [d.name for d in DISTURBANCES])
     known = {one.name: one for one in DISTURBANCES}
-    for name in names:
-        if name not in known:
-            raise UnknownNameError("disturbance", name, known)
+    names = asked.names("disturbances", "disturbance", ("busy", "answering-100") if quick else list(known), known)
     settings = [text for text in asked.text("set", "").split(";") if text]
     scenes = asked.words("scenes", _SCENES[:1] if quick else _SCENES)
     outcomes = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,17 @@ LENGTHS: dict[str, int | None] = {
 """How many numbers each quantity has; None = some for each joint."""
 EACH_JOINT = {"joint_stiffness": 1, "joint_offset": 1, "kinematic_table": 4, "gear_waves": 2}
 """How many."""
+RANGES: dict[str, tuple[float, float]] = {
+    "tool_shift": (-0.1, 0.1), "sphere_radius": (1e-4, 0.5), "stick_stiffness": (1e-3, 1e12),
+    "joint_stiffness": (1e-3, 1e12), "arm_stiffness": (1e-3, 1e12), "sensor_matrix": (-1e3, 1e3),
+    "force_to_torque": (-1.0, 1.0), "clock_offset": (-10.0, 10.0), "arm_delay": (-10.0, 10.0),
+    "sensor_latency": (-10.0, 10.0), "table": (-5.0, 5.0), "payload": (-10.0, 10.0), "kinematic_table": (-1.0, 1.0),
+    "tool": (-0.1, 0.1), "gear_waves": (-0.1, 0.1), "joint_hysteresis": (0.0, 0.1), "joint_offset": (-1.0, 1.0),
+    "surface_compliance": (-1.0, 1.0),
+}  # fmt: skip
+"""Of the values, in SI units: what is outside was typed wrong, no calibration finds it."""
+MAX_AHEAD = timedelta(days=1)
+"""Of a date, before the clock of this computer."""
 FORCE_ROWS = 18
 """Numbers in the force's rows of the sensor's matrix."""
 
@@ -156,14 +167,14 @@ def read_calibration(path: str | Path) -> Calibration:
         raise FormatError(f"{path}: format {content.get('format')!r}, not {FORMAT}: no calibration of this version")
     try:
         calibration = Calibration(
-            date=_of(content, "date", datetime),
+            date=_date(content),
             scene=_of(content, "scene", str),
             scene_hash=_of(content, "scene_hash", str),
             robot=_of(content, "robot", str),
-            reference_sphere=float(_of(content, "reference_sphere_m", float)),
+            reference_sphere=_size(content, "reference_sphere_m"),
             touches=_of(content, "touches", int),
-            residual=float(_of(content, "residual_m", float)),
-            time=float(_of(content, "time_s", float)),
+            residual=_size(content, "residual_m"),
+            time=_size(content, "time_s"),
             quantities={name: _quantity(name, table) for name, table in _of(content, "quantity", dict).items()},
             arm_errors=_errors(content, "arm_errors"),
             force_errors=_errors(content, "force_errors"),
@@ -193,6 +204,22 @@ def _of(content: Mapping[str, Any], key: str, kind: type) -> Any:
     return value
 
 
+def _size(content: Mapping[str, Any], key: str) -> float:
+    value: float = _of(content, key, float)
+    if not 0.0 <= value < np.inf:
+        raise ValueError(f"{key} is {value!r}, not a finite number of at least 0")
+    return value
+
+
+def _date(content: Mapping[str, Any]) -> datetime:
+    date: datetime = _of(content, "date", datetime)
+    if date.tzinfo is None:
+        raise ValueError(f"date is {date}, without a time zone; 2026-01-02T03:04:05Z has one")
+    if date > datetime.now(UTC) + MAX_AHEAD:
+        raise ValueError(f"date is {date}, in the future by the clock of this computer: one of them is wrong")
+    return date
+
+
 def _errors(content: Mapping[str, Any], key: str) -> tuple[tuple[float, ...], ...]:
     rows = _of(content, key, list)
     for row in rows:
@@ -205,12 +232,14 @@ def _quantity(name: str, table: Any) -> Quantity:
     if not isinstance(table, dict):
         raise ValueError(f"quantity.{name} is no table")
     numbers = {}
-    for key in ("values", "sigma"):
+    if name not in RANGES:
+        raise ValueError(f"quantity.{name} is none of {', '.join(LENGTHS)}")
+    for key, (low, high) in (("values", RANGES[name]), ("sigma", (0.0, 1e12))):
         row = table.get(key)
-        allowed = f"{LENGTHS.get(name) or 'a list of'} finite numbers"
-        if not isinstance(row, list) or LENGTHS.get(name) not in (None, len(row)):
+        allowed = f"{LENGTHS[name] or 'a list of'} finite numbers from {low:g} to {high:g}"
+        if not isinstance(row, list) or LENGTHS[name] not in (None, len(row)):
             raise ValueError(f"quantity.{name}.{key} is {row!r}, not {allowed}")
-        if not all(isinstance(v, int | float) and np.isfinite(v) for v in row):
+        if not all(isinstance(v, int | float) and low <= v <= high for v in row):
             raise ValueError(f"quantity.{name}.{key} is {row!r}, not {allowed}")
         numbers[key] = tuple(float(v) for v in row)
     visible = table.get("visible")

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
     from lwrprobe.contracts.plugins import Plugin
+    from lwrprobe.scene import Scene
 
 MAX_AGE = 90
 """days after which a calibration is to be made again."""
@@ -40,13 +41,16 @@ def doctor(
 ) -> None:
     """Check the installation; with --arm or --sensor check a device, which is not moved."""
     from lwrprobe.cli.checks import check_name
+    from lwrprobe.scene import load_scene
 
     for driver in (arm, sensor):
         check_name("driver", driver)
+    # Its calibration is one of the things to be checked; a scene that is wrong without it is bad input.
+    loaded = load_scene(scene, [*(settings or []), 'calibration=""'])
     if arm is None and sensor is None:
         lines: Iterator[tuple[str, bool | None]] = _installation()
     else:
-        lines = _devices([name for name in (arm, sensor) if name is not None], scene, settings or [], seconds)
+        lines = _devices([name for name in (arm, sensor) if name is not None], loaded, seconds)
     bad = 0
     for line, good in chain(lines, _calibration(scene, settings or [])):
         typer.echo(_MARKS[good] + line)
@@ -69,17 +73,15 @@ def _installation() -> Iterator[tuple[str, bool]]:
             yield _plugin_line(plugin), not plugin.broken
 
 
-def _devices(names: list[str], scene: str, settings: list[str], seconds: float) -> Iterator[tuple[str, bool | None]]:
-    from lwrprobe.contracts import DRIVER_CONTRACT, DriverContext, DriverError, InputError, MassiveArm
+def _devices(names: list[str], loaded: Scene, seconds: float) -> Iterator[tuple[str, bool | None]]:
+    from lwrprobe.contracts import DriverContext, DriverError, InputError, MassiveArm
     from lwrprobe.contracts.options import configure
     from lwrprobe.contracts.plugins import load
     from lwrprobe.exploration.loop.devices import delay_of
-    from lwrprobe.scene import load_scene
 
-    loaded = load_scene(scene, settings)
     faces: dict[str, Any] = {}
     for name in dict.fromkeys(names):
-        plugin = load("driver", name, DRIVER_CONTRACT)
+        plugin = load("driver", name)
         config = configure(plugin.Config, loaded.drivers.get(name, {}), f"drivers.{name}")
         driver = plugin(DriverContext(config, loaded))
         try:
@@ -110,6 +112,16 @@ def _devices(names: list[str], scene: str, settings: list[str], seconds: float) 
 
 
 def _calibration(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
+    """What there is to say of the scene's calibration, or why it cannot be used."""
+    from lwrprobe.contracts import FormatError, SceneError
+
+    try:
+        yield from _age_and_drift(scene, settings)
+    except (FormatError, SceneError) as error:
+        yield f"{'calibration':<24} {error}", False
+
+
+def _age_and_drift(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
     """Age and residual of the scene's calibration, and what has changed since the one before; nothing without one."""
     from datetime import UTC, datetime
 
@@ -123,7 +135,7 @@ def _calibration(scene: str, settings: list[str]) -> Iterator[tuple[str, bool]]:
         return
     days = (datetime.now(UTC) - found.date).total_seconds() / 86400.0
     facts = f"{days:.0f} days old, residual {1e3 * found.residual:.3f} mm, sphere {1e3 * found.reference_sphere:g} mm"
-    good = days + 1.0 >= 0.0 and days <= MAX_AGE
+    good = days <= MAX_AGE
     yield f"{'calibration':<24} {facts}" + ("" if good else f": calibrate again, {MAX_AGE} days are allowed"), good
     if not previous_path(loaded.calibration).is_file():
         return

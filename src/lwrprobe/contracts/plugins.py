@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from lwrprobe.contracts.driver import DRIVER_CHANGES
-from lwrprobe.contracts.strategy import STRATEGY_CHANGES
+from lwrprobe.contracts.driver import DRIVER_CHANGES, DRIVER_CONTRACT
+from lwrprobe.contracts.strategy import STRATEGY_CHANGES, STRATEGY_CONTRACT
+from lwrprobe.contracts.surface import RECONSTRUCTOR_CONTRACT
 from lwrprobe.errors import PluginError, UnknownNameError
 
 GROUPS = {
@@ -24,6 +25,8 @@ GROUPS = {
 
 _OWN = "lwrprobe"
 """Distribution of the built-in plug-ins, whose names no other one takes over."""
+_CONTRACTS = {"driver": DRIVER_CONTRACT, "strategy": STRATEGY_CONTRACT, "reconstructor": RECONSTRUCTOR_CONTRACT}
+"""By kind; robots and emulators state none."""
 _CHANGES: dict[str, dict[int, str]] = {"driver": DRIVER_CHANGES, "strategy": STRATEGY_CHANGES}
 
 
@@ -54,13 +57,13 @@ def discover(kind: str) -> list[Plugin]:
     for entry in sorted(_entries(kind), key=lambda e: e.name):
         plugin = _describe(kind, entry)
         others = [other.value for other in _named(kind, entry.name) if other.value != entry.value]
-        if others and not _built_in(entry) and not plugin.broken:
+        if others and not _built_in(entry):
             plugin = replace(plugin, broken=f"{others[0]} has the same name")
         found.append(plugin)
     return found
 
 
-def load(kind: str, name: str, contract: int | None = None) -> Any:
+def load(kind: str, name: str) -> Any:
     """The object behind one name.
 
     Raises UnknownNameError for an unknown name and PluginError, naming the plug-in, for one that cannot be
@@ -72,7 +75,7 @@ def load(kind: str, name: str, contract: int | None = None) -> Any:
     if len(found) > 1 and not _built_in(found[0]):
         both = " and ".join(f"{entry.value} of {entry.dist.name if entry.dist else '?'}" for entry in found)
         raise PluginError(f"{kind} plug-in {name!r}: {both} have this name; uninstall one of them")
-    plugin = _describe(kind, found[0], contract)
+    plugin = _describe(kind, found[0])
     if plugin.broken:
         raise PluginError(f"{kind} plug-in {name!r} ({plugin.module}): {plugin.broken}")
     return plugin.loaded
@@ -100,8 +103,8 @@ def _built_in(entry: EntryPoint) -> bool:
     return entry.dist is not None and entry.dist.name == _OWN
 
 
-def _describe(kind: str, entry: EntryPoint, contract: int | None = None) -> Plugin:
-    dist = entry.dist
+def _describe(kind: str, entry: EntryPoint) -> Plugin:
+    dist, contract = entry.dist, _CONTRACTS.get(kind)
     loaded, broken = None, ""
     try:
         loaded = entry.load()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -236,3 +237,30 @@ class Strategy(Protocol):
 
     def progress(self) -> Progress:
         """What is going on, in words."""
+
+
+def check_progress(progress: object) -> Progress:
+    """What a strategy says of itself; raises InputError for what is no `Progress`."""
+    if not isinstance(progress, Progress):
+        raise InputError("progress()", progress, "a Progress")
+    if not (isinstance(progress.doing, str) and isinstance(progress.state, str)):
+        raise InputError("progress()", progress, "texts as doing and state")
+    if not (isinstance(progress.covered, Real) and np.isfinite(float(progress.covered))):
+        raise InputError("progress().covered", progress.covered, "a share, 0 to 1")
+    return progress
+
+
+def check_line_spacing(spacing: object) -> float | None:
+    """A strategy's `line_spacing`; raises InputError for what is neither a length nor None."""
+    if spacing is None or (isinstance(spacing, Real) and 0.0 < float(spacing) < np.inf):
+        return None if spacing is None else float(spacing)
+    raise InputError("line_spacing", spacing, "a positive length in metres, or None")
+
+
+def check_transition(row: object) -> tuple[float, str, str, str]:
+    """A row of a strategy's `trace`; raises InputError for what is none."""
+    if isinstance(row, tuple | list) and len(row) == 4 and isinstance(row[0], Real):
+        time, *names = row
+        if all(isinstance(name, str) for name in names):
+            return float(time), *names
+    raise InputError("trace", row, "rows of a time in s and three texts: state, event, next state")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lwrprobe.contracts import STRATEGY_CONTRACT, Area, FormatError, LwrprobeError, TouchRecord
+from lwrprobe.contracts import Area, FormatError, LwrprobeError, TouchRecord
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
@@ -97,7 +97,7 @@ def read_run(folder: str | Path) -> RunFolder:
 def _pitch(scene: Scene) -> float | None:
     """m between the lines of a run whose summary does not say it: the strategy's option `step`; None without one."""
     try:
-        strategy = load("strategy", scene.strategy.name, STRATEGY_CONTRACT)
+        strategy = load("strategy", scene.strategy.name)
         options = configure(strategy.Config, scene.strategy.options, "strategy")
     except LwrprobeError:
         return None

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import (
-    RECONSTRUCTOR_CONTRACT,
     LwrprobeError,
     PluginError,
     Reconstruction,
@@ -34,7 +33,7 @@ def reconstruct(
     """
     from lwrprobe.contracts.options import configure
 
-    plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    plugin = load("reconstructor", method)
     worker = plugin(configure(plugin.Config, options, f"reconstruction {method}"))
     ended: list[Exception] = []
 

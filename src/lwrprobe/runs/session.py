@@ -151,7 +151,7 @@ class Session:
     @property
     def doing(self) -> str:
         """What the strategy does now, in words."""
-        return self._begun.pipeline.strategy.progress().doing
+        return self._begun.pipeline.progress().doing
 
     @property
     def map(self) -> VoxelMap:

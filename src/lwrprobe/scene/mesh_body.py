@@ -11,10 +11,12 @@ import numpy as np
 from lwrprobe.contracts import SceneError
 from lwrprobe.scene import program
 from lwrprobe.scene.box_tree_kernels import halve
+from lwrprobe.scene.mesh_kernels import column_crossings
 from lwrprobe.scene.shape import Mesh, RandomObject
+from lwrprobe.scene.table import LARGEST
 
 _LEAF = 4  # faces
-SMALLEST, LARGEST = 0.001, 5.0
+SMALLEST = 0.001
 """m, of the longest side of a mesh."""
 
 
@@ -74,7 +76,33 @@ def _read(shape: Mesh, part: int) -> tuple[np.ndarray, np.ndarray]:
         raise SceneError(name, shape.file, "a mesh whose triangles are all wound the same way")
     if mesh.volume < 0.0:
         faces = faces[:, ::-1]
+    bodies = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(faces))
+    if _inside_out(vertices, faces, bodies):
+        raise SceneError(name, shape.file, "a mesh whose bodies all face outwards; one of them is inside out")
     return shape.scale * vertices, faces
+
+
+def _inside_out(vertices: np.ndarray, faces: np.ndarray, bodies: np.ndarray) -> bool:
+    """Whether a body faces inwards and is no cavity of another: just behind its surface the winding number is negative.
+
+    `bodies` (m,) numbers the bodies of the faces (m, 3).
+    """
+    a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
+    volumes = np.bincount(bodies, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+    inward = np.flatnonzero(volumes < 0.0)
+    if not len(inward):
+        return False
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    largest = np.array([np.argmax(np.where(bodies == body, areas, -1.0)) for body in inward])
+    # No upright line through such a place of a face is likely to meet an edge.
+    places = np.einsum("k,ikj->ij", [0.37, 0.34, 0.29], vertices[faces[largest]])
+    places += 1e-5 * normals[largest] / np.sqrt(areas[largest])[:, None]
+    winding = np.empty((len(places), 1))
+    column_crossings(
+        np.ascontiguousarray(vertices), np.ascontiguousarray(faces), places[:, :2].copy(), places[:, 2:].copy(), winding
+    )
+    return bool((winding < -0.5).any())
 
 
 def build_body(vertices: np.ndarray, faces: np.ndarray, part: int = 0) -> MeshBody:

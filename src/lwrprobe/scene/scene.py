@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -11,7 +11,7 @@ from lwrprobe.contracts import Area, LinkShape, Probe, SceneError
 from lwrprobe.scene.arm_correction import ArmCorrection
 from lwrprobe.scene.safety import SafetyTable
 from lwrprobe.scene.shape import Shape
-from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+from lwrprobe.scene.table import Coordinate, Length, NonNegative, Place, Pose, Refusal, Size, Table, Vector3, in_metres
 from lwrprobe.scene.truth import TruthTable
 from lwrprobe.scene.uncertainty import UncertaintyTable
 
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 INERTIA = 0.3
 """Of the threshold of a touch, that the probe's own inertia may read."""
+ProbeLength = Annotated[Length, in_metres(0.5)]
+BEHIND = 0.002
+"""m, by which sphere and stick may reach behind the sensor's origin: a calibration measures the sphere alone."""
 
 
 class ArmTable(Table):
@@ -48,20 +51,20 @@ class ArmTable(Table):
 class ProbeTable(Table):
     """The probe: sphere, stick, sensor, holder and the gripper's fingers, one behind the other along the tip's z."""
 
-    radius: Length = 0.005
+    radius: ProbeLength = 0.005
     """m, of the sphere."""
-    stick_radius: Length = 0.002
-    stick_length: Length = 0.045
+    stick_radius: ProbeLength = 0.002
+    stick_length: ProbeLength = 0.045
     """m, of the stick's free part, from the sphere's surface to the sensor."""
-    sensor_distance: Length = 0.05
+    sensor_distance: ProbeLength = 0.05
     """m, from the sensor frame's origin to the sphere's centre."""
-    sensor_radius: Length = 0.0085
-    sensor_length: Length = 0.0145
-    holder_radius: Length = 0.0125
-    holder_length: Length = 0.04
+    sensor_radius: ProbeLength = 0.0085
+    sensor_length: ProbeLength = 0.0145
+    holder_radius: ProbeLength = 0.0125
+    holder_length: ProbeLength = 0.04
     fingers: bool = True
     """Two finger boxes grip the holder from both sides along the tip frame's x."""
-    finger_size: tuple[Length, Length, Length] = Field(default=(0.012, 0.020, 0.070), strict=False)
+    finger_size: tuple[ProbeLength, ProbeLength, ProbeLength] = Field(default=(0.012, 0.020, 0.070), strict=False)
     finger_overlap: NonNegative = 0.01
     """m, length of the holder's upper end that lies between the fingers."""
     stiffness_lateral: NonNegative = 2500.0
@@ -85,6 +88,10 @@ class ProbeTable(Table):
     def _stick_fits(self) -> Self:
         if self.stick_radius >= self.radius:
             raise Refusal("stick_radius", self.stick_radius, f"less than the sphere's radius, {self.radius:g}")
+        begin = self.radius + self.stick_length
+        if self.sensor_distance < begin - BEHIND:
+            allowed = f"about radius + stick_length, {begin:g}, or more: the sensor begins where the stick ends"
+            raise Refusal("sensor_distance", self.sensor_distance, allowed)
         return self
 
     def as_probe(self) -> Probe:
@@ -141,7 +148,7 @@ class GroundTable(Table):
     """The plane that the objects stand on."""
 
     present: bool = True
-    height: float = 0.0
+    height: Coordinate = 0.0
     """m, world z of its top at the origin."""
     tilt_deg: float = Field(default=0.0, ge=0, le=30)
     """degrees out of level."""
@@ -174,14 +181,14 @@ class GroundTable(Table):
 class AreaTable(Table):
     """Where the sphere's centre may go while exploring; the start lies above its first corner."""
 
-    lower: Vector3 = (-0.085, -0.06, 0.006)
-    upper: Vector3 = (0.085, 0.06, 0.09)
+    lower: Place = (-0.085, -0.06, 0.006)
+    upper: Place = (0.085, 0.06, 0.09)
     search_for: Length | None = None
     """m. Nobody knows where in the area the object is: it is searched for and bounded before it is explored.
     The search ends when nothing can have been missed over which a level circle of this diameter fits. Left out, the
     area is around the object. In the simulator alone: around an object that overhangs, the body behind the
     stick may press without being sensed."""
-    detail: Length | None = None
+    detail: Size | None = None
     """m, width of the narrowest part of the object that is to be seen. Strategies that cover the area by lines put
     them no farther apart than that. Left out, they are as far apart as the strategy says."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
 from os.path import isfile
 from pathlib import Path
 from typing import Any, get_args
@@ -58,17 +59,42 @@ def load_scene(
         content = _parse(path)
     if profile is not None:
         _lay_over(content, _parse(_locate_profile(profile)))
-    for key, value in _pairs(overrides):
-        _override(content, key, value)
-    content.setdefault("name", path.stem)
-    _resolve_meshes(content.get("object"), path, "object")
-    _resolve_calibration(content, path)
-    stated = _validate(content, path.name)
+    settings = _pairs(overrides)
+    try:
+        stated = _stated(content, settings, path)
+    except SceneError as error:
+        source = _source(content, settings, path)
+        raise SceneError(f"{source}: {error.field}", error.value, error.allowed) from None
     if check is not None:
         check(stated)
     loaded = widened_area(stated)
     calibration_of(loaded)
     return loaded
+
+
+def _stated(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> Scene:
+    """The scene of a file's content with settings on top."""
+    content = deepcopy(content)
+    for key, value in settings:
+        _override(content, key, value)
+    content.setdefault("name", path.stem)
+    _resolve_meshes(content.get("object"), path, "object")
+    _resolve_calibration(content, path)
+    return _validate(content)
+
+
+def _source(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> str:
+    """What made the scene wrong, by trial: the setting before which it was right, else the file.
+
+    Tables are checked as a whole, so that the key that an error names is not always the one that was set.
+    """
+    for count in range(len(settings) - 1, -1, -1):
+        try:
+            _stated(content, settings[:count], path)
+        except SceneError:
+            continue
+        return "--set {}={}".format(*settings[count])
+    return path.name
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:
@@ -163,7 +189,7 @@ def _override(content: dict[str, Any], key: str, text: str) -> None:
     for step in parents:
         place = place[_index(place, step, key)] if isinstance(place, list) else place.setdefault(step, {})
         if not isinstance(place, dict | list):
-            raise SceneError(f"override {key}", text, f"a key inside a table; {step!r} is a single value")
+            raise SceneError(key, text, f"a key inside a table; {step!r} is a single value")
     if isinstance(place, list):
         place[_index(place, last, key)] = _toml_value(text)
     else:
@@ -172,7 +198,7 @@ def _override(content: dict[str, Any], key: str, text: str) -> None:
 
 def _index(items: list, step: str, key: str) -> int:
     if not step.isdigit() or int(step) >= len(items):
-        raise SceneError(f"override {key}", step, f"an index below {len(items)}")
+        raise SceneError(key, step, f"an index below {len(items)}")
     return int(step)
 
 
@@ -192,7 +218,7 @@ def _resolve_meshes(shapes: Any, path: Path, key: str) -> None:
         if shape.get("shape") == "mesh" and isinstance(file, str) and file:
             shape["file"] = str((path.parent / file).resolve())
             if not isfile(shape["file"]):  # also where the name is longer than a system allows
-                raise SceneError(f"{path.name}: {key}[{n}].file", file, "an existing mesh file")
+                raise SceneError(f"{key}[{n}].file", file, "an existing mesh file")
         _resolve_meshes(shape.get("children"), path, f"{key}[{n}].children")
 
 
@@ -202,7 +228,7 @@ def _resolve_calibration(content: dict[str, Any], path: Path) -> None:
     if isinstance(file, str) and file:
         content["calibration"] = str((path.parent / file).resolve())
         if not isfile(content["calibration"]):
-            raise SceneError(f"{path.name}: calibration", file, "an existing file written by `lwrprobe calibrate`")
+            raise SceneError("calibration", file, "an existing file written by `lwrprobe calibrate`")
 
 
 def _drop_inner_material(shape: dict[str, Any]) -> None:
@@ -212,14 +238,14 @@ def _drop_inner_material(shape: dict[str, Any]) -> None:
         _drop_inner_material(child)
 
 
-def _validate(content: dict[str, Any], file: str) -> Scene:
+def _validate(content: dict[str, Any]) -> Scene:
     try:
         return Scene.model_validate(content)
     except ValidationError as error:
-        raise _scene_error(error, file) from None
+        raise _scene_error(error) from None
 
 
-def _scene_error(error: ValidationError, file: str) -> SceneError:
+def _scene_error(error: ValidationError) -> SceneError:
     """The first thing that is wrong, in the words of the file."""
     first = error.errors(include_url=False)[0]
     key, value, allowed = _key(first["loc"]), first["input"], _allowed(first)
@@ -230,8 +256,8 @@ def _scene_error(error: ValidationError, file: str) -> SceneError:
         value = "nothing"
     others = len({_key(one["loc"]) for one in error.errors()}) - 1
     if others:
-        allowed += f" (and {others} more wrong in this file)"
-    return SceneError(f"{file}: {key}", value, allowed)
+        allowed += f" (and {others} more wrong)"
+    return SceneError(key, value, allowed)
 
 
 def _key(location: tuple) -> str:

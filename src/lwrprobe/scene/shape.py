@@ -1,7 +1,7 @@
 """Shapes of a scene file: primitives, smooth blends, meshes, and what union, difference, intersection make of them.
 
 Every shape stands in its own frame, centred on the frame's origin unless said otherwise, and is put into the
-frame of its parent by `at`. Lengths in metres.
+frame of its parent by `at`. Lengths in metres, 5 m at most.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar, get_args
 
 from pydantic import AliasChoices, Field, model_validator
 
-from lwrprobe.scene.table import Length, NonNegative, Pose, Refusal, Table, Vector3
+from lwrprobe.scene.table import Length, NonNegative, Place, Pose, Refusal, Size, Table
 
 MATERIAL = ("name", "friction", "stiffness", "damping", "movable", "mass")
 """Fields that belong to a whole object, never to a child of one."""
@@ -41,30 +41,30 @@ class Box(ShapeTable):
     """A cuboid; `size` is its full edges along x, y, z."""
 
     shape: Literal["box"]
-    size: tuple[Length, Length, Length] = Field(strict=False)
+    size: tuple[Size, Size, Size] = Field(strict=False)
 
 
 class Cylinder(ShapeTable):
     """A circular cylinder with flat ends; its axis is z."""
 
     shape: Literal["cylinder"]
-    radius: Length
-    length: Length
+    radius: Size
+    length: Size
 
 
 class Sphere(ShapeTable):
     """A ball."""
 
     shape: Literal["sphere"]
-    radius: Length
+    radius: Size
 
 
 class Capsule(ShapeTable):
     """A cylinder along z with round ends; `length` is that of the axis, without the caps."""
 
     shape: Literal["capsule"]
-    radius: Length
-    length: Length
+    radius: Size
+    length: Size
 
 
 class HalfSpace(ShapeTable):
@@ -76,8 +76,8 @@ class HalfSpace(ShapeTable):
 class Ball(Table):
     """One ball of a blend."""
 
-    centre: Vector3
-    radius: Length
+    centre: Place
+    radius: Size
 
 
 class Blend(ShapeTable):
@@ -90,7 +90,7 @@ class Blend(ShapeTable):
     shape: Literal["blend"]
     balls: tuple[Ball, ...] = Field(strict=False, min_length=1)
     hollows: tuple[Ball, ...] = Field(default=(), strict=False, validation_alias=AliasChoices("hollows", "dents"))
-    smoothing: Length = 0.004
+    smoothing: Size = 0.004
 
 
 class Mesh(ShapeTable):
@@ -112,7 +112,7 @@ class RandomObject(ShapeTable):
     shape: Literal["random"]
     kind: Kind
     seed: int = Field(ge=0, lt=2**63)
-    length: Length | None = None
+    length: Size | None = None
     """m, of the longer level side of its upright box; None = by the seed."""
 
 

@@ -6,11 +6,30 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Length = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
+LARGEST = 5.0
+"""m, of the size of a shape and of each coordinate of a place: what is beyond it was given in millimetres."""
+
+
+def in_metres(largest: float) -> AfterValidator:
+    """Refuse a number whose size [m] is beyond `largest`."""
+
+    def check(length: float) -> float:
+        if abs(length) > largest:
+            meant = f"lengths are in metres, and {length:g} mm are {1e-3 * length:g}"
+            raise ValueError(f"at most {largest:g} in size: {meant}")
+        return length
+
+    return AfterValidator(check)
+
+
+Size = Annotated[Length, in_metres(LARGEST)]
+Coordinate = Annotated[float, in_metres(LARGEST)]
+Place = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 
 
 class Refusal(ValueError):
@@ -32,7 +51,7 @@ class Table(BaseModel):
 class Pose(Table):
     """A frame in its parent: first turned about the parent's fixed x, y, z axes in this order, then moved."""
 
-    xyz: Vector3 = (0.0, 0.0, 0.0)
+    xyz: Place = (0.0, 0.0, 0.0)
     """m"""
     rpy_deg: Vector3 = (0.0, 0.0, 0.0)
     """degrees about x, y, z"""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import (
-    DRIVER_CONTRACT,
     Arm,
     DelayedArm,
     Driver,
@@ -19,6 +18,7 @@ from lwrprobe.contracts import (
     LeftOut,
     MassiveArm,
     Sensor,
+    SteppedArm,
 )
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
@@ -46,16 +46,22 @@ class Devices:
         """Make the drivers that the scene names; one that fills both roles is made once.
 
         `start_q` (n,) rad is where a simulated arm stands at first. Raises UnknownNameError, PluginError, and
-        InputError for a driver that lacks the role or for a bad option.
+        InputError for a driver that lacks the role, for a bad option, or for one simulated and one real device.
         """
         drivers: dict[str, Driver[Scene]] = {}
         for role, name in (("arm", scene.arm.driver), ("sensor", scene.sensor.driver)):
-            plugin = load("driver", name, DRIVER_CONTRACT)
+            plugin = load("driver", name)
             if role not in plugin.roles:
                 raise InputError(f"{role}.driver", name, f"a driver with the role {role}")
             if name not in drivers:
                 config = configure(plugin.Config, scene.drivers.get(name, {}), f"drivers.{name}")
                 drivers[name] = plugin(DriverContext(config, scene, seed, realtime, start_q))
+        for name, driver in drivers.items():
+            # The samples of a sensor must be on the arm's clock, and that of a simulator is known to itself alone.
+            if len(drivers) > 1 and "arm" in driver.roles and isinstance(driver.arm(), SteppedArm):
+                both = (scene.arm.driver, scene.sensor.driver)
+                allowed = f"{name!r} for both: it is simulated and has a clock of its own, which no other device shares"
+                raise InputError("arm.driver, sensor.driver", both, allowed)
         arm, sensor = drivers[scene.arm.driver], drivers[scene.sensor.driver]
         calibration, face = calibration_of(scene), sensor.sensor()
         if calibration is not None:

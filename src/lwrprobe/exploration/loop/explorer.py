@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -206,11 +207,11 @@ class Explorer:
             self._recorder.bag.begin(self._sample.zero_time, elapsed, self._pipeline.trajectory.pose, task)
         try:
             self._pipeline.strategy.start(task)
-            self._pipeline.line_spacing = self._pipeline.strategy.line_spacing
         except StorageError:
             raise
         except Exception as error:
             raise failed("strategy", self._scene.strategy.name, error) from error
+        self._pipeline.ask_line_spacing()
 
     def task(self) -> Task:
         """What is to be done, from where the tip stands."""
@@ -268,7 +269,8 @@ class Explorer:
             reason = "interrupted"
         finally:
             self.end(status, reason, cause, stopped_by)
-            self._show(begin)
+            with suppress(PluginError):  # a strategy that cannot say how far it is ends no run that has ended
+                self._show(begin)
 
     def end(self, status: str, reason: str, cause: Exception | None = None, stopped_by: str = "") -> Outcome:
         """Bring the arm to rest; what has happened so far, under a status and a reason."""
@@ -353,7 +355,7 @@ class Explorer:
         """Show a snapshot; the wall-clock time [s] of now."""
         now = perf_counter()
         if self._watch is not None:
-            progress = self._pipeline.strategy.progress()
+            progress = self._pipeline.progress()
             contacts = len(self._recorder.contacts)
             self._watch(ProgressSnapshot(self.time, now - begin, progress, contacts, self._record.force))
         return now

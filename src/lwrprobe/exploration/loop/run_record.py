@@ -36,7 +36,7 @@ class RunRecord:
     """
 
     def __init__(self, scene: Scene, pipeline: Pipeline, recorder: Recorder) -> None:
-        self._recorder, self._strategy = recorder, pipeline.strategy
+        self._recorder, self._pipeline = recorder, pipeline
         probe, self._threshold = pipeline.probe, scene.contact.threshold
         self._range = (*probe.force_range.tolist(), *probe.torque_range.tolist())
         self._compliance, self._soft = probe.compliance.tolist(), 1.0 / scene.contact.stiffness
@@ -101,13 +101,11 @@ class RunRecord:
         self.peak_force = max(self.peak_force, force)
         self.force = force
         self._samples += 1
-        trace = self._strategy.trace
-        if len(trace) > self._transitions:
-            for step in trace[self._transitions :]:
-                self._recorder.transition(*step)
-            self._transitions = len(trace)
+        for step in self._pipeline.transitions(self._transitions):
+            self._recorder.transition(*step)
+            self._transitions += 1
         if self._samples % TRACE_EVERY == 0:
             near = seen.clearance
             distance = near.distance if near is not None else np.inf
-            state = self._strategy.progress().state
+            state = self._pipeline.progress().state
             self._recorder.trace_row(seen.time, tip, force, seen.contact is not None, distance, state)

@@ -150,7 +150,5 @@ class SampleStep:
         self._record.note(seen, place, size)
         self._clock.lap("record")
         if self._bag is not None:
-            self._bag.decided(
-                seen, self._request.asked, pipeline.strategy.progress, pipeline.voxels, self._arm.history.q
-            )
+            self._bag.decided(seen, self._request.asked, pipeline.progress, pipeline.voxels, self._arm.history.q)
             self._clock.lap("bag")

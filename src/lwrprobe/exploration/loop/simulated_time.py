@@ -27,9 +27,8 @@ class SimulatedTime:
 
     @classmethod
     def of(cls, devices: Devices, n: int) -> SimulatedTime | None:
-        """That of an arm that offers it; None for one that does not, or whose sensor has a clock of its own."""
-        arm, one_clock = devices.arm, len(devices.drivers) == 1
-        return cls(arm, n) if one_clock and isinstance(arm, SteppedArm) else None
+        """That of an arm that offers it, None for one that does not."""
+        return cls(devices.arm, n) if isinstance(devices.arm, SteppedArm) else None
 
     def cycles(self, limit: int) -> int:
         """How many cycles, 1 to `limit`, may be generated at once: no sample comes before the last of them."""

@@ -314,7 +314,7 @@ class Replay:
         pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         try:
             pipeline.strategy.start(task)
-            pipeline.line_spacing = pipeline.strategy.line_spacing
+            pipeline.ask_line_spacing()
         except LwrprobeError:
             raise
         except Exception as error:

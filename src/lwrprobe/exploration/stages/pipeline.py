@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos, hypot, radians, sqrt
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,13 +18,12 @@ from lwrprobe.contact import (
     make_estimator,
 )
 from lwrprobe.contracts import (
-    RECONSTRUCTOR_CONTRACT,
-    STRATEGY_CONTRACT,
     Area,
     Bounds,
     CarefulStrategy,
     LeftOut,
     Probe,
+    Progress,
     RaisingStrategy,
     Reconstructor,
     SearchingStrategy,
@@ -31,6 +31,7 @@ from lwrprobe.contracts import (
 )
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import failed, load
+from lwrprobe.contracts.strategy import check_line_spacing, check_progress, check_transition
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.loop.loop_delay import LoopDelay
 from lwrprobe.exploration.stages.arm_clearance import ArmClearanceStage
@@ -57,6 +58,8 @@ SENSITIVITY = 0.8
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
 
+Told = TypeVar("Told")
+
 
 @dataclass(slots=True)
 class Pipeline:
@@ -78,6 +81,7 @@ class Pipeline:
     sweep: SweptSphere | None
     clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
+    strategy_name: str
     reconstructor: Reconstructor
     options: object
     probe: Probe
@@ -87,6 +91,24 @@ class Pipeline:
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
+
+    def progress(self) -> Progress:
+        """How far the strategy is; PluginError, naming it, for what is no `Progress`."""
+        return self._told(lambda: check_progress(self.strategy.progress()))
+
+    def transitions(self, since: int) -> list[tuple[float, str, str, str]]:
+        """Rows of the strategy's trace from one on; PluginError, naming it, for what is none."""
+        return self._told(lambda: [check_transition(row) for row in self.strategy.trace[since:]])
+
+    def ask_line_spacing(self) -> None:
+        """Take `line_spacing` from the strategy; PluginError, naming it, for what is no length."""
+        self.line_spacing = self._told(lambda: check_line_spacing(self.strategy.line_spacing))
+
+    def _told(self, ask: Callable[[], Told]) -> Told:
+        try:
+            return ask()
+        except Exception as error:
+            raise failed("strategy", self.strategy_name, error) from error
 
     @property
     def bounds(self) -> Bounds | None:
@@ -176,7 +198,7 @@ def choose(
     check_estimator(scene.contact.estimator)
     if strategy is None:
         name = scene.strategy.name
-        strategy = plugin = load("strategy", name, STRATEGY_CONTRACT)
+        strategy = plugin = load("strategy", name)
         options = configure(plugin.Config, scene.strategy.options, f"strategy {name}")
     if reconstructor is not None:
         given = reconstructor
@@ -187,7 +209,7 @@ def choose(
 def named_reconstructor(scene: Scene) -> tuple[Callable[[object], Reconstructor], object]:
     """What makes the scene's reconstructor from its options, and these; raises as `choose` does."""
     method = scene.reconstruction.method
-    plugin = load("reconstructor", method, RECONSTRUCTOR_CONTRACT)
+    plugin = load("reconstructor", method)
     return plugin, configure(plugin.Config, scene.reconstruction.options, f"reconstruction {method}")
 
 
@@ -233,6 +255,7 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
         sweep=SweptSphere(voxels, probe.radius) if scene.map.free_space else None,
         clearance=clearance,
         strategy=_made(choices.strategy, scene.strategy.name),
+        strategy_name=scene.strategy.name,
         reconstructor=choices.reconstructor(choices.reconstructor_options),
         options=choices.strategy_options,
         probe=probe,
