@@ -21,7 +21,9 @@ SUSPICIOUS = 1e-4
 TIMES = 2.0
 """Of another method's distance, which the method's own has to reach for the two to be compared."""
 
-_FOLDS = 3
+FOLDS = 3
+"""Parts of the contacts, each of which is held out once."""
+
 _BLOCK = 1.5  # of the pitch: edge of the blocks that are held out
 _VOTES = 5  # contacts nearest to a place of the mesh, most of which should face its way
 _SAMPLES = 30_000  # points of a mesh from whose triangles a distance is taken
@@ -79,6 +81,11 @@ def better_method(
     return Better(best, made[best], scores[best], instead_of) if scores[best] < instead_of else None
 
 
+def blocks(points: np.ndarray, pitch: float) -> np.ndarray:
+    """(n,) the fold that each of the points (n, 3) m is held out in, in blocks wider than the pitch between lines."""
+    return np.floor(points / (_BLOCK * pitch)).astype(np.int64).sum(axis=1) % FOLDS
+
+
 def offsets(mesh: TriangleMesh, points: np.ndarray) -> np.ndarray:
     """(n,) m from a mesh to points (n, 3), positive outside: to the plane of the triangle whose sample is nearest."""
     from scipy.spatial import cKDTree
@@ -125,9 +132,9 @@ def _residual(mesh: TriangleMesh, points: np.ndarray) -> float:
 
 def _score(method: Method, whole: Reconstruction, record: TouchRecord, pitch: float) -> float:
     """m: what held-out contacts are off on average, a pitch at most, and what speaks against the `whole` mesh."""
-    block = np.floor(record.points / (_BLOCK * pitch)).astype(np.int64).sum(axis=1) % _FOLDS
+    block = blocks(record.points, pitch)
     total, count = 0.0, 0
-    for fold in range(_FOLDS):
+    for fold in range(FOLDS):
         held = block == fold
         points = _some(record.points[held])
         surface = _made(method, _without(record, held)) if len(points) else whole

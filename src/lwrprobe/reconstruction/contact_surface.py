@@ -36,6 +36,7 @@ from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides
 from lwrprobe.reconstruction.rulings import find_rulings
+from lwrprobe.reconstruction.settling import predicted_better, settled
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
 
@@ -64,6 +65,9 @@ class ContactSurface:
     where no contact is near, walls are put between touched and free space (see `evidence`). `unreachable` of the
     result is a mask (n,) over the mesh's vertices: parts that no sphere of this size can touch, or that lie under
     its lowest height. They close the mesh and are not claimed as surface.
+
+    Where held-out contacts show that the object is smooth, the mesh is moved onto the field on the object itself
+    (`smooth` in the report, see `settling`).
 
     Where the contacts lie off this surface and `convex_hull` or `hermite_rbf` predicts held-out contacts better, the
     result is that method's: its report names it, and says why under `instead_of_contact_surface`.
@@ -152,9 +156,12 @@ class ContactSurface:
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         work.run("inner edges", lambda: body.sharpen(clusters, pitch))
+        smooth = lines and work.run("smooth", lambda: predicted_better(touches, pitch))
+        if smooth:
+            body.mesh = work.run("settle", lambda: settled(body.mesh, process, touches, pitch, body.floor))
         common = np.concatenate([np.zeros(len(below.points)), common, walls.deviation])
         mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, inferred, common, touches))
-        report = work.report(given, touches, pitch, grid, clusters, walls, unreachable)
+        report = work.report(given, touches, pitch, grid, clusters, walls, unreachable) | {"smooth": smooth}
         return Reconstruction(mesh, report, unreachable)
 
 

@@ -53,7 +53,7 @@ class HermiteRbf:
         begin = time.perf_counter()
         touches = prepare(record, 0.002)
         pitch = self.config.pitch or record.pitch or line_pitch(touches.centres, record.resolution)
-        data = _data(touches, pitch)
+        data = field_data(touches.points, touches, pitch)
         mesh = _surface(data, touches, pitch, self.config.step or 0.2 * pitch)
         report = {
             "method": "hermite_rbf",
@@ -66,8 +66,11 @@ class HermiteRbf:
         return Reconstruction(mesh, report)
 
 
-def _data(touches: Touches, pitch: float) -> HermiteData:
-    groups = cluster(touches.points, touches.normals, touches.confidence, pitch / 3.0)
+def field_data(
+    places: np.ndarray, touches: Touches, pitch: float, rows: np.ndarray | slice = slice(None)
+) -> HermiteData:
+    """What a field is zero at and perpendicular to: places (n, 3) m of the touches, those of `rows`, clustered."""
+    groups = cluster(places[rows], touches.normals[rows], touches.confidence[rows], pitch / 3.0)
     share = 1.0 / np.sqrt(groups.weight)
     return HermiteData(groups.points, groups.normals, touches.noise * share, touches.normal_noise * share)
 
