@@ -64,7 +64,7 @@ class GapPlanner:
         self._across_y = np.empty(0)  # m, y of the lines across
         self._treads: list[Line] = []  # planned so far
         self._strips: list[Line] = []  # likewise
-        self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
+        self._sides: list[Line] = []  # up sides, likewise
         tall, sides, across = body is not None, options.near_sides, options.across
         passes = (
             (True, self._from_the_other_end),
@@ -177,8 +177,8 @@ class GapPlanner:
         body.survey()
         contacts, area, orientations = self._memory.contacts(), self._task.area, self._orientations
         lines = low_sides(contacts, axis, places, area, self._spacing, body, orientations, self._reachable)
-        lower = [line for line in lines if line.height < self._sides.get(_side(line), np.inf) - HIGHER]
-        self._sides |= {_side(line): line.height for line in lower}
+        lower = [line for line in lines if not any(self._no_lower(line, other) for other in self._sides)]
+        self._sides += lower
         return lower
 
     def _places(self, axis: int) -> np.ndarray:
@@ -192,6 +192,11 @@ class GapPlanner:
         new = [line for line in lines if not any(_begin_alike(line, other, apart) for other in planned)]
         planned += new
         return new
+
+    def _no_lower(self, line: Line, other: Line) -> bool:
+        """Whether a line leads up the same side as another, and no lower."""
+        same = (line.axis, line.place, line.sign) == (other.axis, other.place, other.sign)
+        return same and abs(line.end - other.end) < self._spacing and line.height >= other.height - HIGHER
 
     def _reachable(self, line: Line) -> bool:
         """Whether the arm can go over the line's beginning, and down and along it."""
@@ -223,8 +228,3 @@ class GapPlanner:
 def _begin_alike(line: Line, other: Line, apart: float) -> bool:
     """Whether two lines along one axis begin in the same place, up to `apart` m."""
     return line.axis == other.axis and bool(np.abs(line.start - other.start).max() < apart)
-
-
-def _side(line: Line) -> tuple[int, float, float]:
-    """Which side a line leads up to: axis, place [m], and sign of the travel."""
-    return line.axis, line.place, line.sign

@@ -39,7 +39,7 @@ def leaning_lines(
     orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
-    """From the border in under each side that was touched on a line, where it was not over more than a pitch in height.
+    """In under each side that was touched on a line, where it was not over more than a pitch in height.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def leaning_lines(
             continue
         around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - side.place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP
-        whole = Line(axis, side.place, side.border, middle, height, low=True, ceiling=ceiling, expected=height)
+        whole = Line(axis, side.place, side.begin, middle, height, low=True, ceiling=ceiling, expected=height)
         inmost, best = float(low[axis]) - side.sign * task.probe.radius, None  # less would not be worth a line
         for rotation in orientations(side.sign * np.eye(3)[axis]):
-            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.border
+            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.begin
             if side.sign * (inmost - end) > 0.0:
                 inmost, best = end - side.sign * DEEPER, replace(whole, end=end, rotation=rotation)
         best = within_reach(best, reachable) if best is not None else None
