@@ -11,6 +11,7 @@ from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL, NORMAL_X, NORMAL_Z, ContactMemory
+from lwrprobe_strategies.planning.floor_lines import floor_lines
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
@@ -77,6 +78,7 @@ class GapPlanner:
             (tall and across and sides, self._lower_sides),
             (across and sides, self._leaning_lines),
             (options.find_ends, self._outlines),
+            (tall and sides, self._floor_lines),
             (tall and sides, self._left_treads),
             (across and sides, self._left_strips),
         )
@@ -162,11 +164,26 @@ class GapPlanner:
         """Around the object's ends in x."""
         return outlines(self._memory.contacts(), self._grid_x, self.height)
 
+    def _floor_lines(self) -> list[Line]:
+        """Along y on the floor, where a plate may lie below all lines so far."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return floor_lines(contacts, trail, self._grid_x, self._task, self.height, self._spacing, body)
+
     def _left_treads(self) -> list[Line]:
-        """Over plates that the grid has passed above."""
-        contacts, trail, radius = self._memory.contacts(), self._memory.trail(), self._task.probe.radius
-        lines = treads(contacts, trail, self._grid_x, self._task.area, radius, self._spacing)
-        return self._not_planned_before(lines, self._treads)
+        """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
+        body, area = self._body, self._task.area
+        assert body is not None
+        body.survey()
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        across = np.arange(float(area.lower[Y]), float(area.upper[Y]), self._spacing)
+        for axis, places in ((Y, self._grid_x), (X, across)):
+            lines = treads(contacts, trail, axis, places, self._task, self._spacing, body)
+            if new := self._not_planned_before(lines, self._treads):
+                return new
+        return []
 
     # What passes have in common
 
