@@ -245,6 +245,24 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     assert all(side[2] == pytest.approx(then, abs=0.0026) for side in again)
 
 
+@pytest.mark.parametrize(("then", "lines"), [(0.03, 0), (0.02, 2)])
+def test_a_side_is_driven_again_where_it_was_touched_lower_than_when_the_line_was_planned(then, lines):
+    memory, body = ContactMemory(), Body()
+    body.needed = float(task().area.lower[2])
+    options = CoverageConfig(first_line="border", across=True, find_ends=False)
+    scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
+    x = scheduler.grid.x[3]
+    touch_block(memory, [x], low=0.03)
+    sides = []
+    while (line := scheduler.next(FAR)) is not None:
+        if line.low and line.axis == 1 and line.expected is None:
+            sides.append(line)
+            if len(sides) == 2:  # both were given up before they touched, and others touched in between
+                touch_block(memory, [x], low=then)
+    assert len(sides) == 2 + lines
+    assert {side.height for side in sides} == {body.needed}
+
+
 def test_neighbours_end_with_a_side_of_the_grid():
     lines = grid_alone("middle")
     for _ in range(len(lines.grid)):

@@ -211,9 +211,13 @@ class GapPlanner:
         return new
 
     def _no_lower(self, line: Line, other: Line) -> bool:
-        """Whether a line leads up the same side as another, and no lower."""
+        """Whether a line leads up the same side as another, no lower, and the side was touched no lower since then.
+
+        The other one may have been given up where the side was expected: from what was touched higher up.
+        """
         same = (line.axis, line.place, line.sign) == (other.axis, other.place, other.sign)
-        return same and abs(line.end - other.end) < self._spacing and line.height >= other.height - HIGHER
+        same &= abs(line.end - other.end) < self._spacing
+        return same and line.height >= other.height - HIGHER and line.ceiling >= other.ceiling - HIGHER
 
     def _reachable(self, line: Line) -> bool:
         """Whether the arm can go over the line's beginning, and down and along it."""
