@@ -238,10 +238,11 @@ def two_walls():
 def test_each_wall_has_its_own_sides_and_a_line_up_an_inner_one_begins_in_the_gap():
     body = Open(0.03)
 
-    def sides(contacts):
-        lines = low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, body, lambda away: [DOWN], lambda line: True)
+    def sides(contacts, held=(DOWN,)):
+        lines = low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, body, lambda away: held, lambda line: True)
         return sorted((line.begin, line.end) for line in lines)
 
+    assert len(sides(two_walls(), [leaning(20.0)])) == 2, "the gap is known to be free for an upright stick"
     assert sides(two_walls()) == pytest.approx([(-0.06, -0.023), (0.0, -0.017), (0.0, 0.017), (0.06, 0.023)])
     hollow = two_walls()
     floor = hollow[np.argmin(np.abs(hollow[:, :3] - [0.0, 0.013, LOW]).sum(axis=1))]

@@ -39,7 +39,7 @@ def leaning_lines(
     orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
-    """In under each side that was touched on a line, where it was not over more than a pitch in height.
+    """From the border in under each side that was touched on a line, where it was not over more than a pitch in height.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def leaning_lines(
         heights = np.append(task.area.lower[Z], above[:, Z])
         widest = int(np.argmax(np.diff(heights)))
         height, low, middle = float(heights[widest]), above[widest], float(side.on_line[:, axis].mean())
-        if low[Z] - height <= pitch:
+        if not side.outer or low[Z] - height <= pitch:
             continue
         around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - side.place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP

@@ -29,8 +29,9 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
-GAP = 0.005
-"""m between two sides that face each other, in which nothing was touched: they are two walls, and no hollow."""
+GAP = 0.010
+"""m between two sides that face each other, in which nothing was touched: they are two walls, no hollow. So wide that
+the sphere in the middle is its radius off where it touched either."""
 NEARER, SHORTEST = 0.010, 0.015
 """m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least then."""
 GRAIN = 0.0015
@@ -62,7 +63,7 @@ def low_sides(
     """To each side that a line touched, as low as the body may go, and up to where it was touched.
 
     A line begins on the border, or nearer where the arm does not reach that. Where something else stands before the
-    side, it begins in between.
+    side, it begins in between, upright: what is known to be free there is known for an upright stick.
 
     Parameters
     ----------
@@ -85,7 +86,8 @@ def low_sides(
         whole = replace(whole, ceiling=float(low[Z]) + OVERLAP)
         away, slope = side.away(), side.slope()
         widens = max(slope, 0.0)
-        best = _lowest_of(whole, orientations(away), float(low[Z]) - 0.5 * pitch, widens, body, reachable)
+        held = [rotation for rotation in orientations(away) if side.outer or -rotation[Z, Z] > UPRIGHT]
+        best = _lowest_of(whole, held, float(low[Z]) - 0.5 * pitch, widens, body, reachable)
         if best is None or left_below(best, low[POINT], away, widens, contacts, pitch) <= WORTH * pitch * pitch:
             continue
         assert best.rotation is not None
@@ -109,6 +111,7 @@ class TouchedSide:
     begin : m, where a line to it begins: that end of the area, or the middle of the gap before what stands in front
     on_line : (n, 10) contacts on the line, without what stands in front, as in `ContactMemory.contacts`
     facing : (m, 10) those of them that face to that side
+    outer : nothing stands in front
     """
 
     axis: int
@@ -117,6 +120,7 @@ class TouchedSide:
     begin: float
     on_line: np.ndarray
     facing: np.ndarray
+    outer: bool
 
     @property
     def lowest(self) -> np.ndarray:
@@ -159,7 +163,7 @@ def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Are
             for begin, (first, last) in zip(begins, pairwise(bounds), strict=True):
                 faces = outwards[first:last][facing[first:last] > FACING]
                 if len(faces):
-                    yield TouchedSide(axis, place, sign, begin, outwards[:last], faces)
+                    yield TouchedSide(axis, place, sign, begin, outwards[:last], faces, last == len(own))
 
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
