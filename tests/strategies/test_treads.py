@@ -101,8 +101,8 @@ def test_a_line_that_passed_low_close_by_shows_that_the_tread_ends():
     assert lines_of(memory, X, np.array([-0.02, 0.0, 0.02])) == []
 
 
-def floors(memory, body):
-    return floor_lines(memory.contacts(), memory.trail(), XS, task(), HEIGHT, PITCH, body)
+def floors(memory, body, shown=1.5 * PITCH):
+    return floor_lines(memory.contacts(), memory.trail(), XS, task(), HEIGHT, PITCH, shown, body)
 
 
 def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go():
@@ -117,8 +117,8 @@ def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go
     assert apart.min() > PITCH + 1e-6, "a line shows what is beside it"
 
 
-def test_near_a_tread_each_line_looks_for_its_end():
-    lines = floors(plate(), Beside(off=0.015))
+def test_lines_that_show_less_are_nearer_to_each_other():
+    lines = floors(plate(led=()), Beside(off=0.015), 0.75 * PITCH)
     assert np.diff(sorted(line.place for line in lines if line.begin < 0.0)) == pytest.approx(PITCH)
 
 

@@ -13,15 +13,13 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import NORMAL_Z
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, Y, Z
+from lwrprobe_strategies.planning.lines import Line, Y, Z
 from lwrprobe_strategies.planning.treads import UPWARDS
 
 REACH = 2.5
 """Pitches from what was touched, within which more of the object is looked for."""
 LOWER = 0.005
 """m above the floor, below which a line shows what is on it: the radius of the sphere."""
-BESIDE = 0.75
-"""Pitches beside a line, up to which that shows what is there where a plate is expected."""
 SHORTEST = 0.5
 """Pitches of unknown floor that are worth a line."""
 
@@ -33,25 +31,25 @@ def floor_lines(
     task: Task,
     height: float,
     pitch: float,
+    shown: float,
     body: BodySpace,
 ) -> list[Line]:
     """Lines along y from the border, at some of the `places` (n,) m, as far in as the body may go on the floor.
 
-    So many that near the object no floor to which the body may go is left without a line beside it; each place that
-    comes near the object gets one where a tread lower than the grid was touched already.
+    So many that near the object no floor to which the body may go is left without a line beside it.
 
     Parameters
     ----------
     contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
     height : m, of the lines of the grid
     pitch : m, between two lines
+    shown : m beside a line, up to which it shows what is there
     body : where the body may be
     """
     from scipy.spatial import cKDTree
 
     floor, low, high = float(task.area.lower[Z]), float(task.area.lower[Y]), float(task.area.upper[Y])
     treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
-    shown = (BESIDE if len(treads) else NEIGHBOUR) * pitch
     touched = cKDTree(contacts[:, :Z])
     known = cKDTree(np.concatenate([trail[trail[:, Z] < floor + LOWER, :Z], treads[:, :Z]]))
     left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet

@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.floor_lines import floor_lines
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
 from lwrprobe_strategies.planning.outer_parts import outer_parts
@@ -25,6 +25,9 @@ from lwrprobe_strategies.planning.upright_body import line_height
 
 ONWARD = 0.3
 """Share of a normal along a line, from which on a contact is on the far side of the object."""
+
+BETWEEN = 0.75
+"""Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
 
 
 class GapPlanner:
@@ -66,6 +69,7 @@ class GapPlanner:
         self._treads: list[Line] = []  # planned so far
         self._strips: list[Line] = []  # likewise
         self._sides: list[Line] = []  # up sides, likewise
+        self._before_floor = 0  # contacts, before the first lines on the floor
         tall, sides, across = body is not None, options.near_sides, options.across
         passes = (
             (True, self._from_the_other_end),
@@ -79,6 +83,7 @@ class GapPlanner:
             (across and sides, self._leaning_lines),
             (options.find_ends, self._outlines),
             (tall and sides, self._floor_lines),
+            (tall and sides, self._floor_lines_between),
             (tall and sides, self._left_treads),
             (across and sides, self._left_strips),
         )
@@ -166,11 +171,12 @@ class GapPlanner:
 
     def _floor_lines(self) -> list[Line]:
         """Along y on the floor, where a plate may lie below all lines so far."""
-        body = self._body
-        assert body is not None
-        body.survey()
-        contacts, trail = self._memory.contacts(), self._memory.trail()
-        return floor_lines(contacts, trail, self._grid_x, self._task, self.height, self._spacing, body)
+        self._before_floor = len(self._memory)
+        return self._on_floor(NEIGHBOUR * self._spacing)
+
+    def _floor_lines_between(self) -> list[Line]:
+        """Those in between as well, where the first ones have met something."""
+        return self._on_floor(BETWEEN * self._spacing) if len(self._memory) > self._before_floor else []
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
@@ -194,9 +200,19 @@ class GapPlanner:
         body.survey()
         contacts, area, orientations = self._memory.contacts(), self._task.area, self._orientations
         lines = low_sides(contacts, axis, places, area, self._spacing, body, orientations, self._reachable)
-        lower = [line for line in lines if not any(self._no_lower(line, other) for other in self._sides)]
-        self._sides += lower
-        return lower
+        before = len(self._sides)
+        for line in lines:
+            if not any(self._no_lower(line, other) for other in self._sides):
+                self._sides.append(line)
+        return self._sides[before:]
+
+    def _on_floor(self, shown: float) -> list[Line]:
+        """Along y on the floor, no more than `shown` m beside each other where nothing else was driven there."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return floor_lines(contacts, trail, self._grid_x, self._task, self.height, self._spacing, shown, body)
 
     def _places(self, axis: int) -> np.ndarray:
         """(n,) m, of the lines along an axis, those up left strips included."""
@@ -204,9 +220,9 @@ class GapPlanner:
         return np.concatenate([lines, [line.place for line in self._strips if line.axis == axis]])
 
     def _not_planned_before(self, lines: list[Line], planned: list[Line]) -> list[Line]:
-        """The lines that begin where none was `planned` before; they are added to those."""
+        """The lines that begin and end where none was `planned` before; they are added to those."""
         apart = 0.5 * self._spacing
-        new = [line for line in lines if not any(_begin_alike(line, other, apart) for other in planned)]
+        new = [line for line in lines if not any(_alike(line, other, apart) for other in planned)]
         planned += new
         return new
 
@@ -215,7 +231,7 @@ class GapPlanner:
 
         The other one may have been given up where the side was expected: from what was touched higher up.
         """
-        same = (line.axis, line.place, line.sign) == (other.axis, other.place, other.sign)
+        same = (line.axis, line.sign) == (other.axis, other.sign) and abs(line.place - other.place) < ON_LINE
         same &= abs(line.end - other.end) < self._spacing
         return same and line.height >= other.height - HIGHER and line.ceiling >= other.ceiling - HIGHER
 
@@ -246,6 +262,7 @@ class GapPlanner:
         return max(lowest, self.height) if recedes and tall else lowest
 
 
-def _begin_alike(line: Line, other: Line, apart: float) -> bool:
-    """Whether two lines along one axis begin in the same place, up to `apart` m."""
-    return line.axis == other.axis and bool(np.abs(line.start - other.start).max() < apart)
+def _alike(line: Line, other: Line, apart: float) -> bool:
+    """Whether two lines along one axis begin and end in the same places, up to `apart` m."""
+    ends = np.stack([line.start - other.start, line.at(line.end) - other.at(other.end)])
+    return line.axis == other.axis and bool(np.abs(ends).max() < apart)
