@@ -224,6 +224,34 @@ def test_a_side_that_recedes_is_expected_down_to_where_the_stick_keeps_the_spher
     assert len(sides(lowest - 0.012)) == (0 if depth == 0.0 else 2), "no foot is sought there, and nothing expected"
 
 
+def two_walls():
+    """Contacts of a line along y up both sides of two walls, over a gap in which nothing was touched."""
+    rows = []
+    for wall in (-0.02, 0.02):
+        for side in (-1.0, 1.0):
+            for z in np.arange(LOW, TALL, 0.001):
+                centre, out = np.array([0.0, wall + 0.007 * side, z]), np.array([0.0, side, 0.0])
+                rows.append([*centre, *(centre - 0.005 * out), *out, 0.0])
+    return np.array(rows)
+
+
+def test_each_wall_has_its_own_sides_and_a_line_up_an_inner_one_begins_in_the_gap():
+    body = Open(0.03)
+
+    def sides(contacts, held=(DOWN,)):
+        lines = low_sides(contacts, Y, np.array([0.0]), AREA, PITCH, body, lambda away: held, lambda line: True)
+        return sorted((line.begin, line.end) for line in lines)
+
+    assert len(sides(two_walls(), [leaning(20.0)])) == 2, "the gap is known to be free for an upright stick"
+    assert sides(two_walls()) == pytest.approx([(-0.06, -0.023), (0.0, -0.017), (0.0, 0.017), (0.06, 0.023)])
+    hollow = two_walls()
+    floor = hollow[np.argmin(np.abs(hollow[:, :3] - [0.0, 0.013, LOW]).sum(axis=1))]
+    bottom = np.tile(floor, (27, 1))
+    bottom[:, 1] = bottom[:, 4] = np.linspace(-0.013, 0.013, 27)
+    bottom[:, 6:9] = (0.0, 0.0, 1.0)
+    assert len(sides(np.concatenate([hollow, bottom]))) == 2, "below a hollow that was followed there is nothing"
+
+
 @pytest.mark.parametrize(("reach", "begins"), [(0.06, 0.06), (0.055, 0.05), (0.02, None)])
 def test_a_line_begins_nearer_where_the_arm_does_not_reach_the_border(reach, begins):
     found = space(np.arange(-0.075, 0.0751, PITCH))

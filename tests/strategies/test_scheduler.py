@@ -73,7 +73,7 @@ def test_an_inserted_line_comes_next_and_is_none_of_the_grid():
 
 def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_lower():
     options = CoverageConfig(first_line="border", find_ends=False)
-    lines = LineScheduler(task(), ContactMemory(), options, body=object())
+    lines = LineScheduler(task(), ContactMemory(), options, body=Body())
     heights = iter([0.03, 0.02, 0.01])
 
     def low_sides(axis, places):
@@ -218,6 +218,9 @@ class Body:
     def survey(self):
         """It is known already."""
 
+    def lowest_at(self, line, rotation):
+        return self.lowest(line, rotation)
+
     def lowest(self, line, rotation):
         places = np.linspace(line.begin, line.end, 5)
         return places, np.full(5, self.needed)
@@ -232,7 +235,7 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     touch_block(memory, [x], low=0.03)  # the grid was driven as high as that
     sides = []
     while (line := scheduler.next(FAR)) is not None:
-        if line.low and line.axis == 1 and not line.on_surface:
+        if line.low and line.axis == 1 and line.expected is None:
             sides.append((line.place, line.begin, line.height))
             body.needed = then  # as what is driven since then shows
     assert len(sides) == 2 + lines
@@ -240,6 +243,24 @@ def test_a_side_is_driven_again_where_the_body_may_come_lower_than_before(then, 
     assert {side[:2] for side in first} == {(x, -BORDER), (x, BORDER)}
     assert {side[:2] for side in again} <= {side[:2] for side in first}
     assert all(side[2] == pytest.approx(then, abs=0.0026) for side in again)
+
+
+@pytest.mark.parametrize(("then", "lines"), [(0.03, 0), (0.02, 2)])
+def test_a_side_is_driven_again_where_it_was_touched_lower_than_when_the_line_was_planned(then, lines):
+    memory, body = ContactMemory(), Body()
+    body.needed = float(task().area.lower[2])
+    options = CoverageConfig(first_line="border", across=True, find_ends=False)
+    scheduler = LineScheduler(task(), memory, options, body, lambda away: [task().orientation])
+    x = scheduler.grid.x[3]
+    touch_block(memory, [x], low=0.03)
+    sides = []
+    while (line := scheduler.next(FAR)) is not None:
+        if line.low and line.axis == 1 and line.expected is None:
+            sides.append(line)
+            if len(sides) == 2:  # both were given up before they touched, and others touched in between
+                touch_block(memory, [x], low=then)
+    assert len(sides) == 2 + lines
+    assert {side.height for side in sides} == {body.needed}
 
 
 def test_neighbours_end_with_a_side_of_the_grid():

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.floor_lines import floor_lines
+from lwrprobe_strategies.planning.lines import X, Y
 from lwrprobe_strategies.planning.treads import treads
-from strategy_task import AREA
+from strategy_task import AREA, task
 
 PITCH, RADIUS, PLATE, WALL, HEIGHT = 0.01, 0.005, 0.010, 0.050, 0.030
 XS = np.round(np.arange(-0.04, 0.0401, PITCH), 6)
@@ -31,20 +33,103 @@ def plate(led=(0.0,)):
     return memory
 
 
-def lines_of(memory):
-    return treads(memory.contacts(), memory.trail(), XS, AREA, RADIUS, PITCH)
+class Beside:
+    """A body that may be anywhere above a height, and elsewhere than within `off` m of y = 0 as low as it likes."""
+
+    def __init__(self, off=0.0, above=1.0):
+        self.off, self.above = off, above
+
+    def lowest_at(self, line, rotation):
+        places = np.linspace(line.begin, line.end, 101)
+        y = places if line.axis == Y else np.full(101, line.place)
+        return places, np.where(np.abs(y) < self.off, self.above, 0.0)
+
+    def lowest(self, line, rotation):
+        places, needed = self.lowest_at(line, rotation)
+        return places, np.maximum.accumulate(needed)
+
+
+def lines_of(memory, axis=Y, places=XS, body=None):
+    return treads(memory.contacts(), memory.trail(), axis, places, task(), PITCH, body or Beside())
 
 
 def test_a_tread_that_was_touched_is_sought_on_the_lines_beside_it():
     lines = lines_of(plate())
-    assert sorted({line.place for line in lines}) == pytest.approx([-PITCH, 0.0, PITCH])
+    assert sorted({line.place for line in lines}) == pytest.approx([-PITCH, PITCH])
     for line in lines:
         assert line.height == pytest.approx(PLATE + RADIUS, abs=0.004)
+        assert line.begin in (AREA.lower[1], AREA.upper[1])
+        assert not line.on_surface, "from the border nothing stands before the tread"
+        assert line.ceiling < WALL
+
+
+def test_where_something_stands_before_it_a_line_comes_down_on_the_tread_far_from_the_wall():
+    memory = plate()
+    for y in (-0.07, 0.07):
+        for x in XS:
+            memory.add(np.array([x, 1.07 * y, WALL]), np.array([x, y, WALL]), np.array([0.0, np.sign(y), 0.0]), x)
+    lines = lines_of(memory)
+    assert sorted({line.place for line in lines}) == pytest.approx([-PITCH, PITCH])
+    for line in lines:
         assert line.on_surface
         assert line.free_to == pytest.approx(HEIGHT)
-        assert abs(line.begin) > abs(line.end) or line.begin * line.end < 0.0, "it comes down far from the wall"
-        assert abs(line.begin) > 0.004 + RADIUS
-        assert line.ceiling < WALL
+        assert abs(line.begin) > abs(line.end) or line.begin * line.end < 0.0
+        assert 0.004 + RADIUS < abs(line.begin) < 0.07 - RADIUS
+
+
+def test_no_line_leads_over_a_tread_to_which_the_body_may_not_come():
+    assert lines_of(plate(), body=Beside(off=0.2)) == []
+    for line in lines_of(plate(), body=Beside(off=0.02)):
+        assert min(abs(line.begin), abs(line.end)) >= 0.018
+
+
+def test_what_no_line_along_y_comes_to_is_crossed_along_x():
+    memory = ContactMemory()
+    for y in np.arange(-0.03, 0.0301, 0.001):
+        touch(memory, -0.031, y, PLATE, -0.031)
+    lines = lines_of(memory, X, np.array([0.0]))
+    assert [(line.axis, line.place, line.begin) for line in lines] == [(X, 0.0, AREA.lower[0])]
+
+
+def test_a_line_that_passed_low_close_by_shows_that_the_tread_ends():
+    memory = ContactMemory()
+    for y in np.arange(-0.03, 0.0301, 0.001):
+        touch(memory, -0.031, y, PLATE, -0.031)
+    for x in (-0.021, -0.041):
+        for y in np.arange(-0.1, 0.1001, 0.001):
+            memory.passed(np.array([x, y, RADIUS + 0.001]), x)
+    assert lines_of(memory, X, np.array([-0.02, 0.0, 0.02])) == []
+
+
+def floors(memory, body, shown=1.5 * PITCH):
+    return floor_lines(memory.contacts(), memory.trail(), XS, task(), HEIGHT, PITCH, shown, body)
+
+
+def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go():
+    lines = floors(plate(led=()), Beside(off=0.015))
+    assert {line.begin for line in lines} == {AREA.lower[1], AREA.upper[1]}
+    for line in lines:
+        assert line.height == AREA.lower[2]
+        assert 0.015 <= abs(line.end) <= 0.019
+        assert line.begin * line.end > 0.0
+    apart = np.diff(sorted(line.place for line in lines if line.begin < 0.0))
+    assert len(apart) > 1
+    assert apart.min() > PITCH + 1e-6, "a line shows what is beside it"
+
+
+def test_lines_that_show_less_are_nearer_to_each_other():
+    lines = floors(plate(led=()), Beside(off=0.015), 0.75 * PITCH)
+    assert np.diff(sorted(line.place for line in lines if line.begin < 0.0)) == pytest.approx(PITCH)
+
+
+def test_no_floor_is_looked_at_twice_or_where_the_body_may_not_go():
+    assert floors(plate(led=()), Beside(off=1.0)) == []
+    assert floors(ContactMemory(), Beside()) == []
+    memory = plate(led=())
+    for x in (*XS, -0.05, 0.05):
+        for y in np.arange(-0.1, 0.1001, 0.001):
+            memory.passed(np.array([x, y, RADIUS + 0.001]), x)
+    assert floors(memory, Beside()) == []
 
 
 def test_each_round_leads_on_until_all_of_the_plate_was_touched():

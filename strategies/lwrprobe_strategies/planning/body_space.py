@@ -131,15 +131,19 @@ class BodySpace:
         return bool(self.depth(pose[None])[0] <= WORSE)
 
     def lowest(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n,) m on a line's axis, and the least heights (n,) m of the sphere's centre with which the body may
-        come from the line's beginning to each, with the tip held by `rotation` (3, 3), up to a square beside the line.
+        """As `lowest_at`, where the body has to come to each place from the line's beginning."""
+        places, needed = self.lowest_at(line, rotation)
+        return places, np.maximum.accumulate(needed)
+
+    def lowest_at(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (n,) m on a line's axis, and the least heights (n,) m of the sphere's centre at which the body may be
+        at each, with the tip held by `rotation` (3, 3), up to a square beside the line.
         """
         count = max(int(np.ceil(abs(line.end - line.begin) / STEP)), 1) + 1
         poses, places = np.tile(np.eye(4), (3, count, 1, 1)), np.linspace(line.begin, line.end, count)
         poses[..., :3, :3], poses[..., line.axis, 3], poses[..., Z, 3] = rotation, places, LOW
         poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
-        depths = self.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0)
-        return places, np.maximum.accumulate(depths + LOW)
+        return places, self.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
 
 
 def _surface(link: LinkShape) -> np.ndarray:

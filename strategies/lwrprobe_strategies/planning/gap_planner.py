@@ -11,10 +11,11 @@ from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL, NORMAL_X, NORMAL_Z, ContactMemory
+from lwrprobe_strategies.planning.floor_lines import floor_lines
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
 from lwrprobe_strategies.planning.outer_parts import outer_parts
@@ -24,6 +25,9 @@ from lwrprobe_strategies.planning.upright_body import line_height
 
 ONWARD = 0.3
 """Share of a normal along a line, from which on a contact is on the far side of the object."""
+
+BETWEEN = 0.75
+"""Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
 
 
 class GapPlanner:
@@ -64,7 +68,8 @@ class GapPlanner:
         self._across_y = np.empty(0)  # m, y of the lines across
         self._treads: list[Line] = []  # planned so far
         self._strips: list[Line] = []  # likewise
-        self._sides: dict[tuple[int, float, float], float] = {}  # m, height of the lowest line up each side
+        self._sides: list[Line] = []  # up sides, likewise
+        self._before_floor = 0  # contacts, before the first lines on the floor
         tall, sides, across = body is not None, options.near_sides, options.across
         passes = (
             (True, self._from_the_other_end),
@@ -77,6 +82,8 @@ class GapPlanner:
             (tall and across and sides, self._lower_sides),
             (across and sides, self._leaning_lines),
             (options.find_ends, self._outlines),
+            (tall and sides, self._floor_lines),
+            (tall and sides, self._floor_lines_between),
             (tall and sides, self._left_treads),
             (across and sides, self._left_strips),
         )
@@ -162,11 +169,27 @@ class GapPlanner:
         """Around the object's ends in x."""
         return outlines(self._memory.contacts(), self._grid_x, self.height)
 
+    def _floor_lines(self) -> list[Line]:
+        """Along y on the floor, where a plate may lie below all lines so far."""
+        self._before_floor = len(self._memory)
+        return self._on_floor(NEIGHBOUR * self._spacing)
+
+    def _floor_lines_between(self) -> list[Line]:
+        """Those in between as well, where the first ones have met something."""
+        return self._on_floor(BETWEEN * self._spacing) if len(self._memory) > self._before_floor else []
+
     def _left_treads(self) -> list[Line]:
-        """Over plates that the grid has passed above."""
-        contacts, trail, radius = self._memory.contacts(), self._memory.trail(), self._task.probe.radius
-        lines = treads(contacts, trail, self._grid_x, self._task.area, radius, self._spacing)
-        return self._not_planned_before(lines, self._treads)
+        """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
+        body, area = self._body, self._task.area
+        assert body is not None
+        body.survey()
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        across = np.arange(float(area.lower[Y]), float(area.upper[Y]), self._spacing)
+        for axis, places in ((Y, self._grid_x), (X, across)):
+            lines = treads(contacts, trail, axis, places, self._task, self._spacing, body)
+            if new := self._not_planned_before(lines, self._treads):
+                return new
+        return []
 
     # What passes have in common
 
@@ -177,9 +200,19 @@ class GapPlanner:
         body.survey()
         contacts, area, orientations = self._memory.contacts(), self._task.area, self._orientations
         lines = low_sides(contacts, axis, places, area, self._spacing, body, orientations, self._reachable)
-        lower = [line for line in lines if line.height < self._sides.get(_side(line), np.inf) - HIGHER]
-        self._sides |= {_side(line): line.height for line in lower}
-        return lower
+        before = len(self._sides)
+        for line in lines:
+            if not any(self._no_lower(line, other) for other in self._sides):
+                self._sides.append(line)
+        return self._sides[before:]
+
+    def _on_floor(self, shown: float) -> list[Line]:
+        """Along y on the floor, no more than `shown` m beside each other where nothing else was driven there."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        contacts, trail = self._memory.contacts(), self._memory.trail()
+        return floor_lines(contacts, trail, self._grid_x, self._task, self.height, self._spacing, shown, body)
 
     def _places(self, axis: int) -> np.ndarray:
         """(n,) m, of the lines along an axis, those up left strips included."""
@@ -187,11 +220,20 @@ class GapPlanner:
         return np.concatenate([lines, [line.place for line in self._strips if line.axis == axis]])
 
     def _not_planned_before(self, lines: list[Line], planned: list[Line]) -> list[Line]:
-        """The lines that begin where none was `planned` before; they are added to those."""
+        """The lines that begin and end where none was `planned` before; they are added to those."""
         apart = 0.5 * self._spacing
-        new = [line for line in lines if not any(_begin_alike(line, other, apart) for other in planned)]
+        new = [line for line in lines if not any(_alike(line, other, apart) for other in planned)]
         planned += new
         return new
+
+    def _no_lower(self, line: Line, other: Line) -> bool:
+        """Whether a line leads up the same side as another, no lower, and the side was touched no lower since then.
+
+        The other one may have been given up where the side was expected: from what was touched higher up.
+        """
+        same = (line.axis, line.sign) == (other.axis, other.sign) and abs(line.place - other.place) < ON_LINE
+        same &= abs(line.end - other.end) < self._spacing
+        return same and line.height >= other.height - HIGHER and line.ceiling >= other.ceiling - HIGHER
 
     def _reachable(self, line: Line) -> bool:
         """Whether the arm can go over the line's beginning, and down and along it."""
@@ -220,11 +262,7 @@ class GapPlanner:
         return max(lowest, self.height) if recedes and tall else lowest
 
 
-def _begin_alike(line: Line, other: Line, apart: float) -> bool:
-    """Whether two lines along one axis begin in the same place, up to `apart` m."""
-    return line.axis == other.axis and bool(np.abs(line.start - other.start).max() < apart)
-
-
-def _side(line: Line) -> tuple[int, float, float]:
-    """Which side a line leads up to: axis, place [m], and sign of the travel."""
-    return line.axis, line.place, line.sign
+def _alike(line: Line, other: Line, apart: float) -> bool:
+    """Whether two lines along one axis begin and end in the same places, up to `apart` m."""
+    ends = np.stack([line.start - other.start, line.at(line.end) - other.at(other.end)])
+    return line.axis == other.axis and bool(np.abs(ends).max() < apart)

@@ -57,14 +57,14 @@ def leaning_lines(
         heights = np.append(task.area.lower[Z], above[:, Z])
         widest = int(np.argmax(np.diff(heights)))
         height, low, middle = float(heights[widest]), above[widest], float(side.on_line[:, axis].mean())
-        if low[Z] - height <= pitch:
+        if not side.outer or low[Z] - height <= pitch:
             continue
         around = _thinned(contacts[np.abs(contacts[:, 1 - axis] - side.place) < BESIDE * pitch, POINT])
         ceiling = float(low[Z]) + OVERLAP
-        whole = Line(axis, side.place, side.border, middle, height, low=True, ceiling=ceiling, expected=height)
+        whole = Line(axis, side.place, side.begin, middle, height, low=True, ceiling=ceiling, expected=height)
         inmost, best = float(low[axis]) - side.sign * task.probe.radius, None  # less would not be worth a line
         for rotation in orientations(side.sign * np.eye(3)[axis]):
-            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.border
+            end = _inmost(whole, rotation, around, task) if -rotation[Z, Z] < LEANING else side.begin
             if side.sign * (inmost - end) > 0.0:
                 inmost, best = end - side.sign * DEEPER, replace(whole, end=end, rotation=rotation)
         best = within_reach(best, reachable) if best is not None else None

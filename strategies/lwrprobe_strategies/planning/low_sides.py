@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,8 +29,11 @@ HIGHER = 0.0025
 ALIKE = 0.005
 """m above the lowest touch of a side, up to which touches show its slope: the normal of a single one is too noisy to be
 taken as far down as a line is high."""
+GAP = 0.010
+"""m between two sides that face each other, in which nothing was touched: they are two walls, no hollow. So wide that
+the sphere in the middle is its radius off where it touched either."""
 NEARER, SHORTEST = 0.010, 0.015
-"""m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least."""
+"""m by which a line begins nearer where the arm does not reach its beginning, and that it is long at least then."""
 GRAIN = 0.0015
 """m between two places of a side that are looked at."""
 WORTH = 0.4
@@ -56,9 +60,10 @@ def low_sides(
     orientations: SideOrientations,
     reachable: Callable[[Line], bool],
 ) -> list[Line]:
-    """From the border to each side that a line touched, as low as the body may go, and up to where it was touched.
+    """To each side that a line touched, as low as the body may go, and up to where it was touched.
 
-    Where the arm does not reach a line's beginning on the border, the line begins nearer.
+    A line begins on the border, or nearer where the arm does not reach that. Where something else stands before the
+    side, it begins in between, upright: what is known to be free there is known for an upright stick.
 
     Parameters
     ----------
@@ -77,11 +82,12 @@ def low_sides(
         if low[Z] - floor <= 0.5 * pitch:
             continue
         end = float(low[axis])
-        whole = Line(axis, side.place, side.border, end - side.sign * SPARE, floor, low=True)
+        whole = Line(axis, side.place, side.begin, end - side.sign * SPARE, floor, low=True)
         whole = replace(whole, ceiling=float(low[Z]) + OVERLAP)
         away, slope = side.away(), side.slope()
         widens = max(slope, 0.0)
-        best = _lowest_of(whole, orientations(away), float(low[Z]) - 0.5 * pitch, widens, body, reachable)
+        held = [rotation for rotation in orientations(away) if side.outer or -rotation[Z, Z] > UPRIGHT]
+        best = _lowest_of(whole, held, float(low[Z]) - 0.5 * pitch, widens, body, reachable)
         if best is None or left_below(best, low[POINT], away, widens, contacts, pitch) <= WORTH * pitch * pitch:
             continue
         assert best.rotation is not None
@@ -96,23 +102,25 @@ def low_sides(
 
 @dataclass(slots=True, frozen=True, eq=False)
 class TouchedSide:
-    """A side of the object that was touched on one line.
+    """A side of the object that was touched on one line; there are several where gaps were left untouched between.
 
     Attributes
     ----------
     axis, place : of the line, and m on the other horizontal axis
     sign : -1 or +1, towards which end of the axis the side faces
-    border : m, that end of the area
-    on_line : (n, 10) contacts on the line, as in `ContactMemory.contacts`
+    begin : m, where a line to it begins: that end of the area, or the middle of the gap before what stands in front
+    on_line : (n, 10) contacts on the line, without what stands in front, as in `ContactMemory.contacts`
     facing : (m, 10) those of them that face to that side
+    outer : nothing stands in front
     """
 
     axis: int
     place: float
     sign: float
-    border: float
+    begin: float
     on_line: np.ndarray
     facing: np.ndarray
+    outer: bool
 
     @property
     def lowest(self) -> np.ndarray:
@@ -147,14 +155,20 @@ def touched_sides(contacts: np.ndarray, axis: int, places: np.ndarray, area: Are
     for place in np.sort(places).tolist():
         own = contacts[np.abs(contacts[:, 1 - axis] - place) < ON_LINE]
         for sign, border in ((-1.0, float(area.lower[axis])), (1.0, float(area.upper[axis]))):
-            facing = own[sign * own[:, NORMAL_X + axis] > FACING]
-            if len(facing):
-                yield TouchedSide(axis, place, sign, border, own, facing)
+            outwards = own[np.argsort(sign * own[:, axis], kind="stable")]
+            where, facing = sign * outwards[:, axis], sign * outwards[:, NORMAL_X + axis]
+            gaps = np.flatnonzero((np.diff(where) > GAP) & (facing[:-1] > FACING) & (facing[1:] < -FACING)) + 1
+            begins = [*(0.5 * (outwards[gaps - 1, axis] + outwards[gaps, axis])).tolist(), border]
+            bounds = [0, *gaps.tolist(), len(own)]
+            for begin, (first, last) in zip(begins, pairwise(bounds), strict=True):
+                faces = outwards[first:last][facing[first:last] > FACING]
+                if len(faces):
+                    yield TouchedSide(axis, place, sign, begin, outwards[:last], faces, last == len(own))
 
 
 def within_reach(line: Line, reachable: Callable[[Line], bool]) -> Line | None:
     """The line from as far out as the arm can drive it; None where that is right before the side, or nowhere."""
-    for inwards in np.arange(0.0, abs(line.end - line.begin) - SHORTEST, NEARER).tolist():
+    for inwards in (0.0, *np.arange(NEARER, abs(line.end - line.begin) - SHORTEST, NEARER).tolist()):
         nearer = replace(line, begin=line.begin + line.sign * inwards)
         if reachable(nearer):
             return nearer

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contracts import Area
+from lwrprobe.contracts import Task
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import NORMAL_X, NORMAL_Y, NORMAL_Z, POINT, POINT_X, POINT_Y, POINT_Z
 from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 
@@ -28,64 +29,87 @@ BESIDE = 0.002
 """m from the sphere to a wall, beside which it comes down."""
 SHORTEST = 0.6
 """Pitches of a tread that are worth a line."""
+ROUNDING = 1e-9
+"""m, of differences of places."""
+MIRRORED = [1, 0, 2, 4, 3, 5, 7, 6, 8, 9]
+"""Columns of a row with x and y exchanged."""
 
 
 def treads(
-    contacts: np.ndarray, trail: np.ndarray, places: np.ndarray, area: Area, radius: float, pitch: float
+    contacts: np.ndarray,
+    trail: np.ndarray,
+    axis: int,
+    places: np.ndarray,
+    task: Task,
+    pitch: float,
+    body: BodySpace,
 ) -> list[Line]:
-    """Lines along y at `places` (n,) m, over each stretch where a tread goes on that no line has come down to.
+    """Lines along an axis at `places` (n,) m, over each stretch where a tread goes on that no line has come down to.
+
+    Only where the body of an upright probe may come as low.
 
     Parameters
     ----------
     contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
-    radius : m, of the sphere
     pitch : m, between two lines
+    body : where the body may be
     """
+    if axis == X:
+        contacts, trail = contacts[:, MIRRORED], trail[:, MIRRORED]
+    area, radius = task.area, task.probe.radius
     flat = contacts[contacts[:, NORMAL_Z] > UPWARDS]
-    ys = np.arange(float(area.lower[Y]), float(area.upper[Y]) + CELL, CELL)
     lines: list[Line] = []
     for place in np.sort(places).tolist() if len(flat) else ():
+        whole = Line(axis, place, float(area.lower[axis]), float(area.upper[axis]), float(area.lower[Z]))
+        ys, lowest = body.lowest_at(whole, task.orientation)
         tread = _lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch)
         own = trail[np.abs(trail[:, X] - place) < ON_LINE]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
         wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
+        beside = _lowest_within(trail[:, :3], place, ys, 0.5 * pitch)
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
+        left &= (lowest < tread + radius) & (beside > tread + radius - ALIKE)
         left &= ~_touched(flat, place, ys, tread, 0.5 * pitch) & ~_beyond(contacts, place, ys, tread, GOES_ON * pitch)
         for first, last in _runs(left):
-            if (last - first) * CELL >= SHORTEST * pitch:
-                line = _line_over(first, last, place, ys, tread, passed, wall, radius)
-                height, free_to = max(line.height, float(area.lower[Z])), min(line.free_to, float(area.upper[Z]))
-                lines.append(replace(line, height=height, free_to=free_to, expected=height))
+            if float(ys[last] - ys[first]) > SHORTEST * pitch - ROUNDING:
+                bottom, top = float(tread[first : last + 1].min()), float(tread[first : last + 1].max())
+                height = max(bottom + radius - ALIKE, whole.height)
+                line = replace(whole, height=height, expected=height, ceiling=top + 2.0 * radius, low=True)
+                bars = (tall > line.ceiling) | (lowest > bottom + radius)
+                ends = bars | (passed < top + radius + PASSED)
+                lines.append(_line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall))
     return lines
 
 
 def _line_over(
     first: int,
     last: int,
-    place: float,
+    whole: Line,
     ys: np.ndarray,
-    tread: np.ndarray,
     passed: np.ndarray,
+    bars: np.ndarray,
+    ends: np.ndarray,
     wall: np.ndarray,
-    radius: float,
 ) -> Line:
-    """A line along y at a `place` m over the stretch from index `first` to `last` of `ys` (n,) m.
+    """The part of a `whole` line that leads over the stretch from index `first` to `last` of `ys` (n,) m.
 
-    It begins at the end of the stretch that is farther from what is taller, `wall` (m, 3), and leads over the other end
-    to where a line has come down before. The `tread` (n,) m is as high as that, and `passed` (n,) m the sphere.
+    It begins on the border where nothing `bars` (n,) the way from there. Otherwise it comes down on the tread from
+    where the sphere `passed` (n,) m, at the end of the stretch that is farther from what is taller, `wall` (m, 3). It
+    leads over the other end to where something `ends` (n,) it.
     """
-    height = float(tread[first : last + 1].min()) + radius - ALIKE
-    ceiling = float(tread[first : last + 1].max()) + 2.0 * radius
-    if _room(wall, place, float(ys[first]), ceiling) < _room(wall, place, float(ys[last]), ceiling):
-        begin, onward = last, range(first, -1, -1)
+    if not bars[: first + 1].any():
+        begin, onward = 0, range(last, len(ys))
+    elif not bars[last:].any():
+        begin, onward = len(ys) - 1, range(first, -1, -1)
     else:
-        begin, onward = first, range(last, len(ys))
-    low = passed < ceiling - radius + PASSED
-    end = next((k for k in onward if low[k]), onward[-1])
-    free_to = float(passed[begin])
-    line = Line(Y, place, float(ys[begin]), float(ys[end]), height, on_surface=True, free_to=free_to)
-    return replace(line, low=True, ceiling=ceiling)
+        room = [_room(wall, whole.place, float(ys[k]), whole.ceiling) for k in (first, last)]
+        begin, onward = (last, range(first, -1, -1)) if room[0] < room[1] else (first, range(last, len(ys)))
+    end = next((k for k in onward if ends[k]), onward[-1])
+    line = replace(whole, begin=float(ys[begin]), end=float(ys[end]))
+    if begin in (0, len(ys) - 1):
+        return line
+    return replace(line, on_surface=True, free_to=float(passed[begin]))
 
 
 def _lowest_within(points: np.ndarray, place: float, ys: np.ndarray, reach: float) -> np.ndarray:
