@@ -263,6 +263,26 @@ def test_a_side_is_driven_again_where_it_was_touched_lower_than_when_the_line_wa
     assert {side.height for side in sides} == {body.needed}
 
 
+@pytest.mark.parametrize(("up", "between"), [(0.0, False), (1.0, True)])
+def test_lines_on_the_floor_come_closer_where_the_first_ones_met_a_plate(up, between):
+    memory, body = ContactMemory(), Body()
+    body.needed = float(task().area.lower[2])
+    options = CoverageConfig(first_line="border", across=False, find_ends=False)
+    scheduler = LineScheduler(task(), memory, options, body, lambda away: [])
+    touch_block(memory, [scheduler.grid.x[3]], low=0.03)
+    places = []
+    while (line := scheduler.next(FAR)) is not None:
+        if line.expected is not None and not line.on_surface:
+            if not places:
+                point = np.array([line.place, -0.07, 0.005])
+                normal = np.array([0.0, 1.0 - up, up])
+                memory.add(point + RADIUS * normal, point, normal, line.place)
+            places.append(line.place)
+    apart = np.diff(np.unique(places))
+    assert len(apart) > 0
+    assert bool(apart.min() < 1.5 * options.step) is between
+
+
 def test_neighbours_end_with_a_side_of_the_grid():
     lines = grid_alone("middle")
     for _ in range(len(lines.grid)):

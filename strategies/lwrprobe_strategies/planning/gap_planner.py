@@ -175,8 +175,9 @@ class GapPlanner:
         return self._on_floor(NEIGHBOUR * self._spacing)
 
     def _floor_lines_between(self) -> list[Line]:
-        """Those in between as well, where the first ones have met something."""
-        return self._on_floor(BETWEEN * self._spacing) if len(self._memory) > self._before_floor else []
+        """Those in between as well, where the first ones have met a plate."""
+        plate = self._memory.contacts()[self._before_floor :, NORMAL_Z] > OVER
+        return self._on_floor(BETWEEN * self._spacing) if plate.any() else []
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
