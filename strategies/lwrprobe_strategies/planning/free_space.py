@@ -51,6 +51,8 @@ IN_FRONT, OFF = -0.1 * LIFT, 0.7 * LIFT
 """m in front of a face: from where on another place is on its free side, and how far off it a path leads there."""
 FARTHEST_BACK = 600
 """Places, as far as a path is driven back."""
+OFF_TOUCH = 0.003
+"""m sideways from where the sphere touched something, within which a place is beside that touch."""
 BORDER = 0.001
 """m, within which a place is one on the border."""
 CUT = 0.015
@@ -187,10 +189,18 @@ class FreeSpace:
         return rows[self._open(rows, np.abs(rows[:, axis] - place) < BORDER, self._came_down), :3]
 
     def open_around(self, place: np.ndarray, reach: float) -> np.ndarray:
-        """(n, 3) m, places as in `open_places`, within `reach` m along x and y of a place (3,)."""
+        """(n, 3) m, places as in `open_places`, within `reach` m along x and y of a place (3,).
+
+        Those beside a touch are left out: who comes down there again, and goes on level, would touch again.
+        """
+        from scipy.spatial import cKDTree
+
         rows = self._places.rows()
         near = np.abs(rows[:, :2] - place[:2]).max(axis=1, initial=0.0) < reach
-        return rows[self._open(rows, near, self._came_down), :3]
+        found, touched = rows[self._open(rows, near, self._came_down), :3], rows[near & _touching(rows), :2]
+        if not (len(found) and len(touched)):
+            return found
+        return found[cKDTree(touched).query(found[:, :2])[0] > OFF_TOUCH]
 
     @property
     def upright(self) -> bool:

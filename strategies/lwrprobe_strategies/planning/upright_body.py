@@ -41,11 +41,8 @@ def tallest_possible(task: Task) -> float:
 
 
 def line_height(task: Task) -> float:
-    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold.
-
-    With `RISE`, since of the tallest object the top that was touched would else be a threat or not by chance.
-    """
-    tallest = tallest_possible(task) + RISE
+    """m, lowest height of the sphere's centre at which the body above the stick clears whatever the area may hold."""
+    tallest = tallest_possible(task)
     lowest = max((tallest - bottom for _, bottom in body(task)), default=-np.inf) + task.clearance_threshold
     return float(min(max(lowest, task.area.lower[Z]), task.area.upper[Z]))
 
