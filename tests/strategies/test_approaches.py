@@ -18,6 +18,7 @@ from lwrprobe_strategies.planning.upright_body import RISE, clear_of, line_heigh
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
+CUBE = load_scene("block").map.resolution
 TOP = float(AREA.upper[2])
 BORDER = float(AREA.upper[1])
 RADIUS = 0.005
@@ -315,6 +316,7 @@ def test_the_lowest_height_beside_what_was_touched(seed):
         line = Line(axis, float(random.uniform(-0.05, 0.05)), begin, 0.0, 0.05)
         found = lowest_beside(line, points, t)
         assert found == pytest.approx(naive_lowest(line, points, t), abs=1.1e-4)
+        assert RISE > CUBE, "the map's cubes are what the clearance sees"
         assert found <= line_height(t) + 0.15, "what was touched is no higher than what may be there"
     assert lowest_beside(line, np.empty((0, 3)), t) == t.area.lower[2]
 
@@ -387,6 +389,18 @@ def test_a_deep_start_beside_a_known_column_is_come_to_level_and_not_down_throug
     leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
     down = path_to(line, np.array([0.05, 0.05, TOP]), leaning, AREA, free, SPEEDS)
     assert down[-1].place[:2] == pytest.approx(down[-2].place[:2]), "what the upright stick has shown is not asked for"
+
+
+@pytest.mark.parametrize("border", [False, True])
+def test_a_leaning_probe_comes_down_with_care_where_only_an_upright_one_has_been(border):
+    """Its stick leads through other space; between two walls it had struck one with 34 N."""
+    begin = BORDER if border else 0.03
+    leaning = turned(UP, np.array([1.0, 0.0, 0.0]), 0.3) @ DOWN
+    free, line = column(0.0, begin, 0.006), Line(1, 0.0, begin, -0.05, 0.006)
+    for turn, care in ((DOWN, False), (leaning, not border)):
+        pieces = path_to(line, np.array([0.05, 0.05, TOP]), turn, AREA, free, SPEEDS)
+        down = next(piece for piece in pieces if piece.place[2] < TOP - RADIUS)
+        assert (down.speed_limit is SpeedLimit.GUARDED) == care
 
 
 @pytest.mark.parametrize("level", [0.01, 0.03])

@@ -58,13 +58,19 @@ def path_to(
     to_column = _back_to_column(here, free)
     up = _to_top(here, turn, top, to_column, free, speeds, clear, allows)
     above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
-    down = _down_to(start, free, SpeedLimit.COLUMN) if line.on_surface else _down_at(start, top, free)
+    upright = _upright(turn)
+    if line.on_surface:
+        down = _down_to(start, free, SpeedLimit.COLUMN)
+    elif upright or _on_border(start, area):
+        down = _down_at(start, top, free)
+    else:  # what the upright stick has shown to be free is not where a leaning one goes
+        down = [Waypoint(start, SpeedLimit.GUARDED)]
     straight_down = [*up, above, *down]
-    columns = _known_columns(free, start, line.axis)
+    columns = [one for one in _known_columns(free, start, line.axis) if upright or _on_border(one, area)]
     paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
     if line.on_surface or not columns:
         paths.append(straight_down)
-    if not line.on_surface and -turn[Z, Z] > UPRIGHT:
+    if not line.on_surface and upright:
         paths += [[*up, *_beside(column, start, turn, top, free)] for column in _columns_around(start, free, speeds)]
     paths += _as_it_came(start, here, turn, free)
     paths += _up_to(start, turn, to_column, free)
@@ -95,12 +101,24 @@ def _down_at(start: np.ndarray, top: float, free: FreeSpace) -> list[Waypoint]:
     return [*_down_to(known, free, SpeedLimit.COLUMN), *foot]
 
 
+def _upright(turn: np.ndarray) -> bool:
+    """Whether the stick of a tip held by `turn` (3, 3) fills a vertical column."""
+    return -turn.item(Z, Z) > UPRIGHT
+
+
+def _on_border(place: np.ndarray, area: Area) -> bool:
+    """Whether a place (3,) is on the area's border: nothing should stand there, and beyond it nothing does."""
+    inside = np.minimum(place - area.lower, area.upper - place)[:Z]
+    return bool(inside.min() < BORDER)
+
+
 def _beside(column: np.ndarray, start: np.ndarray, turn: np.ndarray, top: float, free: FreeSpace) -> list[Waypoint]:
     """Down a known column, to its foot (3,), and level from there to above where the line begins."""
     over = Waypoint(np.array([*column[:2], top]), rotation=turn)
     level = np.array([*start[:2], column[Z]])
     foot = [Waypoint(start, SpeedLimit.GUARDED)] if column[Z] - start[Z] > THERE else []
-    return [over, Waypoint(column), *_level(column, level, free), *foot]
+    aside = _level(column, level, free) if _upright(turn) else [Waypoint(level, SpeedLimit.GUARDED)]
+    return [over, Waypoint(column), *aside, *foot]
 
 
 def _as_it_came(start: np.ndarray, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:
