@@ -97,10 +97,6 @@ class ConnectionLost(DriverError):
     """The device stopped answering, or never answered."""
 
 
-class StaleData(DriverError):
-    """Data came, but too late, frozen or out of order to be used."""
-
-
 class DeviceRefused(DriverError):
     """The device answered and refused what was asked."""
 

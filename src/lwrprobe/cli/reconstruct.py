@@ -71,7 +71,7 @@ def reconstruct(
     if report.get("unreachable_share"):
         typer.echo(f"{report['unreachable_share']:.1%} of the vertices lie where no sphere of this size can touch")
     if report["without"]:
-        typer.echo(f"not available, so left out: {', '.join(report['without'])}")
+        typer.echo(f"the record does not have, so the mesh is made without: {', '.join(report['without'])}")
 
 
 def fit(source: Source, probe_radius: Radius = None, table: Table = None, as_json: Json = False) -> None:

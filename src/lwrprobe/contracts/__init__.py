@@ -55,7 +55,6 @@ from lwrprobe.errors import (
     PluginError,
     SafetyStop,
     SceneError,
-    StaleData,
     StorageError,
     UnknownNameError,
 )
@@ -108,7 +107,6 @@ __all__ = [
     "SceneError",
     "SearchingStrategy",
     "Sensor",
-    "StaleData",
     "SteppedArm",
     "StorageError",
     "Strategy",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import AliasChoices, Field
+from pydantic import Field
 
 from lwrprobe.scene.table import Length, NonNegative, Table
 
@@ -20,9 +20,7 @@ class SafetyTable(Table):
     """Of the sensor's torque range; beyond it the tip yields as it does beyond the force limit."""
     margin: NonNegative = 0.05
     """m by which the sphere's centre may leave the area once the strategy has taken over."""
-    table_penetration: NonNegative = Field(
-        default=0.003, validation_alias=AliasChoices("table_penetration", "table_dent")
-    )
+    table_penetration: NonNegative = 0.003
     """m by which the sphere may be commanded into the table."""
     following: Length = 0.15
     """rad (m) between a joint's set point and where it is: the arm has hit something, or no longer follows."""

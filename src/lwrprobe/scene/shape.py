@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeVar, get_args
 
-from pydantic import AliasChoices, Field, model_validator
+from pydantic import Field, model_validator
 
 from lwrprobe.scene.table import Length, NonNegative, Place, Pose, Refusal, Size, Table
 
@@ -89,7 +89,7 @@ class Blend(ShapeTable):
 
     shape: Literal["blend"]
     balls: tuple[Ball, ...] = Field(strict=False, min_length=1)
-    hollows: tuple[Ball, ...] = Field(default=(), strict=False, validation_alias=AliasChoices("hollows", "dents"))
+    hollows: tuple[Ball, ...] = Field(default=(), strict=False)
     smoothing: Size = 0.004
 
 
