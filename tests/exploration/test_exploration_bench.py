@@ -194,6 +194,17 @@ def test_a_whole_run_has_all_columns():
     assert 0.0 < row["p95 mm, 240 s"] < row["p95 mm, 60 s"]
 
 
+@pytest.mark.slow
+def test_a_mesh_that_is_not_made_from_contacts_has_no_error_over_the_time():
+    """That of the thesis is made from voxels, which have no times: all its runs had failed."""
+    settings = {"scenes": "cylinder_vertical", "strategies": "grid_version", "profiles": "thesis", "seeds": "1"}
+    report = exploration.run(True, settings)
+    row = dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
+    assert row["status"] == "done"
+    assert row["contact mm"] > 1.0
+    assert row["p95 mm, 60 s"] is None
+
+
 def test_all_curves_are_drawn(report):
     from matplotlib.figure import Figure
 

@@ -139,7 +139,8 @@ SUMMARIES = {
     ),
     "exploration": Summary(
         "Medians over scenes and seeds",
-        "The strategies explored objects with several seeds, with lwrprobe's settings and with those of the thesis.",
+        "The strategies explored objects in the ideal world (profile `default`), in one that differs from its scene "
+        "(`lab`), and in the ideal one with the settings of the thesis (`thesis`).",
         "With `grid_version` the median contact error is {Medians|grid_version;default|contact mm} mm with lwrprobe's "
         "settings and {Medians|grid_version;thesis|contact mm} mm with those of the thesis; the runs take "
         "{Medians|grid_version;default|times bound} and {Medians|grid_version;thesis|times bound} times the lower "
