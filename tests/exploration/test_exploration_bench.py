@@ -201,7 +201,6 @@ def test_a_mesh_that_is_not_made_from_contacts_has_no_error_over_the_time():
     report = exploration.run(True, settings)
     row = dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
     assert row["status"] == "done"
-    assert row["contact mm"] > 1.0
     assert row["p95 mm, 60 s"] is None
 
 

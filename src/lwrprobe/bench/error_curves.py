@@ -61,8 +61,8 @@ def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: i
 def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterable[float]) -> list[Row]:
     """The rows of `error_curve` at some instants, s.
 
-    In a world that differs from its scene the errors are those that remain after rigid alignment. Nothing where the mesh
-    is not made from contacts, as that of the thesis is not.
+    In a world that differs from its scene the errors are those that remain after rigid alignment. Nothing where the
+    mesh is not made from contacts, as that of the thesis is not.
     """
     if exploration.record.times is None:
         return []
