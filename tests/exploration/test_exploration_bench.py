@@ -181,11 +181,15 @@ def test_the_lower_bound_has_its_row(monkeypatch):
     assert {"p95 mm, 60 s", "certified mm, 240 s", "lifts", "path m", "peak N", "planning ms"} <= {*table.columns}
 
 
+def row_of_a_run(profile):
+    settings = {"scenes": "cylinder_vertical", "strategies": "grid_version", "profiles": profile, "seeds": "1"}
+    report = exploration.run(True, settings)
+    return dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
+
+
 @pytest.mark.slow
 def test_a_whole_run_has_all_columns():
-    settings = {"scenes": "cylinder_vertical", "strategies": "grid_version", "profiles": "default", "seeds": "1"}
-    report = exploration.run(True, settings)
-    row = dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
+    row = row_of_a_run("default")
     assert row["status"] == "done"
     assert row["lifts"] > 5
     assert 1e-3 * row["strategy us"] < row["planning ms"]
@@ -197,9 +201,7 @@ def test_a_whole_run_has_all_columns():
 @pytest.mark.slow
 def test_a_mesh_that_is_not_made_from_contacts_has_no_error_over_the_time():
     """That of the thesis is made from voxels, which have no times: all its runs had failed."""
-    settings = {"scenes": "cylinder_vertical", "strategies": "grid_version", "profiles": "thesis", "seeds": "1"}
-    report = exploration.run(True, settings)
-    row = dict(zip(report.tables[0].columns, report.tables[0].rows[0]))
+    row = row_of_a_run("thesis")
     assert row["status"] == "done"
     assert row["p95 mm, 60 s"] is None
 
