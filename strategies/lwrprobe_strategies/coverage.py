@@ -120,7 +120,7 @@ class Coverage(SkillStrategy):
         self._stand_still_first = False
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
-        dropped = False
+        dropped, unreached = False, 0
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)
@@ -137,13 +137,14 @@ class Coverage(SkillStrategy):
                 return Done("the probe cannot leave its place: no path off the contact is free", complete=False)
             if dropped:
                 self.retractions.line_dropped()
+                unreached += 1
             elif self.retractions.stays:
                 self.lines.insert(line)
-        if dropped:
-            return Done("the arm cannot reach the lines that are left from where it is", complete=False)
-        with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
-            yield from transit(tip, self.retractions.path(), self.line_rotation)
-        return Done("area covered")
+        if not dropped:
+            with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
+                yield from transit(tip, self.retractions.path(), self.line_rotation)
+        but = f", but for {unreached} lines that the arm cannot reach" if unreached else ""
+        return Done(f"area covered{but}", complete=not dropped)
 
     def scheduler(self) -> LineScheduler:
         """Which line comes next."""

@@ -18,8 +18,6 @@ from lwrprobe_strategies.planning.treads import UPWARDS
 
 REACH = 2.5
 """Pitches from what was touched, within which more of the object is looked for."""
-LOWER = 0.005
-"""m above the floor, below which a line shows what is on it: the radius of the sphere."""
 SHORTEST = 0.5
 """Pitches of unknown floor that are worth a line."""
 
@@ -51,7 +49,7 @@ def floor_lines(
     floor, low, high = float(task.area.lower[Z]), float(task.area.lower[Y]), float(task.area.upper[Y])
     treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
     touched = cKDTree(contacts[:, :Z])
-    known = cKDTree(np.concatenate([trail[trail[:, Z] < floor + LOWER, :Z], treads[:, :Z]]))
+    known = cKDTree(np.concatenate([trail[trail[:, Z] < floor + task.probe.radius, :Z], treads[:, :Z]]))
     left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet
     for place in np.sort(places).tolist():
         for begin, end in ((low, high), (high, low)):
