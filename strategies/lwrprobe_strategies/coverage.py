@@ -143,7 +143,8 @@ class Coverage(SkillStrategy):
         if not dropped:
             with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
                 yield from transit(tip, self.retractions.path(), self.line_rotation)
-        but = f", but for {unreached} lines that the arm cannot reach" if unreached else ""
+        lines = "1 line" if unreached == 1 else f"{unreached} lines"
+        but = f", but for {lines} that the arm cannot reach" if unreached else ""
         return Done(f"area covered{but}", complete=not dropped)
 
     def scheduler(self) -> LineScheduler:
