@@ -166,6 +166,31 @@ def test_the_hysteresis_of_the_sensor_turns_normals_as_its_zero_does():
     assert estimator_settings(worse).zero_error == pytest.approx(np.hypot(6e-3, 18e-3))
 
 
+def test_a_chord_is_tilted_by_the_waves_and_where_those_swing_the_force_by_the_hysteresis_too():
+    """A reading that lags by 36 mN leaves 36 mN / k of what gives way over a chord of 1 mm."""
+    path = PathTurn(np.ones(40), np.zeros(40))
+
+    def along(hysteresis, ripple):
+        scene = alone(f"sensor_hysteresis_percent={hysteresis}", f"gear_ripple_deg={ripple}")
+        return scene, budget(scene, turned=path).covariance()[0, 1, 1]
+
+    plain = along(0.0, 0.0)[1]
+    assert plain == pytest.approx((0.005 * CHORD) ** 2 + 2e-5**2)
+    assert along(0.3, 0.0)[1] == pytest.approx(plain), "a force that does not swing stays on one side of the loop"
+    scene, swinging = along(0.3, 0.02)
+    robot = robot_of(scene)
+    jacobian = robot.jacobian_batch(Q[:1])[0]
+    speeds = np.linalg.pinv(jacobian) @ [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    place = np.radians(0.02) / np.sqrt(2.0) * jacobian[:3]
+    tilt = 320.0 * np.linalg.norm(place[2] * speeds)
+    own = robot.fk_batch(Q[:1])[0, 2, :3]
+    stick = own**2 @ np.array([1.0 / 2500.0, 1.0 / 2500.0, 1.0 / 1.3e6])
+    lag = 0.036 * (stick + 1.0 / scene.contact.stiffness) / 1e-3
+    assert 2.0 * tilt > lag > 0.05 * tilt > 0.0
+    expected = 0.005**2 * (tilt**2 + lag**2) + (place[1] ** 2).sum() + 2e-5**2
+    assert swinging == pytest.approx(expected, rel=1e-4)
+
+
 def test_the_sensors_matrix_turns_the_normal_aside_of_the_path():
     """A push across the stick puts a torque on the sensor, of which crosstalk makes a force along the stick."""
     scene = alone("sensor_crosstalk_percent=1.0", "sphere_off_axis_mm=0.0")

@@ -140,7 +140,7 @@ def test_a_sphere_at_rest_has_no_path():
 
 def test_no_contacts_are_none():
     none = turn_to_path(Recorder(None), RADIUS)
-    assert none.share.shape == none.left(np.empty(0)).shape == (0,)
+    assert none.share.shape == none.left(*np.empty((2, 0))).shape == (0,)
 
 
 def test_right_normals_beside_an_inner_corner_are_turned_by_less_than_a_corner():
@@ -159,10 +159,10 @@ def test_right_normals_beside_an_inner_corner_are_turned_by_less_than_a_corner()
 def test_a_normal_is_no_surer_than_it_agrees_with_its_path():
     off = np.array([0.01, -0.2, -0.2, np.nan, 2.0])
     found = PathTurn(np.array([SHARE, SHARE, 0.0, 0.0, 0.0]), off)
-    left = found.left(np.full(5, 0.03))
+    left = found.left(np.full(5, 0.03), np.zeros(5))
     assert left[0] == pytest.approx(np.hypot((1.0 - SHARE) * 0.03, SHARE * CHORD))
     assert left[1] == pytest.approx(np.hypot((1.0 - SHARE) * 0.2, SHARE * CHORD))
     assert left[2] == 0.2
     assert left[3] == pytest.approx(np.sqrt(np.mean([0.01**2, 0.2**2, 0.2**2, LARGEST**2]))), "as the others"
     assert left[4] == LARGEST
-    assert PathTurn(np.zeros(2), np.full(2, np.nan)).left(np.full(2, 0.03)) == pytest.approx(0.03)
+    assert PathTurn(np.zeros(2), np.full(2, np.nan)).left(*np.full((2, 2), 0.03)) == pytest.approx(0.03)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import radians, sqrt
 
 import numpy as np
 
 from lwrprobe.calibration.model import derivatives_by_table
+from lwrprobe.calibration.priors import GEAR_WAVES
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.corrections import Corrections
@@ -15,10 +17,10 @@ from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_
 from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.give import Give, softer
 from lwrprobe.exploration.recording.neighbour_normals import NeighbourTurn
-from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, PathTurn
+from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, REACHES, PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
-from lwrprobe.exploration.stages.sensor_errors import friction_turn, wave_slope, zero_errors, zero_torque
+from lwrprobe.exploration.stages.sensor_errors import friction_turn, lag, zero_errors, zero_torque
 from lwrprobe.kinematics import Robot
 from lwrprobe.scene import Scene
 
@@ -29,6 +31,9 @@ SINGULAR = 1e-6
 """Added to the square of the arm's Jacobian, for a posture in which the arm cannot move along the path."""
 FLOOR = 2e-5
 """m, of what no other cause counts: time between samples, roundness, the stick's own dynamics."""
+SWING = 2.0
+"""Times the tilt of the waves, the tilt of a chord by the sensor's hysteresis at most: the force law answers late to a
+reading that lags. Seen in simulated worlds of the profile `datasheet`."""
 UNCORRECTED = Corrections()
 
 
@@ -67,10 +72,13 @@ def error_budget(
     confidence = np.clip([contact.confidence_score for contact in contacts], 0.01, 0.9999)
     rotations = pipeline.robot.fk_batch(joints)[:, :3, :3]
     paths = velocities / np.maximum(np.linalg.norm(velocities, axis=1, keepdims=True), 1e-9)
-    gears, turning = _of_gears(scene, pipeline.robot, joints, paths, corrections.waves)
+    gears = _of_gears(scene, pipeline.robot, joints, normals, paths, corrections.waves)
     beside = corrections.neighbours or NeighbourTurn(*np.zeros((2, len(points))))
     left = 1.0 - beside.share
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turning, corrections.path, beside)
+    # Only where the waves lead the sphere up and down does the force go from one side of the loop to the other.
+    lagging = np.minimum(SWING * gears.before, _of_lag(scene, pipeline, normals, rotations, corrections.give))
+    turned = _Along(gears.before, np.hypot(gears.after, lagging), corrections.path)
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turned, beside)
     shared = _of_probe(scene, normals, rotations)
     shared |= _of_give(scene, pipeline, normals, forces, rotations, corrections.give)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
@@ -79,7 +87,7 @@ def error_budget(
     friction = (friction_turn(scene) if corrections.side is None else corrections.side.error) * left
     shared["friction direction"] = scene.probe.radius * (friction[:, None] * np.cross(normals, paths))[:, None]
     rest = np.broadcast_to(FLOOR**2 * np.eye(3), normal.shape)
-    return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears, "rest": rest}, shared)
+    return ErrorBudget.of(points, normals, {"normal": normal, "gears": gears.places, "rest": rest}, shared)
 
 
 def _misfit(torque: TorqueAgreement | None) -> float:
@@ -164,32 +172,70 @@ def _of_arm(scene: Scene, robot: Robot, joints: np.ndarray, velocities: np.ndarr
     }
 
 
+@dataclass(slots=True, frozen=True)
+class _Along:
+    """What is known of n paths against the surface.
+
+    Attributes
+    ----------
+    during, chords : (n,) rad, standard deviation of the direction of travel at an instant and of the chord after a run
+    turned : normals turned to the chords, None without that correction
+    """
+
+    during: np.ndarray
+    chords: np.ndarray
+    turned: PathTurn | None
+
+
+def _of_lag(
+    scene: Scene, pipeline: Pipeline, normals: np.ndarray, rotations: np.ndarray, give: Give | None
+) -> np.ndarray:
+    """(n,) rad, by which the sensor's hysteresis tilts the chords of a path at most.
+
+    Where the force goes up and down the reading lags behind it, and the centre is corrected for what stick, arm and
+    object give way under the reading. A chord goes at most from one side of the loop to the other.
+    """
+    own = np.einsum("nji,nj->ni", rotations, normals)
+    stick = own**2 @ (pipeline.probe.compliance * float(scene.contact.deflection))
+    gives = stick + 1.0 / scene.contact.stiffness + (give.object if give is not None else 0.0)
+    return lag(scene, pipeline.probe) * gives / (2.0 * REACHES[0])
+
+
+@dataclass(slots=True, frozen=True)
+class GearErrors:
+    """What play and waves of the gears leave open of n contacts.
+
+    Attributes
+    ----------
+    places : (n, 3, 3) m^2, covariance of the place
+    before, after : (n,) rad, by which the waves tilt the path against the surface, before and after their correction
+    """
+
+    places: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
 def _of_gears(
-    scene: Scene, robot: Robot, joints: np.ndarray, paths: np.ndarray, waves: GearWaves | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (n, 3, 3) m^2 of the place by play and waves of the gears, and the angle (n,) rad by which the waves
-    turn the direction of travel (n, 3)."""
+    scene: Scene, robot: Robot, joints: np.ndarray, normals: np.ndarray, paths: np.ndarray, waves: GearWaves | None
+) -> GearErrors:
     table, jacobians = scene.uncertainty, robot.jacobian_batch(joints)
     linear = jacobians[:, :3]
     stated = radians(table.sigma("gear_ripple_deg")) / sqrt(2.0)
     rest = np.full(robot.n, stated) if waves is None else waves.error
-    play = np.hypot(0.5 * radians(table.sigma("joint_hysteresis_deg")), rest)
-    moved = linear * play
+    moved = linear * np.hypot(0.5 * radians(table.sigma("joint_hysteresis_deg")), rest)
     # A wave makes each joint faster or slower by a share of its own speed; the probe does not turn.
     square = jacobians @ jacobians.transpose(0, 2, 1) + SINGULAR * np.eye(6)
     motion = np.concatenate([paths, np.zeros_like(paths)], axis=1)
     speeds = np.einsum("nij,ni->nj", jacobians, np.linalg.solve(square, motion[:, :, None])[:, :, 0])
-    shares = linear * speeds[:, None]
-    along = np.einsum("nij,ni->nj", shares, paths)
-    across = np.maximum((shares**2).sum(axis=(1, 2)) - (along**2).sum(axis=1), 0.0)
-    # Of the two directions across the path one lies in the surface; half of the square turns the normal.
-    return moved @ moved.transpose(0, 2, 1), wave_slope(scene) * np.sqrt(0.5 * 0.5 * across)
+    tilts = GEAR_WAVES * np.einsum("ni,nij->nj", normals, linear) * speeds
+    before, after = (np.linalg.norm(tilts * size, axis=1) for size in (stated, rest))
+    return GearErrors(moved @ moved.transpose(0, 2, 1), before, after)
 
 
 def _of_normal(
     scene: Scene, pipeline: Pipeline, normals: np.ndarray, forces: np.ndarray, paths: np.ndarray,
-    confidence: np.ndarray, turning: np.ndarray, turned: PathTurn | None,
-    beside: NeighbourTurn,
+    confidence: np.ndarray, travel: _Along, beside: NeighbourTurn,
 ) -> np.ndarray:  # fmt: skip
     """What turns the normal, and moves the point around the sphere with it: covariance (n, 3, 3) m^2.
 
@@ -202,8 +248,8 @@ def _of_normal(
     noise = _misfit(pipeline.torque) * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(0.5 * (1.0 / confidence - 1.0))
     axis = zero_torque(scene, pipeline.probe) / (radius * size)
     plane = sqrt(2.0) * zero_errors(scene, pipeline.probe)[0] / size
-    aside, along = np.cross(normals, paths), np.hypot(np.hypot(turning, ALONG * axis), noise)
-    along = along if turned is None else turned.left(along)
+    aside, along = np.cross(normals, paths), np.hypot(np.hypot(travel.during, ALONG * axis), noise)
+    along = along if travel.turned is None else travel.turned.left(along, travel.chords)
     # What is left beside other lines contains the share of the contact's own error, as large as the run has shown it.
     both = plane * axis / np.maximum(np.hypot(plane, axis), 1e-12)
     across = np.where(beside.share > 0.0, beside.error**2, noise**2 + both**2)

@@ -30,7 +30,7 @@ SHARE = 0.7
 """Of the turn to the chord, at least. A chord is off by some 0.006 rad, a normal along its path by 0.01 in the profile
 `lab`."""
 CHORD = 0.006
-"""rad, one standard deviation: play and what is left of the waves, over the length of a chord."""
+"""rad, one standard deviation in the profile `lab`: play, what is left of the waves, the sensor's hysteresis."""
 CORNER = 0.08
 """rad between a normal and what is perpendicular to its chord, from which on the path may have a corner there, or a
 jump, and rad of the path's own bend from which on it has. The chord beside a corner is off by half of the bend."""
@@ -55,8 +55,10 @@ class PathTurn:
     share: np.ndarray
     off: np.ndarray
 
-    def left(self, along: np.ndarray) -> np.ndarray:
+    def left(self, along: np.ndarray, chords: np.ndarray) -> np.ndarray:
         """(n,) rad, standard deviation of the normals along their path, of which `along` (n,) rad was expected.
+
+        `chords` (n,) rad: of the chords, `CHORD` at least.
 
         Normals are no better than they agree with the path; those without a chord no better than the others.
         """
@@ -64,7 +66,8 @@ class PathTurn:
         known = np.isfinite(seen)
         spread = sqrt(float((seen[known] ** 2).mean())) if known.any() else 0.0
         before = np.maximum(along, np.where(known, seen, spread))
-        return np.where(self.share > 0.0, np.hypot((1.0 - self.share) * before, self.share * CHORD), before)
+        chord = self.share * np.maximum(CHORD, chords)
+        return np.where(self.share > 0.0, np.hypot((1.0 - self.share) * before, chord), before)
 
 
 def turn_to_path(recorder: Recorder, radius: float) -> PathTurn:

@@ -6,7 +6,6 @@ from math import hypot, radians, sqrt
 
 import numpy as np
 
-from lwrprobe.calibration.priors import GEAR_WAVES
 from lwrprobe.contact import Settings, TorqueAgreement
 from lwrprobe.contact.torque_kernels import WANDER
 from lwrprobe.contracts import Probe
@@ -77,8 +76,3 @@ def zero_torque(scene: Scene, probe: Probe) -> float:
     """N m, torque about the sphere by the zero of all axes: one standard deviation."""
     force, torque = zero_errors(scene, probe)
     return sqrt(2.0) * hypot(torque, force * probe.sensor_distance)  # now, and when the bias was taken
-
-
-def wave_slope(scene: Scene) -> float:
-    """Largest share by which the wave of a joint's gear makes the joint faster or slower than its motor."""
-    return radians(scene.uncertainty.sigma("gear_ripple_deg")) * GEAR_WAVES
