@@ -99,6 +99,55 @@ def test_what_stands_on_a_plane_and_what_is_sunk_into_it_end_it():
         assert not (np.abs(found.points[:, 2] - 0.05 - RADIUS) < 1e-6).any()
 
 
+def block(half, top, x, heights=(0.006,)):
+    """Contacts on a wall at `half` m at these heights, and on a line along x over the top up to `x` m."""
+    ys, xs = np.arange(-0.02, 0.0201, 0.001), np.arange(-x, x, 0.001)
+    points = [(half, y, height) for height in heights for y in ys] + [(a, 0.0, top) for a in xs]
+    count = len(heights) * len(ys)
+    return np.array(points), np.vstack([np.tile([1.0, 0.0, 0.0], (count, 1)), np.tile(UP, (len(xs), 1))])
+
+
+def upright(points, normals):
+    """Places on upright walls that face along x."""
+    found = find_rulings(touched(points, normals))
+    return found.points[found.normals[:, 0] > 0.9]
+
+
+def test_a_wall_goes_straight_up_to_the_top_right_behind_it():
+    found = upright(*block(0.04, 0.05, 0.04))
+    assert len(found) > 20
+    assert np.allclose(found[:, 0], 0.04 + RADIUS)
+    assert np.abs(found[:, 1]).max() <= 2.0 * RADIUS, "beside the line over the top, as far as that says something"
+    assert 0.005 + RADIUS < found[:, 2].min() < 0.02 < 0.04 < found[:, 2].max() < 0.05 + RADIUS
+
+
+def test_a_top_far_behind_a_wall_may_stand_on_a_step():
+    assert not len(upright(*block(0.04, 0.05, 0.028)))
+
+
+def test_a_top_that_falls_off_towards_the_wall_is_rounded():
+    points, normals = block(0.04, 0.05, 0.04)
+    tops = normals[:, 2] > 0.5
+    normals[tops] = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
+    assert not len(upright(points, normals))
+
+
+def test_a_wall_that_was_touched_farther_in_higher_up_does_not_go_straight_up():
+    points, normals = block(0.04, 0.05, 0.04)
+    inner = np.array([(0.036, y, 0.03) for y in np.arange(-0.02, 0.0201, 0.001)])
+    facing = np.tile([1.0, 0.0, 0.0], (len(inner), 1))
+    found = upright(np.vstack([points, inner]), np.vstack([normals, facing]))
+    assert np.allclose(found[:, 0], 0.036 + RADIUS), "the upper part of the wall does"
+
+
+def test_the_inner_wall_of_a_hollow_does_not_speak_against_a_wall():
+    points, normals = block(0.04, 0.05, 0.04)
+    inner = np.array([(-0.03, y, 0.03) for y in np.arange(-0.02, 0.0201, 0.001)])
+    facing = np.tile([1.0, 0.0, 0.0], (len(inner), 1))
+    both = upright(np.vstack([points, inner]), np.vstack([normals, facing]))
+    assert (both[:, 0] > 0.0).sum() == len(upright(points, normals))
+
+
 def test_few_strokes_over_flat_faces_make_a_better_mesh(monkeypatch):
     file = np.load(Path(__file__).parent / "strokes" / "bridge.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
