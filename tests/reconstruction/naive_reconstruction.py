@@ -104,7 +104,7 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
             if len(facing):
                 alike = facing[k] @ n
                 over_edge = -tolerance - 2.0 * radius * (1.0 - alike) <= height < 0.0
-                wrong |= alike > 0.3 and abs(height) > tolerance and not over_edge and height > -2.0 * depth
+                wrong |= alike > 0.3 and abs(height) > tolerance and not over_edge and height > -depth
             else:
                 wrong |= -depth < height < -tolerance
         out.append(wrong)

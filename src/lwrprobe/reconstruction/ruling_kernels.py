@@ -55,9 +55,9 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
 
     They run from `begin` to `finish` (n, 3) on a surface with `normals` (n, 3). A point (k, 3) within `width` m of one
     counts when it is off the surface by more than `tolerance` m; near the ends the width is less. With `facing` (k, 3)
-    it was touched, and counts where it faces about the same way, down to twice `deep` (n,) m below the surface: farther
-    on it may be the inner wall of a hollow; the sphere rolling over an edge, on an arc of its `radius`, does not count.
-    Without, (0, 3), the sphere has passed it, and it counts below the surface, down to `deep` m.
+    it was touched, and counts where it faces about the same way; the sphere rolling over an edge, on an arc of its
+    `radius`, does not. Without, (0, 3), the sphere has passed it, and it counts below the surface. Either counts down
+    to `deep` (n,) m below.
     """
     touched = facing.shape[0] > 0
     for i in range(begin.shape[0]):
@@ -80,7 +80,7 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
                 for m in range(3):
                     alike += facing[k, m] * normals[i, m]
                 arc = 2.0 * radius * (1.0 - alike)
-                wrong = alike > 0.3 and (height > tolerance or -2.0 * deep[i] < height < -tolerance - arc)
+                wrong = alike > 0.3 and (height > tolerance or -deep[i] < height < -tolerance - arc)
             else:
                 wrong = -deep[i] < height < -tolerance
             if wrong:

@@ -50,6 +50,8 @@ _LEVEL = 0.7
 _DEEP, _DEEP_LEVEL = 2.0, 12.0
 """Radii below a ruling, down to which a passing sphere speaks against it: farther on it may be behind the object; and
 on a surface that faces up."""
+_HOLLOW = 2.0
+"""Times that depth, down to which what was touched speaks against it: farther on it may be the far wall of a hollow."""
 
 
 def find_rulings(touches: Touches) -> HermiteData:
@@ -72,8 +74,9 @@ def find_rulings(touches: Touches) -> HermiteData:
     begin, finish, places, normals, error = (rows[far] for rows in (begin, finish, places, normals, sag * apart))
     deep = radius * np.where(normals[:, 2] > _LEVEL, _DEEP_LEVEL, _DEEP)
     wrong = np.zeros(len(places), dtype=bool)
-    for points, facing in ((fine.points, fine.normals), (touches.visited, np.empty((0, 3)))):
-        refuted(begin, finish, normals, points, facing, _BESIDE * radius, _OFF, radius, deep, wrong)
+    touched, passed = (fine.points, fine.normals, _HOLLOW * deep), (touches.visited, np.empty((0, 3)), deep)
+    for points, facing, down_to in (touched, passed):
+        refuted(begin, finish, normals, points, facing, _BESIDE * radius, _OFF, radius, down_to, wrong)
     kept = ~wrong
     deviation = np.hypot(touches.noise, error[kept])
     return HermiteData(places[kept], normals[kept], deviation, np.full(len(deviation), touches.normal_noise))

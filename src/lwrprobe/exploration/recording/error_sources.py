@@ -8,7 +8,6 @@ from math import radians, sqrt
 import numpy as np
 
 from lwrprobe.calibration.model import derivatives_by_table
-from lwrprobe.calibration.priors import GEAR_WAVES
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
 from lwrprobe.exploration.recording.corrections import Corrections
@@ -77,8 +76,8 @@ def error_budget(
     left = 1.0 - beside.share
     # Only where the waves lead the sphere up and down does the force go from one side of the loop to the other.
     lagging = np.minimum(SWING * gears.before, _of_lag(scene, pipeline, normals, rotations, corrections.give))
-    turned = _Along(gears.before, np.hypot(gears.after, lagging), corrections.path)
-    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, turned, beside)
+    travel = _Along(gears.before, np.hypot(gears.after, lagging), corrections.path)
+    normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, travel, beside)
     shared = _of_probe(scene, normals, rotations)
     shared |= _of_give(scene, pipeline, normals, forces, rotations, corrections.give)
     since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
@@ -202,7 +201,7 @@ def _of_lag(
 
 
 @dataclass(slots=True, frozen=True)
-class GearErrors:
+class _Gears:
     """What play and waves of the gears leave open of n contacts.
 
     Attributes
@@ -218,7 +217,8 @@ class GearErrors:
 
 def _of_gears(
     scene: Scene, robot: Robot, joints: np.ndarray, normals: np.ndarray, paths: np.ndarray, waves: GearWaves | None
-) -> GearErrors:
+) -> _Gears:
+    """Of the gears, along n paths, after the correction by `waves`."""
     table, jacobians = scene.uncertainty, robot.jacobian_batch(joints)
     linear = jacobians[:, :3]
     stated = radians(table.sigma("gear_ripple_deg")) / sqrt(2.0)
@@ -228,9 +228,9 @@ def _of_gears(
     square = jacobians @ jacobians.transpose(0, 2, 1) + SINGULAR * np.eye(6)
     motion = np.concatenate([paths, np.zeros_like(paths)], axis=1)
     speeds = np.einsum("nij,ni->nj", jacobians, np.linalg.solve(square, motion[:, :, None])[:, :, 0])
-    tilts = GEAR_WAVES * np.einsum("ni,nij->nj", normals, linear) * speeds
+    tilts = scene.arm.gear_waves * np.einsum("ni,nij->nj", normals, linear) * speeds
     before, after = (np.linalg.norm(tilts * size, axis=1) for size in (stated, rest))
-    return GearErrors(moved @ moved.transpose(0, 2, 1), before, after)
+    return _Gears(moved @ moved.transpose(0, 2, 1), before, after)
 
 
 def _of_normal(
