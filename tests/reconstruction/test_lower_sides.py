@@ -132,3 +132,44 @@ def test_rows_below_a_wall_are_no_farther_apart_than_its_lines():
     assert rows[0] < -0.04
     assert rows[-1] > 0.04
     assert np.diff(rows).max() < 1.4 * pitch
+
+
+def below_outline(points, normals, walls):
+    """Places below contacts of strokes that lie in no regular lines; with one on the top: they have to span a solid."""
+    points, normals = np.vstack([points, [0.0, 0.0, 0.09]]), np.vstack([normals, [0.0, 0.0, 1.0]])
+    record = TouchRecord(points, normals, pitch=0.015, probe_radius=RADIUS, table=0.0, lowest=0.008)
+    touches = prepare(record, 0.002)
+    clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
+    return find_lower_sides(touches, clusters, 0.015, walls)[0]
+
+
+def outline(half, height, lean=0.0):
+    """Contacts along two walls at x = +-half, at one height, whose normals have this share along z."""
+    ys = np.arange(-0.04, 0.0401, 0.001)
+    normal = np.array([np.sqrt(1.0 - lean**2), 0.0, lean])
+    points = np.array([(side * half, y, height) for side in (1.0, -1.0) for y in ys])
+    return points, np.vstack([np.tile(normal * [side, 1.0, 1.0], (len(ys), 1)) for side in (1.0, -1.0)])
+
+
+NO_WALLS = np.empty((0, 3)), np.empty((0, 3))
+
+
+def test_an_outline_goes_straight_down_all_along_a_wall_that_a_stroke_has_climbed():
+    points, normals = outline(0.03, 0.05)
+    climbed = np.array([(0.03, 0.03, z) for z in np.arange(0.05, 0.08, 0.001)])
+    points, normals = np.vstack([points, climbed]), np.vstack([normals, np.tile([1.0, 0.0, 0.0], (len(climbed), 1))])
+    assert not len(below_outline(points[:-30], normals[:-30], NO_WALLS).points), "an outline shows no bend"
+    found = below_outline(points, normals, NO_WALLS)
+    assert np.allclose(found.points[:, 0], 0.03 + RADIUS, atol=1e-4), "nothing is known of the opposite wall"
+    assert found.points[:, 1].min() < -0.035
+    assert found.points[:, 2].min() < 0.013
+
+
+def test_an_outline_goes_straight_down_along_a_wall_that_is_known_to_be_upright():
+    place, normal = np.array([[-0.03 - RADIUS, 0.02, 0.07]]), np.array([[-1.0, 0.0, 0.0]])
+    found = below_outline(*outline(0.03, 0.05), (place, normal))
+    assert np.allclose(found.points[:, 0], -0.03 - RADIUS, atol=1e-4)
+    assert found.points[:, 1].min() < -0.035
+    moved = below_outline(*outline(0.03, 0.05), (place - [0.002, 0.0, 0.0], normal))
+    assert not len(moved.points), "2 mm off, another wall"
+    assert not len(below_outline(*outline(0.03, 0.05, lean=0.1), (place, normal)).points), "a side that leans"

@@ -160,6 +160,29 @@ def test_a_surface_that_is_found_anew_is_no_reason_to_end():
     assert lines.next(here) is None
     lines._means, lines._spent = [(0.0, 2.0 * mean), (0.6 * PATIENCE, 0.6 * mean)], 1.5 * PATIENCE
     assert lines.next(here) is not None  # there is more of it now than there was
+    lines._means, lines._spent = [(0.0, mean), (0.7 * PATIENCE, 1.4 * mean)], 1.5 * PATIENCE
+    assert lines.next(here) is None  # a little more and as little as before: nothing was found
+
+
+def test_what_lies_lower_than_the_upright_probe_can_be_held_does_not_count():
+    known = outlined(0.04)
+    for x in (-0.03, -0.015, 0.0, 0.015, 0.03):
+        over_top(known, x)
+    aim, here = 0.8 * known.faces().error()[0], np.array([0.0, -0.1, TOP])
+    lines = scheduler(known, aim)
+    assert lines.next(here) is not None
+    lines = scheduler(known, aim)
+    lines.height = 0.035
+    assert lines.next(here) is None
+
+
+def test_error_that_strokes_were_to_remove_and_did_not_is_no_reason_to_go_on():
+    known, here = outlined(), np.array([0.0, -0.1, TOP])
+    faces = known.faces()
+    lines = scheduler(known, aim=0.5 * faces.error()[0])
+    while (stroke := lines._best(faces, here)) is not None:
+        lines._planner.driven(faces, stroke)
+    assert faces.error(lines._planner.success(faces))[0] < 0.5 * faces.error()[0]
 
 
 def test_a_contact_beside_the_border_gives_no_surface_and_lines_go_on():

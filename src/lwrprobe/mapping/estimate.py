@@ -93,15 +93,31 @@ class Faces:
     normals: np.ndarray
     reach: float
 
-    def error(self) -> tuple[float, float]:
-        """m, mean and 95th percentile of the expected error over the surface; infinite without a surface."""
+    def error(self, weights: np.ndarray | None = None) -> tuple[float, float]:
+        """m, mean and 95th percentile of the expected error over the surface; infinite without a surface.
+
+        With `weights` (n,), that of each face counts so much.
+        """
         if not len(self.areas):
             return np.inf, np.inf
-        expected = self.expected()
+        expected = self.expected() if weights is None else weights * self.expected()
         order = np.argsort(expected)
         share = np.cumsum(self.areas[order]) / self.areas.sum()
         p95 = expected[order][min(int(np.searchsorted(share, 0.95)), len(order) - 1)]
         return float(np.average(expected, weights=self.areas)), float(p95)
+
+    def above(self, height: float) -> Faces:
+        """Those whose centres are at this height [m] or higher."""
+        high = self.centres[:, 2] >= height
+        return Faces(
+            self.centres[high],
+            self.axes[high],
+            self.areas[high],
+            self.distances[high],
+            self.roughness[high],
+            self.normals[high],
+            self.reach,
+        )
 
     def removed(self, worth: np.ndarray, near: np.ndarray, distances: np.ndarray) -> np.ndarray:
         """What the faces `near` (n, bool) are worth less by contacts at these distances from them.

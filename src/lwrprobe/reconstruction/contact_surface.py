@@ -35,7 +35,7 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides
-from lwrprobe.reconstruction.rulings import find_rulings
+from lwrprobe.reconstruction.rulings import find_rulings, upright_walls
 from lwrprobe.reconstruction.settling import predicted_better, settled
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
@@ -143,7 +143,8 @@ class ContactSurface:
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise, apart)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
-        lower, common = work.run("lower sides", lambda: find_lower_sides(touches, clusters, pitch))
+        upright = None if lines else upright_walls(touches)
+        lower, common = work.run("lower sides", lambda: find_lower_sides(touches, clusters, apart, upright))
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
         inferred, known = below + lower, touched.data
         if not lines:

@@ -40,6 +40,9 @@ _APIECE = 0.005  # the same of the wall's places beside each other: what was wro
 _GROWTH_BENT = 0.15  # the same of a side that leans or bends, seen on random solids
 _NORMAL_SD = 0.1  # rad
 _FINE = 1e-3  # m, steps in which a bend is followed
+_PLANE = 14.0  # radii: so far along it a wall may be plane
+_IN_PLANE = 0.07  # rad between the normals of places in one plane, and between that of an upright wall and the level
+_OFF, _OFF_FARTHER = 3e-4, 0.02  # m, and share of the distance between such places, that one is off the other's plane
 
 
 @dataclass(slots=True, frozen=True)
@@ -87,7 +90,9 @@ class _Side:
         return at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)
 
 
-def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> tuple[HermiteData, np.ndarray]:
+def find_lower_sides(
+    touches: Touches, clusters: Clusters, pitch: float, walls: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[HermiteData, np.ndarray]:
     """Where the sphere's centre would be if it touched the sides lower down, and the surface's normals there.
 
     With them the standard deviation (n,) m that each place has in common with those beside it.
@@ -95,6 +100,10 @@ def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> tupl
     `clusters` are those of the touches' centres, `pitch` [m] lies between their lines. Each row goes down from the
     lowest contacts of a side to where its foot is as low as the sphere's centre may come, to a floor, to where the
     sphere passed freely, or to the object's middle where its other side was touched lower down.
+
+    `walls` are places (k, 3) on walls that are known to be upright, and their normals (k, 3). An outline at constant
+    height does not show how a side bends: with `walls` its contacts go straight down where they lie in one plane with
+    such a place, or with a straight side.
     """
     from scipy.spatial import cKDTree
 
@@ -102,7 +111,7 @@ def find_lower_sides(touches: Touches, clusters: Clusters, pitch: float) -> tupl
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)), np.empty(0)
     passed = cKDTree(touches.visited)
     places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
-    for side in _sides(touches, clusters, pitch):
+    for side in _sides(touches, clusters, pitch, walls):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
         down = np.arange(_STEP * pitch, 2.0 * (side.end[2] - touches.lowest + touches.radius), _STEP * pitch)
@@ -145,7 +154,9 @@ def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> 
     return middle.any(axis=1) | (over & (height[floor] > row[:, 2:])).any(axis=1)
 
 
-def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
+def _sides(
+    touches: Touches, clusters: Clusters, pitch: float, walls: tuple[np.ndarray, np.ndarray] | None
+) -> list[_Side]:
     """Where each line's contacts with a side end below, of those that show how it bends; the lowest first.
 
     An upright wall ends in other contacts as well that are about as low: the lowest may not show how it goes on, and
@@ -160,13 +171,19 @@ def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
     neighbours = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], max(pitch, beside))
     around = cKDTree(points).query_ball_point(points[ends], 1.5 * _LOOKED_UP[0] * pitch)
     found, taken = [], np.zeros(len(points), dtype=bool)
-    for i, others, near in zip(ends, neighbours, around):
+
+    def told(i: int, others: list[int]) -> bool:
+        """Whether the end of this side is known nearby, or is lower there."""
         alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
         gap = np.linalg.norm(points[others, :2] - points[i, :2], axis=1)
-        close = gap < beside
+        known = (gap < _APART * pitch) & taken[others] & (alike > _SAME) | (above > _AS_LOW * pitch) & (alike > 0.0)
+        return bool(known.any())
+
+    for i, others, near in zip(ends.tolist(), neighbours, around):
+        alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
+        close = np.linalg.norm(points[others, :2] - points[i, :2], axis=1) < beside
         lowest = not (close & (above > 1e-9) & (alike > 0.0)).any()
-        told = (gap < _APART * pitch) & taken[others] & (alike > _SAME) | (above > _AS_LOW * pitch) & (alike > 0.0)
-        if not lowest and told.any():
+        if not lowest and told(i, others):
             continue
         down = _down(normals[i])
         offset = points[near] - points[i]
@@ -179,7 +196,30 @@ def _sides(touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
         if side is not None and (lowest or side.straight):
             found.append(side)
             taken[i] = True
+    if walls is None:
+        return found
+    straight = [side for side in found if side.straight]
+    upright = np.vstack([walls[0], *(side.end for side in straight)])
+    facing = np.vstack([walls[1], *(side.normal for side in straight)])
+    for i, others in zip(ends.tolist(), neighbours):
+        level = normals[i] * [1.0, 1.0, 0.0]
+        if taken[i] or abs(normals[i, 2]) > _IN_PLANE or told(i, others):
+            continue
+        if _coplanar(points[i], level, upright, facing, touches.radius).any():
+            found.append(_Side(points[i], level / np.linalg.norm(level), 0.0, _SHOWN * touches.radius))
+            taken[i] = True
     return found
+
+
+def _coplanar(
+    place: np.ndarray, normal: np.ndarray, places: np.ndarray, normals: np.ndarray, radius: float
+) -> np.ndarray:
+    """(n,) bool: a place lies in the planes at `places` (n, 3) that have these `normals` (n, 3), not far from them."""
+    away = places - place
+    apart = np.linalg.norm(away, axis=1)
+    off = np.abs(np.einsum("ij,ij->i", away, normals))
+    one = (apart < _PLANE * radius) & (off < _OFF + _OFF_FARTHER * apart)
+    return one & (normals @ normal > np.cos(_IN_PLANE))
 
 
 def _side(

@@ -82,6 +82,14 @@ def find_rulings(touches: Touches) -> HermiteData:
     return HermiteData(places[kept], normals[kept], deviation, np.full(len(deviation), touches.normal_noise))
 
 
+def upright_walls(touches: Touches) -> tuple[np.ndarray, np.ndarray]:
+    """Contacts (n, 3) m on walls that go straight up to a top right behind them, and their level normals (n, 3)."""
+    fine = cluster(touches.centres, touches.normals, touches.confidence, _FINE * touches.radius)
+    feet = np.unique(_up_to_tops(fine.points, fine.normals, touches.radius)[0])
+    normals = fine.normals[feet] * [1.0, 1.0, 0.0]
+    return fine.points[feet], normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
 def _up_to_tops(centres: np.ndarray, normals: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
     """Upright lines on walls, up to the edge of the top that was touched right behind them.
 

@@ -22,10 +22,9 @@ SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
 PATIENCE, ROUNDS, PROGRESS = 200.0, 2.0, 0.9
 """s of strokes, and times what strokes two reaches apart take over all of the surface, whichever is longer: the mean
-expected error has to fall meanwhile to this share of the largest that it was before. What is left is out of reach."""
+expected error has to fall meanwhile to this share of the least that it was before. What is left is out of reach."""
 FOUND_ANEW = 1.5
-"""Times the least that it was before, to which the mean rises meanwhile where a surface is found anew: no reason to
-end."""
+"""Times that least, to which the mean rises meanwhile where a surface is found anew: no reason to end."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -72,7 +71,8 @@ class StrokeScheduler(LineScheduler):
         if self._inserted is not None:
             return super().next(here)
         self._estimate.update()
-        faces = self._estimate.faces()
+        # Where the upright probe cannot come as low as that, no stroke removes any error.
+        faces = self._estimate.faces().above(self.height)
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
@@ -86,15 +86,10 @@ class StrokeScheduler(LineScheduler):
         return stroke.line if stroke.chained else self._above(stroke.line)
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
-        mean, p95 = faces.error()
+        self._means.append((self._spent, faces.error()[0]))
+        mean, p95 = faces.error(self._planner.success(faces))
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
-        self._means.append((self._spent, mean))
-        begun = self._spent - self.patience(faces)
-        meanwhile = np.array([earlier for spent, earlier in self._means if spent >= begun])
-        fallen = meanwhile <= PROGRESS * np.maximum.accumulate(meanwhile)
-        grown = meanwhile >= FOUND_ANEW * np.minimum.accumulate(meanwhile)
-        stalled = begun >= 0.0 and not (fallen.any() or grown.any())
-        if stalled or (mean <= self._aim and p95 <= P95 * self._aim):
+        if self._stalled(faces) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
         strokes = sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]
@@ -106,6 +101,15 @@ class StrokeScheduler(LineScheduler):
                 stroke = replace(stroke, seconds=stroke.seconds + seconds(path, here, self._speeds))
             timed.append(stroke)
         return max(timed, key=lambda stroke: stroke.score, default=None)
+
+    def _stalled(self, faces: Faces) -> bool:
+        """Whether the mean expected error has fallen no further for as long as one has patience."""
+        spent, means = np.array(self._means).T
+        before = means[spent <= self._spent - self.patience(faces)]
+        if not len(before):
+            return False
+        meanwhile, least = means[len(before) :], before.min()
+        return bool(meanwhile.min() > PROGRESS * least and meanwhile.max() < FOUND_ANEW * least)
 
     def patience(self, faces: Faces) -> float:
         """s of strokes without progress, after which nothing more is expected: longer on a larger surface."""

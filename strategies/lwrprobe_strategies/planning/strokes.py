@@ -96,7 +96,7 @@ class StrokePlanner:
         here : (3,) m, of the tip
         normal : (3,) unit, of the surface that is touched there; None where none is
         """
-        worth = faces.expected() * faces.areas * self._success(faces)
+        worth = faces.expected() * faces.areas * self.success(faces)
         if not len(worth):
             return []
         found: list[Stroke] = []
@@ -140,8 +140,8 @@ class StrokePlanner:
         for key in set(self._cells(faces.centres[np.abs(beside) < 0.5 * faces.reach])):
             self._failed[key] = RETRY_WEIGHT * self._failed.get(key, 1.0)
 
-    def _success(self, faces: Faces) -> np.ndarray:
-        """(n,) weight of each face, by how often a touch nearby has failed."""
+    def success(self, faces: Faces) -> np.ndarray:
+        """(n,) weight of the expected error of each face, by how often a touch nearby has failed."""
         if not self._failed:
             return np.ones(len(faces.areas))
         success = np.array([self._failed.get(key, 1.0) for key in self._cells(faces.centres)])
