@@ -226,6 +226,18 @@ def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
     assert len(strokes(known)) <= 300
 
 
+def test_the_stroke_that_is_chosen_is_the_best_with_the_path_to_it():
+    known, here = outlined(), np.array([0.0, -0.1, 0.06])
+    lines = scheduler(known, aim=1e-5)
+    found = lines._planner.strokes(known.faces(), known.edge, lines.height, here, None)
+    listed = sorted(found, key=lambda stroke: -stroke.score)[:SHORTLIST]
+    scores = [stroke.gain / (stroke.seconds + lines._seconds_to(stroke, here)) for stroke in listed]
+    chosen = lines._best(known.faces(), here)
+    assert np.argmax(scores) > 0, "the path decides"
+    assert chosen.line == listed[int(np.argmax(scores))].line
+    assert chosen.score == max(scores)
+
+
 def test_an_outline_ends_where_it_began():
     watch = OutlineWatch()
     angles = np.linspace(0.0, 2.0 * np.pi, 400)

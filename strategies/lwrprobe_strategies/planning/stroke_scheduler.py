@@ -92,15 +92,21 @@ class StrokeScheduler(LineScheduler):
         if self._stalled(faces) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
-        strokes = sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]
-        turn = self._task.orientation
-        timed = []
-        for stroke in strokes:
-            if not stroke.chained:
-                path = path_to(stroke.line, here, turn, self._task.area, self._free, self._speeds)
-                stroke = replace(stroke, seconds=stroke.seconds + seconds(path, here, self._speeds))
-            timed.append(stroke)
-        return max(timed, key=lambda stroke: stroke.score, default=None)
+        best: Stroke | None = None
+        for stroke in sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]:
+            if best is not None and best.score >= stroke.score:  # the path to it makes it worth less still
+                break
+            timed = replace(stroke, seconds=stroke.seconds + self._seconds_to(stroke, here))
+            if best is None or timed.score > best.score:
+                best = timed
+        return best
+
+    def _seconds_to(self, stroke: Stroke, here: np.ndarray) -> float:
+        """s, of the path from `here` (3,) to the start of a stroke."""
+        if stroke.chained:
+            return 0.0
+        path = path_to(stroke.line, here, self._task.orientation, self._task.area, self._free, self._speeds)
+        return seconds(path, here, self._speeds)
 
     def _stalled(self, faces: Faces) -> bool:
         """Whether the mean expected error has fallen no further for as long as one has patience."""
