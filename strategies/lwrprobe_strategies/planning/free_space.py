@@ -6,8 +6,6 @@ may begin above it. A place is open for the sphere where the sphere itself came 
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from lwrprobe.contracts import Area
@@ -346,21 +344,26 @@ def _around_inner_edges(rows: np.ndarray) -> np.ndarray | None:
     other; around an outer edge they lie behind. The edge is cut between a place on each side that is off all of what
     was touched in between; None where there is none.
     """
+    from scipy.spatial import cKDTree
+
     at, off = rows[:, :3], rows[:, OFF_SURFACE]
     touching = np.flatnonzero(_touching(rows))
     faces, normals = at[touching], (off[touching] - at[touching]) / LIFT
     clear = np.ones(len(rows), dtype=bool)
-    for k in touching[touching < len(rows) - 1].tolist():  # at the last one is the tip
-        near = np.abs(faces - at[k]).max(axis=1) < AROUND
-        apart, normal = at[k] - faces[near], (off[k] - at[k]) / LIFT
-        ahead = np.einsum("ij,ij->i", apart, normals[near])
-        hollow = (ahead > IN_FRONT) & (-(apart @ normal) > IN_FRONT)
-        height = ahead + normals[near] @ (off[k] - at[k])
-        clear[k] = not (hollow & (height < OFF)).any()
+    if len(touching):
+        pairs = cKDTree(faces).query_pairs(AROUND, p=np.inf, output_type="ndarray")
+        one, other = np.vstack([pairs, pairs[:, ::-1]]).T
+        apart = faces[one] - faces[other]
+        ahead = np.einsum("ij,ij->i", apart, normals[other])
+        hollow = (ahead > IN_FRONT) & (-np.einsum("ij,ij->i", apart, normals[one]) > IN_FRONT)
+        height = ahead + LIFT * np.einsum("ij,ij->i", normals[one], normals[other])
+        clear[touching[one[hollow & (height < OFF)]]] = False
+        clear[-1] = True  # there is the tip
     kept = np.flatnonzero(clear)
-    for before, after in pairwise(kept.tolist()):
+    for cut_at in np.flatnonzero(np.diff(kept) > 1).tolist():
+        before, after = kept[cut_at], kept[cut_at + 1]
         cut = (touching > before) & (touching < after)
-        for end in off[[before, after]] if cut.any() else ():
+        for end in off[[before, after]]:
             if np.einsum("ij,ij->i", end - faces[cut], normals[cut]).min() < 0.5 * OFF:
                 return None
     return kept
