@@ -37,7 +37,7 @@ from lwrprobe_strategies.outcomes import (
     Overload,
     UnknownSpace,
 )
-from lwrprobe_strategies.planning.approaches import path_to
+from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
@@ -262,8 +262,8 @@ class Coverage(SkillStrategy):
         before = tip.rotation
         tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
-        path = path_to(line, start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
-        return transit(tip, retraction + path, before)
+        departure = Departure(start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
+        return transit(tip, retraction + departure.path_to(line), before)
 
     def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether a path may lead from one pose (4, 4) to another: the arm can, and the body may."""

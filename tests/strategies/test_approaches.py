@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.approaches import BEFORE, HOVER, SOUGHT, path_to, up_from
+from lwrprobe_strategies.planning.approaches import BEFORE, HOVER, SOUGHT, Departure, up_from
 from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
@@ -28,7 +28,7 @@ SPEEDS = Speeds(free=1.0, column=0.012, guarded=lambda along: 0.007 if abs(along
 
 
 def way(line, here, free=None):
-    return path_to(line, np.array(here), DOWN, AREA, nowhere() if free is None else free, SPEEDS)
+    return Departure(np.array(here), DOWN, AREA, nowhere() if free is None else free, SPEEDS).path_to(line)
 
 
 def nowhere():
@@ -206,7 +206,7 @@ def test_no_path_leads_sideways_through_what_was_touched():
         return False
 
     assert way(line, here, free)[-2].place == pytest.approx([0.02, 0.05, 0.006])
-    around = path_to(line, here, DOWN, AREA, free, SPEEDS, clear)
+    around = Departure(here, DOWN, AREA, free, SPEEDS, clear).path_to(line)
     begin, end = asked[0]
     assert begin == pytest.approx([0.02, 0.05, 0.006])
     assert end == pytest.approx(line.start)
@@ -344,9 +344,8 @@ def test_up_from_a_wall_that_was_climbed_leads_back_to_where_the_probe_came_down
     first_at_top = next(i for i, piece in enumerate(pieces) if piece.place[2] == TOP)
     assert {piece.speed_limit for piece in pieces[: first_at_top + 1]} == {SpeedLimit.FREE}
     assert pieces[first_at_top].place[:2] == pytest.approx([-0.05, 0.0], abs=SIDE)
-    refused = path_to(
-        Line(1, 0.07, BORDER, -BORDER, 0.006), here, DOWN, AREA, free, SPEEDS, allows=lambda begin, end: False
-    )
+    departure = Departure(here, DOWN, AREA, free, SPEEDS, allows=lambda begin, end: False)
+    refused = departure.path_to(Line(1, 0.07, BORDER, -BORDER, 0.006))
     assert refused[0].place == pytest.approx([*here[:2], TOP], abs=0.01), "where the body may not go back"
 
 
@@ -357,7 +356,7 @@ def test_back_to_the_column_and_up_in_it_to_the_same_line_higher_up():
     assert {piece.speed_limit for piece in pieces} == {SpeedLimit.FREE}
     assert pieces[-1].place == pytest.approx([-0.05, 0.0, 0.025])
     leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
-    pieces = path_to(Line(0, 0.0, -0.05, -0.03, 0.025), here, leaning, AREA, free, SPEEDS)
+    pieces = Departure(here, leaning, AREA, free, SPEEDS).path_to(Line(0, 0.0, -0.05, -0.03, 0.025))
     assert any(piece.place[2] == TOP for piece in pieces), "it turns above all there is"
 
 
@@ -371,7 +370,7 @@ def test_where_one_column_is_barred_another_one_is_taken_and_not_the_unknown(y, 
         return bool(np.abs(begin - end)[:2].max() < SIDE)
 
     start = Line(0, 0.0, -0.05, -0.04, 0.006)
-    pieces = path_to(start, np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, clear)
+    pieces = Departure(np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, clear).path_to(start)
     over = next(i for i, piece in enumerate(pieces) if piece.place[2] < TOP - RADIUS)
     assert pieces[over].place == pytest.approx([-0.05, y, z], abs=SIDE)
     assert pieces[over + 1].speed_limit is SpeedLimit.FREE
@@ -384,10 +383,10 @@ def test_a_deep_start_beside_a_known_column_is_come_to_level_and_not_down_throug
     assert seconds(pieces, np.array([0.05, 0.05, TOP]), SPEEDS) < 3.0
     assert [piece.speed_limit for piece in pieces[-2:]] == [SpeedLimit.FREE, SpeedLimit.GUARDED]
     assert pieces[-1].place == pytest.approx(line.start)
-    barred = path_to(line, np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, lambda begin, end: False)
+    barred = Departure(np.array([0.05, 0.05, TOP]), DOWN, AREA, free, SPEEDS, lambda begin, end: False).path_to(line)
     assert barred[-1].place[:2] == pytest.approx(barred[-2].place[:2]), "what was touched on the way bars it"
     leaning = turned(UP, np.array([0.0, 1.0, 0.0]), 0.3) @ DOWN
-    down = path_to(line, np.array([0.05, 0.05, TOP]), leaning, AREA, free, SPEEDS)
+    down = Departure(np.array([0.05, 0.05, TOP]), leaning, AREA, free, SPEEDS).path_to(line)
     assert down[-1].place[:2] == pytest.approx(down[-2].place[:2]), "what the upright stick has shown is not asked for"
 
 
@@ -398,7 +397,7 @@ def test_a_leaning_probe_comes_down_with_care_where_only_an_upright_one_has_been
     leaning = turned(UP, np.array([1.0, 0.0, 0.0]), 0.3) @ DOWN
     free, line = column(0.0, begin, 0.006), Line(1, 0.0, begin, -0.05, 0.006)
     for turn, care in ((DOWN, False), (leaning, not border)):
-        pieces = path_to(line, np.array([0.05, 0.05, TOP]), turn, AREA, free, SPEEDS)
+        pieces = Departure(np.array([0.05, 0.05, TOP]), turn, AREA, free, SPEEDS).path_to(line)
         down = next(piece for piece in pieces if piece.place[2] < TOP - RADIUS)
         assert (down.speed_limit is SpeedLimit.GUARDED) == care
 

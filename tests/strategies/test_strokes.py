@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.mapping.estimate import SurfaceEstimate
-from lwrprobe_strategies.planning import stroke_scheduler
-from lwrprobe_strategies.planning.approaches import path_to
+from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
@@ -215,11 +214,12 @@ def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
     known.update()
     calls = []
 
-    def counted(*given):
-        calls.append(given)
-        return path_to(*given)
+    def counted(departure, line):
+        calls.append(line)
+        return path_to(departure, line)
 
-    monkeypatch.setattr(stroke_scheduler, "path_to", counted)
+    path_to = Departure.path_to
+    monkeypatch.setattr(Departure, "path_to", counted)
     assert len(known) > 10_000
     assert scheduler(known, aim=1e-5).next(np.array([0.0, -0.1, 0.06])) is not None
     assert len(calls) <= SHORTLIST
@@ -231,7 +231,8 @@ def test_the_stroke_that_is_chosen_is_the_best_with_the_path_to_it():
     lines = scheduler(known, aim=1e-5)
     found = lines._planner.strokes(known.faces(), known.edge, lines.height, here, None)
     listed = sorted(found, key=lambda stroke: -stroke.score)[:SHORTLIST]
-    scores = [stroke.gain / (stroke.seconds + lines._seconds_to(stroke, here)) for stroke in listed]
+    departure = Departure(here, DOWN, AREA, lines._free, lines._speeds)
+    scores = [stroke.gain / (stroke.seconds + lines._seconds_to(stroke, departure)) for stroke in listed]
     chosen = lines._best(known.faces(), here)
     assert np.argmax(scores) > 0, "the path decides"
     assert chosen.line == listed[int(np.argmax(scores))].line

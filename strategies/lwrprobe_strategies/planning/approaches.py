@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -33,52 +34,97 @@ SOUGHT = 0.003
 the line, which is up to 1.5 mm away."""
 
 
-def path_to(
-    line: Line,
-    here: np.ndarray,
-    turn: np.ndarray,
-    area: Area,
-    free: FreeSpace,
-    speeds: Speeds,
-    clear: Clear = lambda begin, end: True,
-    allows: Clear = lambda begin, end: True,
-) -> list[Waypoint]:
-    """From `here` (3,) to the start of a line: along what is known to be free, else over the top of the area.
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """From where, and with what, the probe sets out: paths lead from there to where lines begin.
 
-    `turn` (3, 3) is the orientation in which the line is to be driven. Sideways the path leads where `clear` says so,
-    which is given places, and everywhere where `allows` says so, which is given poses. Of all such paths it is the
-    quickest.
+    Attributes
+    ----------
+    here : (3,) m, place of the sphere's centre
+    turn : (3, 3), the orientation in which the line is to be driven
+    area : of the sphere's centre
+    free : what the probe has shown to be free
+    speeds : how fast it may be
+    clear : whether a path may lead sideways from one place (3,) to another through the unknown
+    allows : the same for every path, and poses (4, 4)
     """
-    top = float(area.upper[Z])
-    if not line.on_surface and abs(line.start[Z] - here[Z]) < BORDER and free.swept(here, line.start):
-        return [Waypoint(line.start, rotation=turn)]
-    if not line.on_surface and _above(here, line.start):
-        return [replace(waypoint, rotation=turn) for waypoint in up_from(here, line.start, free)]
-    start, touch = _touched_at(line, area) if line.on_surface else (line.start, [])
-    to_column = _back_to_column(here, free)
-    up = _to_top(here, turn, top, to_column, free, speeds, clear, allows)
-    above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
-    upright = _upright(turn)
-    if line.on_surface:
-        down = _down_to(start, free, SpeedLimit.COLUMN)
-    elif upright or _on_border(start, area):
-        down = _down_at(start, top, free)
-    else:  # what the upright stick has shown to be free is not where a leaning one goes
-        down = [Waypoint(start, SpeedLimit.GUARDED)]
-    straight_down = [*up, above, *down]
-    columns = [one for one in _known_columns(free, start, line.axis) if upright or _on_border(one, area)]
-    paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
-    if line.on_surface or not columns:
-        paths.append(straight_down)
-    if not line.on_surface and upright:
-        paths += [[*up, *_beside(column, start, turn, top, free)] for column in _columns_around(start, free, speeds)]
-    paths += _as_it_came(start, here, turn, free)
-    paths += _up_to(start, turn, to_column, free)
-    paths += _along_border(line, here, turn, free)
-    for path in sorted([[*path, *touch] for path in paths], key=lambda path: seconds(path, here, speeds)):
-        if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
-            return path
-    return [*straight_down, *touch]
+
+    here: np.ndarray
+    turn: np.ndarray
+    area: Area
+    free: FreeSpace
+    speeds: Speeds
+    clear: Clear = lambda begin, end: True
+    allows: Clear = lambda begin, end: True
+
+    def path_to(self, line: Line) -> list[Waypoint]:
+        """To the start of a line, along what is known to be free, else over the top of the area: the quickest."""
+        here, turn, area, free = self.here, self.turn, self.area, self.free
+        if not line.on_surface and abs(line.start[Z] - here[Z]) < BORDER and free.swept(here, line.start):
+            return [Waypoint(line.start, rotation=turn)]
+        if not line.on_surface and _above(here, line.start):
+            return [replace(waypoint, rotation=turn) for waypoint in up_from(here, line.start, free)]
+        start, touch = _touched_at(line, area) if line.on_surface else (line.start, [])
+        up, top = self._up, float(area.upper[Z])
+        above = Waypoint(np.array([start[X], start[Y], top]), rotation=turn)
+        upright = _upright(turn)
+        if line.on_surface:
+            down = _down_to(start, free, SpeedLimit.COLUMN)
+        elif upright or _on_border(start, area):
+            down = _down_at(start, top, free)
+        else:  # what the upright stick has shown to be free is not where a leaning one goes
+            down = [Waypoint(start, SpeedLimit.GUARDED)]
+        straight_down = [*up, above, *down]
+        columns = [one for one in _known_columns(free, start, line.axis) if upright or _on_border(one, area)]
+        paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
+        if line.on_surface or not columns:
+            paths.append(straight_down)
+        if not line.on_surface and upright:
+            around = _columns_around(start, free, self.speeds)
+            paths += [[*up, *_beside(column, start, turn, top, free)] for column in around]
+        paths += _as_it_came(start, here, turn, free)
+        paths += _up_to(start, turn, self._to_column, free)
+        paths += _along_border(line, here, turn, free)
+        for path in sorted([[*path, *touch] for path in paths], key=lambda path: seconds(path, here, self.speeds)):
+            if self._may_take(path):
+                return path
+        return [*straight_down, *touch]
+
+    @cached_property
+    def _to_column(self) -> list[Waypoint]:
+        """Back to where the upright probe may go straight up; nothing where no path is known."""
+        back = self.free.back_to_column()
+        if not back or np.abs(back[0][0] - self.here).max() > OWN_COLUMN:
+            return []
+        return [Waypoint(place, rotation=rotation) for place, rotation in back]
+
+    @cached_property
+    def _up(self) -> list[Waypoint]:
+        """To the top of the area: straight up, or first to a column from which that is quicker.
+
+        Above a place to which the sphere did not come down it might meet something with its flank. To a column the
+        probe goes back on its own path, or level.
+        """
+        here, free, top = self.here, self.free, float(self.area.upper[Z])
+        up = up_from(here, np.array([here[X], here[Y], top]), free)
+        paths = []
+        if self._to_column:
+            column = self._to_column[-1].place
+            paths.append([*self._to_column, *up_from(column, np.array([*column[:2], top]), free)])
+        for column in _columns_around(here, free, self.speeds) if free.upright else []:
+            own = np.array([here[X], here[Y], max(here[Z], column[Z])])
+            rise = up_from(here, own, free) if own[Z] - here[Z] > THERE else []
+            foot = np.array([*column[:2], own[Z]])
+            paths.append([*rise, *_level(own, foot, free), Waypoint(np.array([*column[:2], top]))])
+        slowest = seconds(up, here, self.speeds)
+        timed = [(time, path) for path in paths if (time := seconds(path, here, self.speeds)) < slowest]
+        for _, path in sorted(timed, key=lambda one: one[0]):
+            if self._may_take(path):
+                return path
+        return up
+
+    def _may_take(self, path: list[Waypoint]) -> bool:
+        return _clear_sideways(path, self.here, self.clear) and _allowed(path, self.here, self.turn, self.allows)
 
 
 def _touched_at(line: Line, area: Area) -> tuple[np.ndarray, list[Waypoint]]:
@@ -185,47 +231,6 @@ def up_from(here: np.ndarray, there: np.ndarray, free: FreeSpace) -> list[Waypoi
     if level - here[Z] < GAP or level > there[Z]:
         return [Waypoint(there, SpeedLimit.FREE if level - here[Z] < GAP else SpeedLimit.COLUMN)]
     return [Waypoint(np.array([here[X], here[Y], level]), SpeedLimit.COLUMN), Waypoint(there)]
-
-
-def _back_to_column(here: np.ndarray, free: FreeSpace) -> list[Waypoint]:
-    """From a place (3,) of the upright probe back to where it may go straight up; nothing where no path is known."""
-    back = free.back_to_column()
-    if not back or np.abs(back[0][0] - here).max() > OWN_COLUMN:
-        return []
-    return [Waypoint(place, rotation=rotation) for place, rotation in back]
-
-
-def _to_top(
-    here: np.ndarray,
-    turn: np.ndarray,
-    top: float,
-    to_column: list[Waypoint],
-    free: FreeSpace,
-    speeds: Speeds,
-    clear: Clear,
-    allows: Clear,
-) -> list[Waypoint]:
-    """From a place (3,) to the top of the area: straight up, or first to a column from which that is quicker.
-
-    Above a place to which the sphere did not come down it might meet something with its flank. To a column the probe
-    goes back on its own path, or level.
-    """
-    up = up_from(here, np.array([here[X], here[Y], top]), free)
-    paths = []
-    if to_column:
-        column = to_column[-1].place
-        paths.append([*to_column, *up_from(column, np.array([*column[:2], top]), free)])
-    for column in _columns_around(here, free, speeds) if free.upright else []:
-        own = np.array([here[X], here[Y], max(here[Z], column[Z])])
-        rise = up_from(here, own, free) if own[Z] - here[Z] > THERE else []
-        foot = np.array([*column[:2], own[Z]])
-        paths.append([*rise, *_level(own, foot, free), Waypoint(np.array([*column[:2], top]))])
-    slowest = seconds(up, here, speeds)
-    timed = [(time, path) for path in paths if (time := seconds(path, here, speeds)) < slowest]
-    for _, path in sorted(timed, key=lambda one: one[0]):
-        if _clear_sideways(path, here, clear) and _allowed(path, here, turn, allows):
-            return path
-    return up
 
 
 def _down_to(there: np.ndarray, free: FreeSpace, below: SpeedLimit) -> list[Waypoint]:

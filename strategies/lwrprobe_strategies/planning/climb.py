@@ -16,7 +16,7 @@ import numpy as np
 
 from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
-from lwrprobe_strategies.planning.approaches import path_to
+from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, seconds
@@ -81,9 +81,9 @@ class DescentWatch:
 
         speeds = Speeds(task.free_speed, self._control.column_speed, speed)
         height = here[Z] - up.height
-        there = path_to(up, here + OFF * self._control.normal, rotation, task.area, self._free, speeds)
+        departure = Departure(here + OFF * self._control.normal, rotation, task.area, self._free, speeds)
         top = float(task.area.upper[Z])
         over = np.array([up.start[X], up.start[Y], top])
         back = [Waypoint(np.array([here[X], here[Y], top])), Waypoint(over), Waypoint(up.start)]
-        climb = height / task.contour_speed + seconds(there, here, speeds) + seconds(back, here, speeds)
+        climb = height / task.contour_speed + seconds(departure.path_to(up), here, speeds) + seconds(back, here, speeds)
         return climb < height / min(speed(DOWN), task.contour_speed)

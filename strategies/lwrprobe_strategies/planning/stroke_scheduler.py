@@ -10,7 +10,7 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.planning.approaches import path_to
+from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import DOWN, Line
@@ -92,21 +92,21 @@ class StrokeScheduler(LineScheduler):
         if self._stalled(faces) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
+        departure = Departure(here, self._task.orientation, self._task.area, self._free, self._speeds)
         best: Stroke | None = None
         for stroke in sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]:
             if best is not None and best.score >= stroke.score:  # the path to it makes it worth less still
                 break
-            timed = replace(stroke, seconds=stroke.seconds + self._seconds_to(stroke, here))
+            timed = replace(stroke, seconds=stroke.seconds + self._seconds_to(stroke, departure))
             if best is None or timed.score > best.score:
                 best = timed
         return best
 
-    def _seconds_to(self, stroke: Stroke, here: np.ndarray) -> float:
-        """s, of the path from `here` (3,) to the start of a stroke."""
+    def _seconds_to(self, stroke: Stroke, departure: Departure) -> float:
+        """s, of the path to the start of a stroke."""
         if stroke.chained:
             return 0.0
-        path = path_to(stroke.line, here, self._task.orientation, self._task.area, self._free, self._speeds)
-        return seconds(path, here, self._speeds)
+        return seconds(departure.path_to(stroke.line), departure.here, self._speeds)
 
     def _stalled(self, faces: Faces) -> bool:
         """Whether the mean expected error has fallen no further for as long as one has patience."""
