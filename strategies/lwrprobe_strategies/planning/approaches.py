@@ -45,8 +45,8 @@ class Departure:
     area : of the sphere's centre
     free : what the probe has shown to be free
     speeds : how fast it may be
-    clear : whether a path may lead sideways from one place (3,) to another through the unknown
-    allows : the same for every path, and poses (4, 4)
+    clear : whether a path may lead sideways through the unknown, from one place (3,) to another
+    allows : whether a path may lead from one pose (4, 4) to another, anywhere
     """
 
     here: np.ndarray
