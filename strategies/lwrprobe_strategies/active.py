@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -72,7 +72,13 @@ class Active(GridVersion):
         for place in self.untouched_heights():
             self.estimate.passed(place)
         self.outline = OutlineWatch()
-        return (yield from super().program())
+        done = yield from super().program()
+        expected = self.strokes.expected
+        if not done.complete or not self.options.aim < expected < np.inf:
+            return done
+        return replace(
+            done, reason=f"{done.reason}, with an expected error of {1e3 * expected:.2f} mm: strokes remove no more"
+        )
 
     def untouched_heights(self) -> np.ndarray:
         """(n, 3) m, above all that a search has touched: nothing taller is expected until it is touched."""

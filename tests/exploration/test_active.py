@@ -34,6 +34,13 @@ def test_it_takes_less_time_than_lines(active):
     assert active.sim_time_s < 0.75 * 167.0  # of surface_contour over the same object
 
 
+def test_a_run_that_ends_before_the_surface_is_as_accurate_as_wanted_says_so():
+    settings = SETTINGS | {"strategy.aim": 1e-6}
+    summary = lp.explore("cylinder_vertical", strategy="active", seed=7, settings=settings, progress=False).summary
+    assert (summary.status, summary.stopped_by) == ("done", "strategy")
+    assert summary.reason.startswith("area covered, with an expected error of 0.")
+
+
 def test_a_run_ends_when_the_surface_is_as_accurate_as_wanted():
     settings = SETTINGS | {"run.until.accurate": 1.0, "run.until.time": 150.0}
     summary = lp.explore("cylinder_vertical", strategy="active", seed=7, settings=settings, progress=False).summary

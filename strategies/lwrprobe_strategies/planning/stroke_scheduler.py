@@ -62,6 +62,8 @@ class StrokeScheduler(LineScheduler):
         """The present stroke begins there, in contact."""
         self._spent = 0.0  # s, of all strokes as expected
         self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
+        self.expected = np.inf
+        """m, mean expected error of what the upright probe can reach, before the last choice."""
         self.share = 0.0
         """Of the work that is done, by the expected error."""
 
@@ -86,7 +88,8 @@ class StrokeScheduler(LineScheduler):
         return stroke.line if stroke.chained else self._above(stroke.line)
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
-        self._means.append((self._spent, faces.error()[0]))
+        self.expected = faces.error()[0]
+        self._means.append((self._spent, self.expected))
         mean, p95 = faces.error(self._planner.success(faces))
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
         if self._stalled(faces) or (mean <= self._aim and p95 <= P95 * self._aim):
