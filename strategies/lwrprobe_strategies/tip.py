@@ -169,6 +169,8 @@ class Tip:
             # What the sphere presses with adds to what the stick meets.
             safe = self.control.stick_speed(reach, along, share=1.0)
             return (safe if self.touches else UNEXPECTED * self.control.stick_speed(reach, along)) / side
+        if not self.touches and self.overhangs.anywhere(here, along):
+            return UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
         return inf
 
     def _near_limit(self, along: np.ndarray, side: float) -> float:

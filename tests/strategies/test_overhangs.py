@@ -13,6 +13,7 @@ from lwrprobe_strategies.outcomes import CollisionThreat, Ended, UnknownSpace
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import MIN_LEANING, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
 from lwrprobe_strategies.skills.follow_contour import slide
@@ -98,6 +99,21 @@ def test_where_the_stick_has_stood_nothing_is(overhangs):
     assert not overhangs.ahead(np.array([0.0, -0.008, LOW]), ALONG)
     assert overhangs.ahead(np.array([0.004, -0.008, LOW]), ALONG), "beside that it has not"
     assert overhangs.ahead(np.array([0.0, -0.008, LOW - 0.002]), ALONG), "nor lower"
+
+
+def test_where_an_object_overhangs_elsewhere_an_unknown_place_is_no_free_way():
+    tip, there = Tip(task(approach=0.03)), np.array([0.0, 0.0, LOW])
+    tip.observe(Observation(0.0, pose_at(there), np.zeros(3), np.zeros(3)))
+    away = np.array([-0.02, -0.035, HIGH])
+    touch(tip.overhangs, away, [0.0, -1.0, 0.0], MIN_LEANING)
+    assert tip.stick_limit(ALONG) == np.inf, "so far it does not overhang"
+    touch(tip.overhangs, away, [0.0, -0.9, -0.4], MIN_LEANING)
+    assert not tip.overhangs.ahead(there, ALONG)
+    assert not tip.overhangs.possible(there, ALONG)
+    reach = tip.overhangs.reach(there, ALONG)
+    assert tip.stick_limit(ALONG) == pytest.approx(UNEXPECTED * tip.control.stick_speed(reach, ALONG))
+    tip.observe(Observation(0.0, pose_at([0.0, 0.003, LOW]), np.zeros(3), np.zeros(3)))
+    assert tip.overhangs.anywhere(there, ALONG) is False, "the stick has stood there"
 
 
 def test_places_outside_the_area_are_those_on_its_border(overhangs):

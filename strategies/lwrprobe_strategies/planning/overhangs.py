@@ -174,6 +174,11 @@ class Overhangs:
         tallest, facing = self._near(i, j, x, y) if known is None else known
         return tallest > z + radius and not facing < z + 2.0 * radius
 
+    def anywhere(self, place: np.ndarray, along: np.ndarray) -> bool:
+        """Whether one may be ahead of a motion because the object overhangs elsewhere, and is as tall somewhere."""
+        z = place.item(2)
+        return self.found and self._highest > z + self._probe.radius and not self._free(z, *self._ahead(place, along))
+
     def beneath(self, place: np.ndarray, along: np.ndarray) -> float:
         """m above the sphere's centre, up to which one may be ahead of a level contour although no touch has shown any.
 
