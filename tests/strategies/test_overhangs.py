@@ -218,6 +218,14 @@ def test_over_a_floor_below_what_is_taller_it_goes_as_slowly_as_the_stick_may_be
     assert np.linalg.norm(slide(tip, frame, up, "").velocity) == pytest.approx(fast, rel=0.1), "the stick stood there"
 
 
+def test_a_raised_line_meets_the_edge_that_the_stick_has_met_with_the_side_of_the_sphere():
+    here, edge = np.array([0.0, -0.01, LOW]), np.array([0.0, -0.008, HIGH])
+    pressed = Contact(0.0, edge, -ALONG, -ALONG, here, 0.0, Doubt.AXIS_MISSES)
+    seen = Observation(0.0, pose_at(here), np.zeros(3), np.zeros(3), pressed)
+    line = above_what_was_met(Line(1, 0.0, -0.02, 0.02, LOW), seen, task(), 0.01)
+    assert edge[2] - 0.6 * task().probe.radius < line.height < edge[2]
+
+
 def test_a_line_that_was_raised_goes_higher_when_it_leads_in_under_the_same_again():
     """Above a foot that it meets it goes down to that, and there the stick comes near what overhangs once more."""
     seen = Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3))

@@ -9,6 +9,9 @@ from lwrprobe_strategies.planning.lines import Line, Z
 
 RAISE = 0.0025
 """m by which a line is raised at least where the stick has been touched: half of the sphere's radius."""
+BELOW = 0.5
+"""Radii below an edge that the stick has met, where the sphere's centre is to meet it: at the sphere's top, where the
+stick begins, nobody could tell which of the two is touched."""
 
 
 def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -> Line | None:
@@ -17,7 +20,7 @@ def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -
     A line that was raised before goes higher than that: its own way down to a foot may lead in under the same again.
     """
     here = seen.pose[:3, 3]
-    height = float(here[Z]) + max(RAISE, _height_met(seen) - task.probe.radius)
+    height = float(here[Z]) + max(RAISE, _height_met(seen) - BELOW * task.probe.radius)
     if line.raised:
         height = max(height, line.height + RAISE)
     if height > task.area.upper[Z]:
