@@ -54,6 +54,22 @@ def test_both_ends_of_a_block_are_crossed_and_nothing_else():
         assert not line.free_end
 
 
+def test_a_line_across_begins_where_a_line_of_the_grid_has_passed():
+    """Beside a given-up line nothing is known, and the body of the probe would have to stay away from there."""
+    touched = contacts_on(block, XS, YS)
+    for x in (-0.06, 0.06):  # given up at y = -0.005
+        for y in YS[YS < -0.005]:
+            touched.passed(np.array([x, y, FLOOR]), x)
+    for x in (-0.07, 0.07, 0.08):
+        for y in YS:
+            touched.passed(np.array([x, y, FLOOR]), x)
+    lines = across(touched)
+    assert {(round(line.place, 3), abs(line.begin)) for line in lines} == {
+        (-0.02, 0.06), (-0.01, 0.06), (0.0, 0.07), (0.01, 0.07), (0.02, 0.07),
+    }  # fmt: skip
+    assert all(abs(line.end) == 0.05 for line in lines)
+
+
 def test_a_line_down_leads_on_past_where_the_sphere_went_by_below():
     """A flank that overhangs the neighbouring line was left where the line down ended on that."""
     touched = contacts_on(block, XS, YS)

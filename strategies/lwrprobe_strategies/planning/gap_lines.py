@@ -71,7 +71,10 @@ def lines_across(
         for y, heights in where:
             one, other = (_end(trail, xs, heights, i, y, floor) for i in (first, last))
             line = _upwards(one, other, radius)
-            lines.append(line if line.on_surface else replace(line, height=lowest(_up_to(line, pitch))))
+            if not line.on_surface:
+                line = _from_passed(line, trail, xs, heights > floor + 1e-4)
+                line = replace(line, height=lowest(_up_to(line, pitch)))
+            lines.append(line)
     return lines
 
 
@@ -85,6 +88,21 @@ def _upwards(one: Line, other: Line, radius: float) -> Line:
     down = replace(high, end=low.begin + past) if high.on_surface else None
     behind = past if high.on_surface else 0.0
     return replace(low, end=high.begin - behind, fallback=down, free_end=down is None)
+
+
+def _from_passed(line: Line, trail: np.ndarray, xs: np.ndarray, touched: np.ndarray) -> Line:
+    """A line that begins in free space, from the nearest line of the grid that has passed there.
+
+    The line of the grid on which it begins may have been given up, or a level contour has led away from it. What lies
+    between that one and the next is then not known, and would keep the body of the probe away from the side.
+    `touched` (n,) says on which of the grid's lines, at `xs` (n,) m, something was touched there.
+    """
+    passed = np.isin(xs, trail[np.abs(trail[:, Y] - line.place) < ON_LINE, GRID_X])
+    order = np.argsort(-line.sign * xs)
+    for i in order[line.sign * (line.begin - xs[order]) > -ON_LINE]:
+        if passed[i] or touched[i]:
+            return line if touched[i] else replace(line, begin=float(xs[i]))
+    return line
 
 
 def _up_to(line: Line, farthest: float) -> Line:
