@@ -81,6 +81,10 @@ ASLANT = 0.8
 """Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
 ABOVE_FOOT = 0.002
 """m above the area's floor, from which on a wall is taken for one that goes on below."""
+BACK = 2.0
+"""m along a line a metre aside of it, on which the tip comes back to the line: what lies between lines that keep their
+distance counts as known.
+"""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -118,6 +122,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
+        self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
         dropped, unreached = False, 0
@@ -262,7 +267,8 @@ class Coverage(SkillStrategy):
         before = tip.rotation
         tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
         speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
-        departure = Departure(start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go)
+        met = np.array(self._met).reshape(-1, 3)
+        departure = Departure(start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go, met)
         return transit(tip, retraction + departure.path_to(line), before)
 
     def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
@@ -273,6 +279,7 @@ class Coverage(SkillStrategy):
     def approach_again(self) -> Procedure | None:
         """Back from what the path met to the beginning of the line, and there by what is known now."""
         self.detours += 1
+        self._met.append(self.tip.here.copy())
         if self.detours > MAX_DETOURS:
             return self.give_up()
         self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
@@ -286,6 +293,10 @@ class Coverage(SkillStrategy):
         def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float]:
             before = self._neighbour_distance if self.tip.overhangs.found else 0.0
             end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
+            aside = abs(float(here[line.aside]) - line.place)
+            if aside > BESIDE_LINE:
+                back = float(here[line.axis]) + line.sign * BACK * aside
+                end = line.sign * min(line.sign * back, line.sign * end)
             target = line.at(end)
             target[Z] = here[Z]
             return target, times

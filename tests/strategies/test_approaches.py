@@ -179,6 +179,19 @@ def test_a_level_line_up_to_a_surface_that_was_touched_is_not_free():
     assert free.swept(begin, np.array([0.0, 0.03, 0.02]))
 
 
+def test_where_a_path_has_met_something_no_path_leads_again():
+    free = column(0.0, -0.02, 0.03)
+    line, here = Line(0, 0.0, 0.0, 0.05, 0.03), np.array([0.03, 0.03, TOP])
+    foot = np.array([0.0, -0.02, 0.03])
+    usual = Departure(here, DOWN, AREA, free, SPEEDS)
+    assert any(np.allclose(waypoint.place, foot) for waypoint in usual.path_to(line))
+    warned = Departure(here, DOWN, AREA, free, SPEEDS, met=foot[None])
+    assert not any(np.allclose(waypoint.place, foot) for waypoint in warned.path_to(line))
+    above = foot + [0.0, 0.0, 0.01]
+    rising = Departure(foot, DOWN, AREA, free, SPEEDS, met=foot[None]).path_to(Line(0, -0.02, 0.0, 0.05, above[2]))
+    assert [waypoint.place.tolist() for waypoint in rising] == [above.tolist()], "it may be left"
+
+
 def test_lines_across_come_down_where_the_grid_has_been():
     line = Line(0, 0.01, -0.06, -0.05, 0.006)
     *_, down, last = way(line, [0.0, 0.0, 0.05], column(-0.06, 0.005, 0.006))

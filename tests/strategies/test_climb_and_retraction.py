@@ -9,7 +9,7 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.coverage import MAX_DETOURS
+from lwrprobe_strategies.coverage import BACK, MAX_DETOURS
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
@@ -300,6 +300,19 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
     velocity = next(strategy.retract_onward()).velocity
     assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
     assert (abs(velocity[0]) < 1e-9) == in_plane
+
+
+@pytest.mark.parametrize("aside", [0.008, -0.008, 0.0])
+def test_a_tip_that_was_led_aside_comes_back_to_its_line(aside):
+    """Lines that keep their distance show what is free between them."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    strategy.tip.observe(seen([aside, 0.0, 0.02], 1.0))
+    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
+    strategy.tip.trace.running.clear()
+    goal = next(strategy.along_line()).pose[:3, 3]
+    assert goal[0] == 0.0
+    assert goal[1] == pytest.approx(BACK * abs(aside) if aside else BORDER)
 
 
 def driven(strategy, lines):

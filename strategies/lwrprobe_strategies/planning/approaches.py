@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
@@ -47,6 +47,7 @@ class Departure:
     speeds : how fast it may be
     clear : whether a path may lead sideways through the unknown, from one place (3,) to another
     allows : whether a path may lead from one pose (4, 4) to another, anywhere
+    met : (n, 3) m, where paths have met something on the way: no path leads there again
     """
 
     here: np.ndarray
@@ -56,6 +57,7 @@ class Departure:
     speeds: Speeds
     clear: Clear = lambda begin, end: True
     allows: Clear = lambda begin, end: True
+    met: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     def path_to(self, line: Line) -> list[Waypoint]:
         """To the start of a line, along what is known to be free, else over the top of the area: the quickest."""
@@ -124,6 +126,8 @@ class Departure:
         return up
 
     def _may_take(self, path: list[Waypoint]) -> bool:
+        if len(self.met) and _leads_to(path, self.here, self.met):
+            return False
         return _clear_sideways(path, self.here, self.clear) and _allowed(path, self.here, self.turn, self.allows)
 
 
@@ -199,6 +203,20 @@ def _along_border(line: Line, here: np.ndarray, turn: np.ndarray, free: FreeSpac
 def _above(low: np.ndarray, high: np.ndarray) -> bool:
     """Whether a place (3,) lies above another one, in the probe's own column."""
     return bool(np.abs(high[:2] - low[:2]).max() < OWN_COLUMN and high[Z] > low[Z])
+
+
+def _leads_to(path: list[Waypoint], here: np.ndarray, places: np.ndarray) -> bool:
+    """Whether a path from `here` (3,) comes to one of the places (n, 3) from elsewhere."""
+    away = np.abs(places - here).max(axis=1) > OWN_COLUMN
+    for waypoint in path:
+        motion, apart = waypoint.place - here, places - here
+        share = np.clip(apart @ motion / max(float(motion @ motion), 1e-18), 0.0, 1.0)
+        near = np.abs(apart - share[:, None] * motion).max(axis=1) < OWN_COLUMN
+        if (away & near).any():
+            return True
+        here = waypoint.place
+        away |= np.abs(places - here).max(axis=1) > OWN_COLUMN
+    return False
 
 
 def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> bool:

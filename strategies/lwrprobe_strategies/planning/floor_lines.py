@@ -12,8 +12,8 @@ import numpy as np
 
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.contact_memory import NORMAL_Z
-from lwrprobe_strategies.planning.lines import Line, Y, Z
+from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL_Z
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.treads import UPWARDS
 
 REACH = 2.5
@@ -25,20 +25,22 @@ SHORTEST = 0.5
 def floor_lines(
     contacts: np.ndarray,
     trail: np.ndarray,
-    places: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray],
     task: Task,
     height: float,
     pitch: float,
     shown: float,
     body: BodySpace,
 ) -> list[Line]:
-    """Lines along y from the border, at some of the `places` (n,) m, as far in as the body may go on the floor.
+    """Lines along x and along y from the border, as far in as the body may go on the floor.
 
-    So many that near the object no floor to which the body may go is left without a line beside it.
+    So many that near the object no floor to which the body may go is left without a line beside it. Along x only
+    towards a side of which nothing near the floor was touched: the lines of the grid have passed there.
 
     Parameters
     ----------
     contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
+    places : (n,) m each, where lines along x may be, and where lines along y may be
     height : m, of the lines of the grid
     pitch : m, between two lines
     shown : m beside a line, up to which it shows what is there
@@ -46,26 +48,37 @@ def floor_lines(
     """
     from scipy.spatial import cKDTree
 
-    floor, low, high = float(task.area.lower[Z]), float(task.area.lower[Y]), float(task.area.upper[Y])
+    floor = float(task.area.lower[Z])
     treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
     touched = cKDTree(contacts[:, :Z])
-    known = cKDTree(np.concatenate([trail[trail[:, Z] < floor + task.probe.radius, :Z], treads[:, :Z]]))
+    low = trail[trail[:, Z] < floor + task.probe.radius]
+    # A line along y passes beside a side that faces along x, and shows no more of it than what reaches to the sphere.
+    across = low[np.isnan(low[:, GRID_X])]
+    known = [cKDTree(np.concatenate([own[:, :Z], treads[:, :Z]])) for own in (across, low)]
+    foot = cKDTree(contacts[contacts[:, Z] < floor + pitch, :Z])
     left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet
-    for place in np.sort(places).tolist():
-        for begin, end in ((low, high), (high, low)):
-            line = Line(Y, place, begin, end, floor, low=True, ceiling=height, expected=floor)
-            ys, lowest = body.lowest(line, task.orientation)
-            free = np.column_stack([np.full(len(ys), place), ys])[lowest <= floor]
-            unknown = (touched.query(free)[0] < REACH * pitch) & (known.query(free)[0] > shown)
+    for axis, place in [(axis, place) for axis in (Y, X) for place in np.sort(places[axis]).tolist()]:
+        near, far = float(task.area.lower[axis]), float(task.area.upper[axis])
+        for begin, end in ((near, far), (far, near)):
+            line = Line(axis, place, begin, end, floor, low=True, ceiling=height, expected=floor)
+            along, lowest = body.lowest(line, task.orientation)
+            free = np.full((int((lowest <= floor).sum()), 2), place)
+            free[:, axis] = along[lowest <= floor]
+            unknown = (touched.query(free)[0] < REACH * pitch) & (known[axis].query(free)[0] > shown)
+            if axis == X and (len(free) in (0, len(along)) or foot.query(free[-1])[0] < pitch):
+                continue
             if unknown.any():
-                left.append((replace(line, end=float(free[-1, Y])), free[unknown]))
+                left.append((replace(line, end=float(free[-1, axis])), free[unknown]))
     lines: list[Line] = []
     while left:
         line, own = left.pop(int(np.argmax([len(unknown) for _, unknown in left])))
-        if np.ptp(own[:, Y]) < SHORTEST * pitch:
+        if np.ptp(own[:, line.axis]) < SHORTEST * pitch:
             break
         lines.append(line)
-        near = cKDTree(own)
-        rest = [(other, unknown[near.query(unknown)[0] > shown]) for other, unknown in left]
+        driven = cKDTree(own)
+        rest = [
+            (other, unknown[driven.query(unknown)[0] > shown]) if other.axis == line.axis else (other, unknown)
+            for other, unknown in left
+        ]
         left = [(other, unknown) for other, unknown in rest if len(unknown)]
     return lines

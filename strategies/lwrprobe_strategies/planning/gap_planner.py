@@ -85,6 +85,7 @@ class GapPlanner:
             (tall and sides, self._floor_lines),
             (tall and sides, self._floor_lines_between),
             (tall and sides, self._left_treads),
+            (tall and across and sides, self._lower_sides),
             (across and sides, self._left_strips),
         )
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
@@ -170,7 +171,7 @@ class GapPlanner:
         return outlines(self._memory.contacts(), self._grid_x, self.height)
 
     def _floor_lines(self) -> list[Line]:
-        """Along y on the floor, where a plate may lie below all lines so far."""
+        """On the floor, where a plate may lie below all lines so far."""
         self._before_floor = len(self._memory)
         return self._on_floor(NEIGHBOUR * self._spacing)
 
@@ -181,18 +182,21 @@ class GapPlanner:
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
-        body, area = self._body, self._task.area
+        body = self._body
         assert body is not None
         body.survey()
         contacts, trail = self._memory.contacts(), self._memory.trail()
-        across = np.arange(float(area.lower[Y]), float(area.upper[Y]), self._spacing)
-        for axis, places in ((Y, self._grid_x), (X, across)):
+        for axis, places in ((Y, self._grid_x), (X, self._across())):
             lines = treads(contacts, trail, axis, places, self._task, self._spacing, body)
             if new := self._not_planned_before(lines, self._treads):
                 return new
         return []
 
     # What passes have in common
+
+    def _across(self) -> np.ndarray:
+        """(n,) m, y of lines along x all over the area."""
+        return np.arange(float(self._task.area.lower[Y]), float(self._task.area.upper[Y]), self._spacing)
 
     def _low_sides(self, axis: int, places: np.ndarray) -> list[Line]:
         """Up the sides at places (n,) m, as low as the body may go: lower than any line up the same side before."""
@@ -208,12 +212,14 @@ class GapPlanner:
         return self._sides[before:]
 
     def _on_floor(self, shown: float) -> list[Line]:
-        """Along y on the floor, no more than `shown` m beside each other where nothing else was driven there."""
+        """On the floor, no more than `shown` m beside each other where nothing else was driven there."""
         body = self._body
         assert body is not None
         body.survey()
         contacts, trail = self._memory.contacts(), self._memory.trail()
-        return floor_lines(contacts, trail, self._grid_x, self._task, self.height, self._spacing, shown, body)
+        return floor_lines(
+            contacts, trail, (self._across(), self._grid_x), self._task, self.height, self._spacing, shown, body
+        )
 
     def _places(self, axis: int) -> np.ndarray:
         """(n,) m, of the lines along an axis, those up left strips included."""
