@@ -187,7 +187,7 @@ def test_where_a_path_has_met_something_no_path_leads_again():
     assert any(np.allclose(waypoint.place, foot) for waypoint in usual.path_to(line))
     warned = Departure(here, DOWN, AREA, free, SPEEDS, met=foot[None])
     assert not any(np.allclose(waypoint.place, foot) for waypoint in warned.path_to(line))
-    above = foot + [0.0, 0.0, 0.01]
+    above = np.array([0.0, -0.02, 0.04])
     rising = Departure(foot, DOWN, AREA, free, SPEEDS, met=foot[None]).path_to(Line(0, -0.02, 0.0, 0.05, above[2]))
     assert [waypoint.place.tolist() for waypoint in rising] == [above.tolist()], "it may be left"
 

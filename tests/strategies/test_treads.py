@@ -101,8 +101,8 @@ def test_a_line_that_passed_low_close_by_shows_that_the_tread_ends():
     assert lines_of(memory, X, np.array([-0.02, 0.0, 0.02])) == []
 
 
-def floors(memory, body, shown=1.5 * PITCH, across=np.empty(0)):
-    return floor_lines(memory.contacts(), memory.trail(), (across, XS), task(), HEIGHT, PITCH, shown, body)
+def floors(memory, body, shown=1.5 * PITCH, across=()):
+    return floor_lines(memory.contacts(), memory.trail(), (np.array(across), XS), task(), HEIGHT, PITCH, shown, body)
 
 
 def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go():
@@ -131,14 +131,14 @@ def test_a_side_beside_which_the_grid_has_passed_is_met_along_x_unless_its_foot_
     for x in (-0.05, 0.05):  # the grid has passed there, as low as the floor
         for y in np.arange(-0.1, 0.1001, 0.001):
             memory.passed(np.array([x, y, RADIUS + 0.001]), x)
-    across = [line for line in floors(memory, Around(off=0.03), across=np.array([0.0])) if line.axis == X]
+    across = [line for line in floors(memory, Around(off=0.03), across=(0.0,)) if line.axis == X]
     assert sorted((line.begin, np.sign(line.end)) for line in across) == [
         (AREA.lower[0], -1.0), (AREA.upper[0], 1.0),
     ]  # fmt: skip
     assert all(0.03 <= abs(line.end) <= 0.034 and line.height == AREA.lower[2] for line in across)
     point = np.array([0.03, 0.0, RADIUS])
     memory.add(point + RADIUS * np.array([1.0, 0.0, 0.0]), point, np.array([1.0, 0.0, 0.0]), np.nan)
-    again = [line for line in floors(memory, Around(off=0.03), across=np.array([0.0])) if line.axis == X]
+    again = [line for line in floors(memory, Around(off=0.03), across=(0.0,)) if line.axis == X]
     assert [line.begin for line in again] == [AREA.lower[0]]
 
 

@@ -7,6 +7,7 @@ up their sides. A few lines as low as the body may go meet the plate; `treads` l
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain, product
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def floor_lines(
     known = [cKDTree(np.concatenate([own[:, :Z], treads[:, :Z]])) for own in (across, low)]
     foot = cKDTree(contacts[contacts[:, Z] < floor + pitch, :Z])
     left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet
-    for axis, place in [(axis, place) for axis in (Y, X) for place in np.sort(places[axis]).tolist()]:
+    for axis, place in chain(product((Y,), np.sort(places[Y]).tolist()), product((X,), np.sort(places[X]).tolist())):
         near, far = float(task.area.lower[axis]), float(task.area.upper[axis])
         for begin, end in ((near, far), (far, near)):
             line = Line(axis, place, begin, end, floor, low=True, ceiling=height, expected=floor)
