@@ -85,6 +85,8 @@ BACK = 2.0
 """m along a line a metre aside of it, on which the tip comes back to the line: what lies between lines that keep their
 distance counts as known.
 """
+SET_OUT = 0.001
+"""m from where a path begins, within which what it meets keeps the tip where it is, and does not stand in its way."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -260,6 +262,7 @@ class Coverage(SkillStrategy):
     def approach(self, line: Line) -> Procedure:
         """Off what is touched, and to the beginning of a line."""
         tip = self.tip
+        self._set_out = tip.here
         retraction = self.retractions.path()
         self.begin_line(line)
         self.foot_followed = line.foot_followed
@@ -279,9 +282,12 @@ class Coverage(SkillStrategy):
     def approach_again(self) -> Procedure | None:
         """Back from what the path met to the beginning of the line, and there by what is known now."""
         self.detours += 1
-        self._met.append(self.tip.here.copy())
+        if np.abs(self.tip.here - self._set_out).max() < SET_OUT:
+            self.retractions.go_back()
+        else:
+            self._met.append(self.tip.here.copy())
         if self.detours > MAX_DETOURS:
-            return self.give_up()
+            return self.postpone()
         self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
         return self.approach(self.frame.line)
 
@@ -396,6 +402,12 @@ class Coverage(SkillStrategy):
         """Leave the line where the tip is; its fallback comes next, or the next line."""
         ended = self.tip.trace.ended
         self.lines.give_up(self.frame.line, ended is not guarded_move, lost=ended is reapproach)
+        return None
+
+    def postpone(self) -> Procedure | None:
+        """Leave the line, whose beginning no path from here has reached, until the tip is elsewhere."""
+        if self.frame.line.fallback is not None or not self.lines.postpone(self.frame.line):
+            return self.give_up()
         return None
 
     def raise_line(self) -> Procedure | None:

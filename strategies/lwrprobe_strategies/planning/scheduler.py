@@ -49,6 +49,8 @@ class LineScheduler:
         self._inserted: Line | None = None
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
+        self._postponed: deque[Line] = deque()  # not reached from where the tip was
+        self._tried: list[Line] = []  # those that were postponed before
         self._missed: list[Line] = []  # up sides, on which nothing was touched
 
     def next(self, here: np.ndarray) -> Line | None:
@@ -60,6 +62,8 @@ class LineScheduler:
         self._number += 1
         if self._number < len(self.grid):
             return self._grid_line(here)
+        if not self._coming:
+            self._coming, self._postponed = self._postponed, self._coming
         while not self._coming and (lines := self._gaps.next_pass()) is not None:
             self._coming.extend(lines)
         if not self._coming:
@@ -107,6 +111,14 @@ class LineScheduler:
             self._given_up.append(line)
         elif self._number < len(self.grid) and line.axis == Y and line.free_end and touched and not lost:
             self._gaps.stopped.append(line)
+
+    def postpone(self, line: Line) -> bool:
+        """Drive the line after those that come next; False where that was done before."""
+        if any(replace(line, rotation=None) == replace(other, rotation=None) for other in self._tried):
+            return False
+        self._tried.append(line)
+        self._postponed.append(line)
+        return True
 
     def _higher(self, line: Line) -> Line | None:
         """A line up a side from where that may be touched, when it is not as low as the line begins; None = nowhere."""
