@@ -283,6 +283,24 @@ def test_lines_on_the_floor_come_closer_where_the_first_ones_met_a_plate(up, bet
     assert bool(apart.min() < 1.5 * options.step) is between
 
 
+def test_a_line_that_no_path_has_reached_is_driven_once_more_and_after_the_others():
+    memory = ContactMemory()
+    xs = np.arange(-0.02, 0.0201, 0.01)
+    touch_block(memory, xs)
+    lines = LineScheduler(task(), memory, CoverageConfig(step=0.01, near_sides=False, find_ends=False))
+    usual = drain(lines)
+    lines = LineScheduler(task(), memory, CoverageConfig(step=0.01, near_sides=False, find_ends=False))
+    grid = [lines.next(FAR) for _ in range(len(lines.grid))]
+    first = lines.next(FAR)
+    assert lines.postpone(first)
+    rest = drain(lines)
+    assert rest[-1] == first
+    assert {(line.axis, line.place, line.begin) for line in [*grid, *rest]} == {
+        (line.axis, line.place, line.begin) for line in usual
+    }
+    assert not lines.postpone(first), "once more, and not again"
+
+
 def test_neighbours_end_with_a_side_of_the_grid():
     lines = grid_alone("middle")
     for _ in range(len(lines.grid)):
