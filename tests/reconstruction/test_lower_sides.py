@@ -64,6 +64,17 @@ def test_the_places_lie_below_the_contacts_with_a_deviation_that_grows():
     assert walls.value_sd.max() < 0.3 * common.max(), "what is wrong of a wall is so everywhere"
 
 
+def test_between_lines_that_went_lower_a_side_is_not_carried_on():
+    record = upper_part(sample_lines(tall(), PITCH, 0.25), 0.02)
+    short = (np.abs(record.points[:, 0]) < 0.004) & (record.points[:, 2] < 0.05)
+    record = replace(record, points=record.points[~short], normals=record.normals[~short])
+    walls, _ = found(record)
+    under = np.abs(walls.points[:, 0]) < 0.004
+    assert not (under & (walls.points[:, 2] > 0.022)).any()
+    for x in (-0.01, 0.01):
+        assert (np.abs(walls.points[:, 0] - x) < 0.004).any(), "below the others it goes on"
+
+
 def test_nothing_goes_down_through_a_floor():
     floor = Box(shape="box", size=(0.16, 0.16, 0.03), at=Pose(xyz=(0.0, 0.0, 0.015)))
     tower = Box(shape="box", size=(0.06, 0.04, 0.08), at=Pose(xyz=(0.0, 0.0, 0.04)))

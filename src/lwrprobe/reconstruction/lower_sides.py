@@ -20,6 +20,7 @@ _OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a 
 _BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the side there
 _LOOKED_UP = 2.0, 1.5  # of the pitch: so far above its end a side is looked at; the less where it does not bend evenly
 _AS_LOW = 0.3  # of the pitch: so much higher than the lowest contact nearby one still ends a side
+_HANDS = 1.3, 0.3  # of the pitch: so far aside at most and at least, lines beside show how a side goes on between them
 _SHOWN = 2.0  # radii: over so much of that at least it has been touched
 _FEWEST = 4  # contacts that show how a side bends
 _ALIKE = 0.5  # cosine between the normals of one side
@@ -170,6 +171,7 @@ def _sides(
     beside = max(_BESIDE * pitch, touches.radius)
     neighbours = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], max(pitch, beside))
     around = cKDTree(points).query_ball_point(points[ends], 1.5 * _LOOKED_UP[0] * pitch)
+    wide = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], _HANDS[0] * pitch)
     found, taken = [], np.zeros(len(points), dtype=bool)
 
     def told(i: int, others: list[int]) -> bool:
@@ -179,11 +181,11 @@ def _sides(
         known = (gap < _APART * pitch) & taken[others] & (alike > _SAME) | (above > _AS_LOW * pitch) & (alike > 0.0)
         return bool(known.any())
 
-    for i, others, near in zip(ends.tolist(), neighbours, around):
+    for i, others, near, aside in zip(ends.tolist(), neighbours, around, wide):
         alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
         close = np.linalg.norm(points[others, :2] - points[i, :2], axis=1) < beside
         lowest = not (close & (above > 1e-9) & (alike > 0.0)).any()
-        if not lowest and told(i, others):
+        if not lowest and told(i, others) or lowest and _lower_on_both_hands(clusters, i, aside, pitch):
             continue
         down = _down(normals[i])
         offset = points[near] - points[i]
@@ -209,6 +211,14 @@ def _sides(
             found.append(_Side(points[i], level / np.linalg.norm(level), 0.0, _SHOWN * touches.radius))
             taken[i] = True
     return found
+
+
+def _lower_on_both_hands(clusters: Clusters, i: int, others: list[int], pitch: float) -> bool:
+    """Whether the same side was touched lower down on either hand of a place: the surface in between follows."""
+    offset, facing = clusters.points[others] - clusters.points[i], clusters.normals[i]
+    lower = (offset[:, 2] < -_AS_LOW * pitch) & (clusters.normals[others] @ facing > _SAME)
+    along = offset[lower, :2] @ [-facing[1], facing[0]] / np.linalg.norm(facing[:2])
+    return bool((along > _HANDS[1] * pitch).any() and (along < -_HANDS[1] * pitch).any())
 
 
 def _coplanar(
