@@ -112,7 +112,9 @@ def find_lower_sides(
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)), np.empty(0)
     passed = cKDTree(touches.visited)
     places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
-    for side in _sides(touches, clusters, pitch, walls):
+    ends = _LowerEnds(touches, clusters, pitch)
+    sides = ends.sides()
+    for side in sides + (ends.upright(sides, walls) if walls is not None else []):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
         down = np.arange(_STEP * pitch, 2.0 * (side.end[2] - touches.lowest + touches.radius), _STEP * pitch)
@@ -155,70 +157,95 @@ def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> 
     return middle.any(axis=1) | (over & (height[floor] > row[:, 2:])).any(axis=1)
 
 
-def _sides(
-    touches: Touches, clusters: Clusters, pitch: float, walls: tuple[np.ndarray, np.ndarray] | None
-) -> list[_Side]:
-    """Where each line's contacts with a side end below, of those that show how it bends; the lowest first.
+class _LowerEnds:
+    """Places where each line's contacts with a side end below, the lowest first, and which of them are taken.
 
     An upright wall ends in other contacts as well that are about as low: the lowest may not show how it goes on, and
     between rows that are far apart the field leaves the wall.
     """
-    from scipy.spatial import cKDTree
 
-    points, normals = clusters.points, clusters.normals
-    ends = np.flatnonzero((normals[:, 2] > _OF_A_SIDE[0]) & (normals[:, 2] < _OF_A_SIDE[1]))
-    ends = ends[np.argsort(points[ends, 2], kind="stable")]
-    beside = max(_BESIDE * pitch, touches.radius)
-    neighbours = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], max(pitch, beside))
-    around = cKDTree(points).query_ball_point(points[ends], 1.5 * _LOOKED_UP[0] * pitch)
-    wide = cKDTree(points[:, :2]).query_ball_point(points[ends, :2], _HANDS[0] * pitch)
-    found, taken = [], np.zeros(len(points), dtype=bool)
+    def __init__(self, touches: Touches, clusters: Clusters, pitch: float) -> None:
+        from scipy.spatial import cKDTree
 
-    def told(i: int, others: list[int]) -> bool:
-        """Whether the end of this side is known nearby, or is lower there."""
-        alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
-        gap = np.linalg.norm(points[others, :2] - points[i, :2], axis=1)
-        known = (gap < _APART * pitch) & taken[others] & (alike > _SAME) | (above > _AS_LOW * pitch) & (alike > 0.0)
-        return bool(known.any())
+        self._touches, self._clusters, self._pitch = touches, clusters, pitch
+        self._points, self._normals = clusters.points, clusters.normals
+        self._tree, self._level = cKDTree(clusters.points), cKDTree(clusters.points[:, :2])
+        self._beside = max(_BESIDE * pitch, touches.radius)
+        self._taken = np.zeros(len(clusters.points), dtype=bool)
 
-    for i, others, near, aside in zip(ends.tolist(), neighbours, around, wide):
-        alike, above = normals[others] @ normals[i], points[i, 2] - points[others, 2]
-        close = np.linalg.norm(points[others, :2] - points[i, :2], axis=1) < beside
-        lowest = not (close & (above > 1e-9) & (alike > 0.0)).any()
-        if not lowest and told(i, others) or lowest and _lower_on_both_hands(clusters, i, aside, pitch):
-            continue
-        down = _down(normals[i])
-        offset = points[near] - points[i]
-        across = offset @ np.cross(normals[i], down)
-        of_it = (np.abs(across) < beside) & (offset @ down < 1e-9) & (normals[near] @ normals[i] > _ALIKE)
-        above = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - across**2, 0.0))[of_it]
-        facing = normals[near][of_it]
-        turn = np.arctan2(-facing @ down, facing @ normals[i])
-        side = _side(points[i], normals[i], above, turn, touches, pitch)
-        if side is not None and (lowest or side.straight):
-            found.append(side)
-            taken[i] = True
-    if walls is None:
+    def sides(self) -> list[_Side]:
+        """The sides that show how they bend."""
+        found, ends = [], self._ends()
+        near = self._tree.query_ball_point(self._points[ends], 1.5 * _LOOKED_UP[0] * self._pitch)
+        around = self._around(ends, max(self._pitch, self._beside))
+        wide = self._around(ends, _HANDS[0] * self._pitch)
+        for i, above, others, aside in zip(ends.tolist(), near, around, wide):
+            lowest = self._lowest(i, others)
+            if self._lower_on_both_hands(i, aside) if lowest else self._told(i, others):
+                continue
+            side = self._bent(i, above)
+            if side is not None and (lowest or side.straight):
+                found.append(side)
+                self._taken[i] = True
         return found
-    straight = [side for side in found if side.straight]
-    upright = np.vstack([walls[0], *(side.end for side in straight)])
-    facing = np.vstack([walls[1], *(side.normal for side in straight)])
-    for i, others in zip(ends.tolist(), neighbours):
-        level = normals[i] * [1.0, 1.0, 0.0]
-        if taken[i] or abs(normals[i, 2]) > _IN_PLANE or told(i, others):
-            continue
-        if _coplanar(points[i], level, upright, facing, touches.radius).any():
-            found.append(_Side(points[i], level / np.linalg.norm(level), 0.0, _SHOWN * touches.radius))
-            taken[i] = True
-    return found
 
+    def upright(self, found: list[_Side], walls: tuple[np.ndarray, np.ndarray]) -> list[_Side]:
+        """Those that lie in one plane with a straight side that was `found`, or with one of the `walls`."""
+        straight = [side for side in found if side.straight]
+        places = np.vstack([walls[0], *(side.end for side in straight)])
+        facing = np.vstack([walls[1], *(side.normal for side in straight)])
+        more, ends, radius = [], self._ends(), self._touches.radius
+        for i, others in zip(ends.tolist(), self._around(ends, max(self._pitch, self._beside))):
+            level = self._normals[i] * [1.0, 1.0, 0.0]
+            if self._taken[i] or abs(self._normals[i, 2]) > _IN_PLANE or self._told(i, others):
+                continue
+            if _coplanar(self._points[i], level, places, facing, radius).any():
+                more.append(_Side(self._points[i], level / np.linalg.norm(level), 0.0, _SHOWN * radius))
+                self._taken[i] = True
+        return more
 
-def _lower_on_both_hands(clusters: Clusters, i: int, others: list[int], pitch: float) -> bool:
-    """Whether the same side was touched lower down on either hand of a place: the surface in between follows."""
-    offset, facing = clusters.points[others] - clusters.points[i], clusters.normals[i]
-    lower = (offset[:, 2] < -_AS_LOW * pitch) & (clusters.normals[others] @ facing > _SAME)
-    along = offset[lower, :2] @ [-facing[1], facing[0]] / np.linalg.norm(facing[:2])
-    return bool((along > _HANDS[1] * pitch).any() and (along < -_HANDS[1] * pitch).any())
+    def _ends(self) -> np.ndarray:
+        """(n,) rows of the contacts with sides, the lowest first."""
+        height = self._normals[:, 2]
+        ends = np.flatnonzero((height > _OF_A_SIDE[0]) & (height < _OF_A_SIDE[1]))
+        return ends[np.argsort(self._points[ends, 2], kind="stable")]
+
+    def _around(self, ends: np.ndarray, reach: float) -> list[list[int]]:
+        """Of each end the contacts near it in the plan view."""
+        near: list[list[int]] = self._level.query_ball_point(self._points[ends, :2], reach).tolist()
+        return near
+
+    def _lowest(self, i: int, others: list[int]) -> bool:
+        """Whether no contact of the line, or of another that shows the side there, lies lower."""
+        close = np.linalg.norm(self._points[others, :2] - self._points[i, :2], axis=1) < self._beside
+        lower = self._points[i, 2] - self._points[others, 2] > 1e-9
+        return not (close & lower & (self._normals[others] @ self._normals[i] > 0.0)).any()
+
+    def _told(self, i: int, others: list[int]) -> bool:
+        """Whether the end of this side is known nearby, or is lower there."""
+        alike, above = self._normals[others] @ self._normals[i], self._points[i, 2] - self._points[others, 2]
+        gap = np.linalg.norm(self._points[others, :2] - self._points[i, :2], axis=1)
+        known = (gap < _APART * self._pitch) & self._taken[others] & (alike > _SAME)
+        return bool((known | (above > _AS_LOW * self._pitch) & (alike > 0.0)).any())
+
+    def _lower_on_both_hands(self, i: int, others: list[int]) -> bool:
+        """Whether the same side was touched lower down on either hand of a place: the surface in between follows."""
+        offset, facing = self._points[others] - self._points[i], self._normals[i]
+        lower = (offset[:, 2] < -_AS_LOW * self._pitch) & (self._normals[others] @ facing > _SAME)
+        along = offset[lower, :2] @ [-facing[1], facing[0]] / np.linalg.norm(facing[:2])
+        far = _HANDS[1] * self._pitch
+        return bool((along > far).any() and (along < -far).any())
+
+    def _bent(self, i: int, near: list[int]) -> _Side | None:
+        """The side as the contacts `near` and above its end show it."""
+        normal = self._normals[i]
+        down, offset = _down(normal), self._points[near] - self._points[i]
+        across = offset @ np.cross(normal, down)
+        of_it = (np.abs(across) < self._beside) & (offset @ down < 1e-9) & (self._normals[near] @ normal > _ALIKE)
+        above = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - across**2, 0.0))[of_it]
+        facing = self._normals[near][of_it]
+        turn = np.arctan2(-facing @ down, facing @ normal)
+        return _side(self._points[i], normal, above, turn, self._touches, self._pitch)
 
 
 def _coplanar(
