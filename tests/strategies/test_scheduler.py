@@ -1,5 +1,6 @@
 """The line scheduler alone, against contacts drawn by hand."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.gap_planner import GapPlanner
+from lwrprobe_strategies.planning.gap_planner import LOWER, GapPlanner
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -83,6 +84,19 @@ def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_l
     lines._gaps._low_sides = low_sides
     low = [line.height for line in drain(lines) if line.low]
     assert low == [0.03, 0.02, 0.01]
+
+
+def test_lower_lines_that_always_show_a_little_more_come_to_an_end():
+    options = CoverageConfig(first_line="border", find_ends=False)
+    lines = LineScheduler(task(), ContactMemory(), options, body=Body())
+    deeper = itertools.count()
+
+    def low_sides(axis, places):
+        tall = lines.count()[0] >= len(lines.grid) and axis == 1
+        return [Line(1, 0.0, BORDER, 0.0, 0.03 - 1e-5 * next(deeper), low=True)] if tall else []
+
+    lines._gaps._low_sides = low_sides
+    assert len([line for line in drain(lines) if line.low]) <= 1 + 2 * LOWER
 
 
 def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_that_is_near():

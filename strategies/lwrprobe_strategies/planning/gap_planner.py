@@ -29,6 +29,9 @@ ONWARD = 0.3
 BETWEEN = 0.75
 """Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
 
+LOWER = 6
+"""Times in a row that sides are tried lower: below what overhangs each time shows a little more, and takes as long."""
+
 
 class GapPlanner:
     """Plans one pass of lines after another. Each pass looks for one kind of gap that the lines before it have left.
@@ -88,6 +91,7 @@ class GapPlanner:
             (tall and across and sides, self._lower_sides),
             (across and sides, self._left_strips),
         )
+        self._last, self._rounds = self._from_the_other_end, 0  # the latest pass, and times in a row that it came
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
 
     def next_pass(self) -> list[Line] | None:
@@ -96,7 +100,10 @@ class GapPlanner:
             return None
         plan = self._passes.popleft()
         lines = plan()
-        if lines and plan in (self._lower_sides, self._left_treads):
+        self._rounds = self._rounds + 1 if plan == self._last else 1
+        self._last = plan
+        most = {self._lower_sides: LOWER, self._left_treads: np.inf}.get(plan, 0)
+        if lines and self._rounds < most:
             self._passes.appendleft(plan)  # each of its lines shows more
         return lines
 
