@@ -20,6 +20,7 @@ from lwrprobe.reconstruction.choice import better_method, lines_apart
 from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.convex_hull import ConvexHull
+from lwrprobe.reconstruction.convexity import tangent_bound
 from lwrprobe.reconstruction.distance_kernels import (
     Mesh,
     Nodes,
@@ -67,7 +68,8 @@ class ContactSurface:
     its lowest height. They close the mesh and are not claimed as surface.
 
     Where held-out contacts show that the object is smooth, the mesh is moved onto the field on the object itself
-    (`smooth` in the report, see `settling`).
+    (`smooth` in the report, see `settling`). Where all that was touched is convex, nothing is beyond its tangent planes
+    (`convex` in the report, see `convexity`).
 
     Where the contacts lie off this surface and `convex_hull` or `hermite_rbf` predicts held-out contacts better, the
     result is that method's: its report names it, and says why under `instead_of_contact_surface`.
@@ -154,6 +156,9 @@ class ContactSurface:
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
         outer = work.run("field", lambda: _outer_field(evidence, process, below, lower, touches, pitch))
+        bound = work.run("convexity", lambda: tangent_bound(touches, clusters, grid, outer))
+        if bound is not None:
+            np.maximum(outer, bound, out=outer)
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         work.run("inner edges", lambda: body.sharpen(clusters, pitch))
@@ -162,7 +167,10 @@ class ContactSurface:
             body.mesh = work.run("settle", lambda: settled(body.mesh, process, touches, pitch, body.floor))
         common = np.concatenate([np.zeros(len(below.points)), common, walls.deviation])
         mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, inferred, common, touches))
-        report = work.report(given, touches, pitch, grid, clusters, walls, unreachable) | {"smooth": smooth}
+        report = work.report(given, touches, pitch, grid, clusters, walls, unreachable) | {
+            "smooth": smooth,
+            "convex": bound is not None,
+        }
         return Reconstruction(mesh, report, unreachable)
 
 
