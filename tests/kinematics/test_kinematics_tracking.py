@@ -307,3 +307,16 @@ def test_a_free_motion_comes_to_rest_between_two_limits_without_a_jerk():
     joints = np.array(rows)
     assert np.abs(joints[-1] - q).max() > 1e-4
     assert np.abs(np.diff(joints, 3, axis=0)).max() / cycle**3 < 8000.0
+
+
+def test_where_the_null_space_bends_sharply_no_joint_swings_from_cycle_to_cycle():
+    """Joints 3 and 5 turned about axes nearly in line: a run was stopped as joint 3 swung by more in each cycle."""
+    robot, cycle = lwr4(tool=TOOL), 0.001
+    solver = IKSolver(robot, preference=Preference(null_space_step=2e-5))
+    q = np.array([-0.2947585, -1.7023477, 1.7853083, 0.4470033, 1.5709223, 1.9045069, -2.9611581])
+    pose, rows = robot.fk(q).A, [q]
+    for _ in range(1000):
+        pose[2, 3] -= 0.00612 * cycle
+        rows.append(np.empty(robot.n))
+        assert solver.track(pose, rows[-2], rows[-1]) == IKStatus.CONVERGED
+    assert np.abs(np.diff(np.array(rows)[500:], 3, axis=0)).max() / cycle**3 < 3000.0

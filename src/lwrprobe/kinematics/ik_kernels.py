@@ -33,6 +33,8 @@ SPHERICAL, STEPS = 11, 12
 FOREVER = 1e300
 # of the way to what is preferred, what one call of `track` goes: several cycles, so that no joint stops at once there
 NEARER = 0.25
+# rad: what is left of a wish that calls for no measurement, and how far along it is measured how fast it falls
+QUIET, PROBED = 1e-6, 1e-5
 # the largest and the smallest joint step of `settle`
 STRIDE, MIN_STRIDE = 0.3, 1e-6
 # places from which `_nearest` is sought, and how a radian weighs there against the arm's length, squared in the end
@@ -117,13 +119,36 @@ def _drift(chain, settings, places, target, way, q, work):
     largest = project(n, work)
     damped_step(n, q, settings[dls.DAMPING] * error + dls.MIN_DAMPING, work)
     push, step = work[dls.PUSH], work[dls.STEP]
-    share = way / max(steepness(chain, settings, places, q, work), 1.0)
+    steep = max(steepness(chain, settings, places, q, work), 1.0)
+    if largest > QUIET:
+        steep = max(steep, _bends(chain, settings, places, target, q, largest, work))
+    share = way / steep
     if share * largest > settings[NULL_SPACE_STEP]:
         share = settings[NULL_SPACE_STEP] / largest
     for i in range(n):
         step[i] += share * push[i]
     move(n, q, work, q)
     return True
+
+
+@kernel
+def _bends(chain, settings, places, target, q, largest, work):
+    """As `steepness`, measured a little farther along PUSH: the null space itself bends, sharply where two axes are
+    nearly in line. PUSH and STEP are kept; what else belongs to q is lost."""
+    push, kept, beyond = work[dls.PUSH], work[dls.SAVED], work[dls.TRIAL]
+    n = chain.shape[0] - 2
+    for i in range(n):
+        kept[i] = push[i]
+        beyond[i] = q[i] + PROBED / largest * push[i]
+    look(chain, settings, target, beyond, work)
+    wish(settings, places, beyond, work)
+    project(n, work)
+    left = whole = 0.0
+    for i in range(n):
+        left += push[i] * kept[i]
+        whole += kept[i] * kept[i]
+        push[i] = kept[i]
+    return (1.0 - left / whole) * largest / PROBED
 
 
 @kernel
