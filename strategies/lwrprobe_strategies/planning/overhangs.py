@@ -22,6 +22,8 @@ CELL = 0.001
 """m, edge of the squares in the plan view for which heights are kept."""
 LEANS = -0.15
 """Share of the normal along z, below which a touch is one of an overhang (9 degrees)."""
+STIFF = 0.6
+"""Share of the stick's length, above which it hardly gives way: fast motions have met it there with 28 N."""
 MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
@@ -162,7 +164,8 @@ class Overhangs:
         """Whether one may be ahead of a motion although no touch has shown any.
 
         Something taller is near, ahead or abreast, and ahead no surface that faces the motion was touched at the
-        sphere's height.
+        sphere's height. Where it is as tall as the stick is stiff, such a touch does not count: the surface was touched
+        elsewhere, and here it may lean.
         """
         z, radius = place.item(2), self._probe.radius
         if self._highest <= z + radius:
@@ -172,6 +175,8 @@ class Overhangs:
             return False
         known = self._ahead_of.get((i, j, x, y))
         tallest, facing = self._near(i, j, x, y) if known is None else known
+        if tallest > z + STIFF * self._probe.sensor_distance:
+            return True
         return tallest > z + radius and not facing < z + 2.0 * radius
 
     def anywhere(self, place: np.ndarray, along: np.ndarray) -> bool:
