@@ -1,9 +1,8 @@
 """Beyond the tangent planes of a convex object nothing is."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from partly_touched import upper_part
 
 from lwrprobe.bench.sampled_lines import RADIUS, sample_lines
 from lwrprobe.evaluation import mesh_error
@@ -27,16 +26,9 @@ def tilted():
     return Solid.from_shapes([Box(shape="box", size=(0.07, 0.05, 0.06), at=at)])
 
 
-def upper_part(solid):
+def upper(solid):
     """Lines over the solid that reach no lower than DEPTH."""
-    record = sample_lines(solid, PITCH, 0.25)
-    kept = record.points[:, 2] + RADIUS * record.normals[:, 2] > DEPTH
-    return replace(
-        record,
-        points=record.points[kept],
-        normals=record.normals[kept],
-        free_path=np.maximum(record.free_path, [-np.inf, -np.inf, DEPTH]),
-    )
+    return upper_part(sample_lines(solid, PITCH, 0.25), DEPTH)
 
 
 def bound_of(record):
@@ -48,7 +40,7 @@ def bound_of(record):
 
 def test_no_node_within_a_convex_object_is_beyond_its_planes_and_those_far_outside_are():
     solid = tilted()
-    grid, bound = bound_of(upper_part(solid))
+    grid, bound = bound_of(upper(solid))
     off = solid.signed_distance(grid.nodes().reshape(-1, 3)).reshape(grid.shape) - RADIUS
     assert bound[off < 0.0].max() < 5e-4
     above = (off > 0.01) & (grid.nodes()[..., 2] > DEPTH)
@@ -59,12 +51,12 @@ def test_what_was_touched_of_a_notch_is_not_convex():
     boxes = [
         Box(shape="box", size=(0.06, 0.04, h), at=Pose(xyz=(x, 0.0, 0.5 * h))) for x, h in ((0.0, 0.08), (0.05, 0.06))
     ]
-    assert bound_of(upper_part(Solid.from_shapes(boxes)))[1] is None
+    assert bound_of(upper(Solid.from_shapes(boxes)))[1] is None
 
 
 def test_below_sides_that_recede_a_convex_object_has_a_third_of_the_error_less(monkeypatch):
     solid = tilted()
-    record = upper_part(solid)
+    record = upper(solid)
     errors = []
     for bound in (tangent_bound, lambda *_: None):
         monkeypatch.setattr(contact_surface, "tangent_bound", bound)

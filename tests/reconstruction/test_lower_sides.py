@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from partly_touched import upper_part
 
 from lwrprobe.bench.sampled_lines import RADIUS, sample_lines
 from lwrprobe.contracts import TouchRecord
@@ -23,17 +24,6 @@ def tall(turned_deg=0.0):
     return Solid.from_shapes([Box(shape="box", size=(0.06, 0.04, 0.08), at=at)])
 
 
-def upper_part(record, height=DEPTH):
-    """What a probe touches whose body cannot come lower than `height` m."""
-    kept = record.points[:, 2] + RADIUS * record.normals[:, 2] > height
-    return replace(
-        record,
-        points=record.points[kept],
-        normals=record.normals[kept],
-        free_path=np.maximum(record.free_path, [-np.inf, -np.inf, height]),
-    )
-
-
 def found(record):
     touches = prepare(record, 0.002)
     clusters = cluster(touches.centres, touches.normals, touches.confidence, 0.0033)
@@ -44,7 +34,7 @@ def found(record):
 
 def test_a_wall_goes_straight_down_from_where_it_was_touched_last():
     solid = tall(35.0)
-    record = upper_part(sample_lines(solid, PITCH, 0.25))
+    record = upper_part(sample_lines(solid, PITCH, 0.25), DEPTH)
     result = ContactSurface(ContactSurface.Config(pitch=PITCH)).reconstruct(record)
     error = mesh_error(result.mesh, solid, 0.006, samples=4000)
     assert error.watertight
@@ -55,7 +45,7 @@ def test_a_wall_goes_straight_down_from_where_it_was_touched_last():
 
 def test_the_places_lie_below_the_contacts_with_a_deviation_that_grows():
     solid = tall()
-    walls, common = found(upper_part(sample_lines(solid, PITCH, 0.25)))
+    walls, common = found(upper_part(sample_lines(solid, PITCH, 0.25), DEPTH))
     assert walls.points[:, 2].min() < 0.012
     assert walls.points[:, 2].max() < DEPTH + 0.001
     assert np.abs(solid.signed_distance(walls.points) - RADIUS).max() < 5e-4
@@ -83,7 +73,7 @@ def test_nothing_goes_down_through_a_floor():
 
 
 def test_nothing_goes_down_where_the_sphere_passed():
-    record = upper_part(sample_lines(tall(), PITCH, 0.25))
+    record = upper_part(sample_lines(tall(), PITCH, 0.25), DEPTH)
     below = found(record)[0].points[:, 2].min()
     x = np.linspace(-0.05, 0.05, 101)
     passes = [np.column_stack([x, np.full(101, y), np.full(101, 0.02)]) for y in (-0.025, 0.025)]
@@ -108,7 +98,7 @@ def test_a_side_that_recedes_goes_on_inwards_and_not_straight_down():
 def test_a_wrong_normal_at_the_lower_end_of_a_wall_leaves_no_part_of_it_without_places():
     """Such an end had stood for 30 mm of a wall and was refused: the mesh was off by 7 mm there."""
     solid = tall()
-    record = upper_part(sample_lines(solid, PITCH, 0.25))
+    record = upper_part(sample_lines(solid, PITCH, 0.25), DEPTH)
     x = np.arange(-0.025, 0.0251, 0.0005)
     level = np.column_stack([x, np.full(len(x), 0.02), np.full(len(x), DEPTH)])  # along the wall at its lower end
     lowest, facing = slice(40, 60), [0.0, np.cos(0.6), -np.sin(0.6)]
