@@ -1,5 +1,7 @@
 """Beyond the tangent planes of a convex object nothing is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from partly_touched import upper_part
@@ -52,6 +54,20 @@ def test_what_was_touched_of_a_notch_is_not_convex():
         Box(shape="box", size=(0.06, 0.04, h), at=Pose(xyz=(x, 0.0, 0.5 * h))) for x, h in ((0.0, 0.08), (0.05, 0.06))
     ]
     assert bound_of(upper(Solid.from_shapes(boxes)))[1] is None
+
+
+@pytest.mark.parametrize("degrees", [2.5, -2.5])
+def test_walls_whose_normals_are_all_wrong_alike_are_not_cut(degrees):
+    """As where friction, or a lever that is not quite known, turns all of them."""
+    at = Pose(xyz=(0.0, 0.0, 0.025), rpy_deg=(0.0, 0.0, 20.0))
+    solid = Solid.from_shapes([Box(shape="box", size=(0.06, 0.04, 0.05), at=at)])
+    record = sample_lines(solid, PITCH, 0.25)
+    normals = record.normals.copy()
+    normals[np.abs(normals[:, 2]) < 0.3, 2] += np.radians(degrees)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    grid, bound = bound_of(replace(record, normals=normals))
+    off = solid.signed_distance(grid.nodes().reshape(-1, 3)).reshape(grid.shape) - RADIUS
+    assert bound is None or bound[off < -2e-4].max() < 2e-4
 
 
 def test_below_sides_that_recede_a_convex_object_has_a_third_of_the_error_less(monkeypatch):

@@ -13,7 +13,7 @@ from lwrprobe.reconstruction.convexity_kernels import beyond, beyond_planes
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.touches import Touches
 
-_SD = 3.0  # standard deviations that a contact may lie beyond a plane
+_SD = 3.0  # standard deviations that a contact may lie beyond a plane, and by which each plane is moved out
 _MAY_LIE = 0.01  # share of the contacts that may lie farther beyond a plane
 _MAY_FAIL = 0.02  # share of the planes beyond which more may lie
 _PLANES = 800  # planes that are looked at, of many
@@ -33,5 +33,6 @@ def tangent_bound(touches: Touches, clusters: Clusters, grid: Grid, values: np.n
     if np.mean(lying > _MAY_LIE * len(clusters.points)) > _MAY_FAIL:
         return None
     bound = np.full(grid.shape, -np.inf)
-    beyond_planes(grid.origin, grid.step, values, *planes, touches.noise, bound)
+    points, normals, error = planes
+    beyond_planes(grid.origin, grid.step, values, points, normals, _SD * error, _SD * touches.noise, bound)
     return bound
