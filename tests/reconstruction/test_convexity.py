@@ -37,7 +37,7 @@ def bound_of(record):
     touches = prepare(record, 0.002)
     clusters = cluster(touches.centres, touches.normals, touches.confidence, PITCH / 3.0)
     grid = Grid.around(clusters.points.min(axis=0) - 0.02, clusters.points.max(axis=0) + 0.02, 0.004)
-    return grid, tangent_bound(touches, clusters, grid, np.full(grid.shape, -1.0))
+    return grid, tangent_bound(touches, clusters, PITCH, grid, np.full(grid.shape, -1.0))
 
 
 def test_no_node_within_a_convex_object_is_beyond_its_planes_and_those_far_outside_are():

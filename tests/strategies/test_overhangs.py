@@ -79,7 +79,9 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     assert not overhangs.possible(here, ALONG)
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"
     touch(overhangs, [0.0, -0.01, HIGH], [0.0, -0.6, 0.8])
-    assert overhangs.possible(here, ALONG), "as high as that the stick does not give way: here it may lean"
+    assert not overhangs.possible(here, ALONG)
+    touch(overhangs, [0.03, -0.01, LOW], [1.0, 0.0, -0.1], MIN_LEANING)
+    assert overhangs.possible(here, ALONG), "as high as that the stick does not give way, and sides lean"
 
 
 @pytest.mark.parametrize(("force", "times", "known"), [(0.5, 1, False), (0.5, 2, True), (2.0, 1, True)])

@@ -156,7 +156,7 @@ class ContactSurface:
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
         outer = work.run("field", lambda: _outer_field(evidence, process, below, lower, touches, pitch))
-        bound = work.run("convexity", lambda: tangent_bound(touches, clusters, grid, outer))
+        bound = work.run("convexity", lambda: tangent_bound(touches, clusters, pitch, grid, outer))
         if bound is not None:
             np.maximum(outer, bound, out=outer)
         hull = work.run("contour", lambda: contour(outer, grid))

@@ -16,23 +16,30 @@ from lwrprobe.reconstruction.touches import Touches
 _SD = 3.0  # standard deviations that a contact may lie beyond a plane, and by which each plane is moved out
 _MAY_LIE = 0.01  # share of the contacts that may lie farther beyond a plane
 _MAY_FAIL = 0.02  # share of the planes beyond which more may lie
+_BESIDE = 1.0  # of the pitch: so near to contacts these say where the surface is
 _PLANES = 800  # planes that are looked at, of many
 _HOLDS = 0.3  # of the normal's noise: so much of it the contacts of one plane share
 
 
-def tangent_bound(touches: Touches, clusters: Clusters, grid: Grid, values: np.ndarray) -> np.ndarray | None:
+def tangent_bound(
+    touches: Touches, clusters: Clusters, pitch: float, grid: Grid, values: np.ndarray
+) -> np.ndarray | None:
     """(nx, ny, nz) m, how far each node of the grid is beyond the tangent planes; None where something is not convex.
 
-    `clusters` are those of the touches' centres. Nodes whose `values` (nx, ny, nz) are positive lie outside already.
+    `clusters` are those of the touches' centres, `pitch` [m] lies between their lines: nodes beside contacts are left
+    to those. Nodes whose `values` (nx, ny, nz) are positive lie outside already.
     """
     share = 1.0 / np.sqrt(clusters.weight)
     angle = touches.normal_noise * np.hypot(share, _HOLDS)
     every = slice(None, None, len(clusters.points) // _PLANES + 1)
     planes = clusters.points[every], clusters.normals[every], angle[every]
     lying = beyond(clusters.points, *planes, _SD, _SD * touches.noise)
-    if np.mean(lying > _MAY_LIE * len(clusters.points)) > _MAY_FAIL:
+    holds = lying <= _MAY_LIE * len(clusters.points)  # a normal that is wrong by much would cut the object in two
+    if holds.mean() < 1.0 - _MAY_FAIL:
         return None
     bound = np.full(grid.shape, -np.inf)
-    points, normals, error = planes
-    beyond_planes(grid.origin, grid.step, values, points, normals, _SD * error, _SD * touches.noise, bound)
+    points, normals, error = (part[holds] for part in planes)
+    untouched = grid.nearest(clusters.points, _BESIDE * pitch) < 0
+    outside = np.where(untouched, values, np.inf)
+    beyond_planes(grid.origin, grid.step, outside, points, normals, _SD * error, _SD * touches.noise, bound)
     return bound
