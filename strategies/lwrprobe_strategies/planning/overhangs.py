@@ -22,10 +22,6 @@ CELL = 0.001
 """m, edge of the squares in the plan view for which heights are kept."""
 LEANS = -0.15
 """Share of the normal along z, below which a touch is one of an overhang (9 degrees)."""
-STIFF = 0.6
-"""Share of the stick's length, above which it hardly gives way: fast motions have met it there with 28 N."""
-A_LITTLE = -0.07
-"""The same, below which a side as high as the stick meets that before it meets the sphere (4 degrees)."""
 MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
@@ -72,7 +68,6 @@ class Overhangs:
         self._far = round(FAR * self._cells)
         self._highest = -np.inf  # m, of all that was touched
         self._leaning, self._above, self.found = 0, 0, False
-        self._a_little, self._leans = 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
         # m, see `_near`, by square and direction of a motion; void when something else is known
         self._ahead_of: dict[tuple[int, int, float, float], tuple[float, float]] = {}
@@ -99,8 +94,6 @@ class Overhangs:
             self._centre(*pose[:3, 3].tolist(), *contact.normal[:2].tolist())
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
-            self._a_little = self._a_little + 1 if up < A_LITTLE else 0
-            self._leans |= self._a_little >= MIN_LEANING
             if up < LEANS:
                 self._leaning += 1
                 if self._leaning >= MIN_LEANING:
@@ -169,8 +162,7 @@ class Overhangs:
         """Whether one may be ahead of a motion although no touch has shown any.
 
         Something taller is near, ahead or abreast, and ahead no surface that faces the motion was touched at the
-        sphere's height. Where it is as tall as the stick is stiff, and sides of the object lean a little, such a touch
-        does not count: the surface was touched elsewhere.
+        sphere's height.
         """
         z, radius = place.item(2), self._probe.radius
         if self._highest <= z + radius:
@@ -180,8 +172,6 @@ class Overhangs:
             return False
         known = self._ahead_of.get((i, j, x, y))
         tallest, facing = self._near(i, j, x, y) if known is None else known
-        if self._leans and tallest > z + STIFF * self._probe.sensor_distance:
-            return True
         return tallest > z + radius and not facing < z + 2.0 * radius
 
     def anywhere(self, place: np.ndarray, along: np.ndarray) -> bool:
