@@ -82,9 +82,8 @@ ASLANT = 0.8
 ABOVE_FOOT = 0.002
 """m above the area's floor, from which on a wall is taken for one that goes on below."""
 BACK = 2.0
-"""m along a line a metre aside of it, on which the tip comes back to the line: what lies between lines that keep their
-distance counts as known.
-"""
+"""Times the distance to a line, over which the tip comes back to it: only what lies between lines that keep their
+distance counts as known."""
 SET_OUT = 0.001
 """m from where a path begins, within which what it meets keeps the tip where it is, and does not stand in its way."""
 ONWARD = 0.2

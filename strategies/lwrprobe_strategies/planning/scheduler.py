@@ -114,6 +114,7 @@ class LineScheduler:
 
     def postpone(self, line: Line) -> bool:
         """Drive the line after those that come next; False where that was done before."""
+        # Rotations are arrays, which do not compare as a whole.
         if any(replace(line, rotation=None) == replace(other, rotation=None) for other in self._tried):
             return False
         self._tried.append(line)
