@@ -61,17 +61,17 @@ START = GOAL + JOINTS_MAX  # JOINTS_MAX, motors at its beginning
 LOAD_FORCE = START + JOINTS_MAX  # 3, weight and inertia of the load, world frame
 INSTANT = LOAD_FORCE + 3  # RECORD, interpolated to the instant of a sample
 FRESH = INSTANT + RECORD  # the newest sample
-# --- scratch of one step: centre = FREE + CARRIER @ force
-CARRIER = FRESH + sensor.SAMPLE  # 3 x 3, m/N, compliance of stick and joints
-FREE = CARRIER + 9  # 3, the sphere's centre without contact
-SOFTENED = FREE + 3  # 3 x 3, m/N, CARRIER and the movable object's compliance
-REFERENCE = SOFTENED + 9  # 3, centre that the gaps belong to; after the balance where the centre has come to
-FREE_FROM_REFERENCE = REFERENCE + 3  # 3
-SHIFT = FREE_FROM_REFERENCE + 3  # 3, displacement of the centre from REFERENCE
-TIP_TURN = SHIFT + 3  # 3, rotation vector of the tip
-NEWTON = TIP_TURN + 3  # 4 x 3, scratch of `contact_kernels.settle`
+# --- scratch of one step: centre = FREE + CARRIER[0] @ sum(lever force) + CARRIER[1] @ sum(force)
+CARRIER = FRESH + sensor.SAMPLE  # 2 x 3 x 3, m/N, compliance of stick and of joints
+FREE = CARRIER + 18  # 3, the sphere's centre without contact
+SOFTENED = FREE + 3  # 2 x 3 x 3, m/N, CARRIER and, with the joints, the movable object's compliance
+REFERENCE = SOFTENED + 18  # 3, centre that the gaps belong to; after the balance where the centre has come to
+FREE_FROM_REFERENCE = REFERENCE + 3  # 2 x 3
+SHIFT = FREE_FROM_REFERENCE + 6  # 2 x 3, displacement of the centre from REFERENCE
+TIP_TURN = SHIFT + 6  # 3, rotation vector of the tip
+BALANCE = TIP_TURN + 3  # scratch of `contact_kernels.settle`
 # --- queues and rows
-LINE = NEWTON + 12  # delayed set points, DELAY_MAX x JOINTS_MAX
+LINE = BALANCE + contact.SCRATCH  # delayed set points, DELAY_MAX x JOINTS_MAX
 ROWS_OLD = LINE + DELAY_MAX * JOINTS_MAX
 ROWS = ROWS_OLD + touch.ROWS_MAX * contact.WIDTH
 WAITING = ROWS + touch.ROWS_MAX * contact.WIDTH
@@ -239,14 +239,14 @@ def _step(world, counts, chain, numbers, indices, step, joint_travel):
     tip = tip_and_axes(chain, q, jac)
     old, free, centre = world[TIP:CENTRE], world[FREE:SOFTENED], world[CENTRE:BEND]
     moved, turned = _tip_motion(old, tip)
-    compliance = world[CARRIER:FREE].reshape((3, 3))
-    _carrier(world, tip, step, compliance, free)
+    compliance = world[CARRIER:FREE].reshape((2, 3, 3))
+    _carrier(world, tip, step, compliance[0], free)
     drift = math.sqrt((free[0] - centre[0]) ** 2 + (free[1] - centre[1]) ** 2 + (free[2] - centre[2]) ** 2)
     if touch.may_touch(world[TOUCH:WATCH], drift, moved, turned) or counts[N_ROWS] > 0:
         counts[NEAR_STEPS] += 1
         if counts[HAS_JOINT_COMPLIANCE] == 1:
             axes_to_jacobian(chain, tip, 1.0, 1.0, jac)
-            _add_joint_compliance(world, counts, jac, compliance)
+            _joint_compliance(world, counts, jac, compliance[1])
         _contact_step(world, counts, numbers, indices, tip, drift, step)
     else:
         counts[N_FOUND] = 0
@@ -306,7 +306,7 @@ def _free_step(world, tip, free, step):
 
 @kernel
 def _carrier(world, tip, step, compliance, free):
-    """The affine law of the sphere's carrier in this step: centre = free + compliance @ force.
+    """The affine law of the stick in this step, on joints that do not give way: centre = free + compliance @ force.
 
     Per axis of the tip, with stick compliance c, relaxation time t, mass m and the stick's deflection u, backward
     Euler of m c y'' + t u' + u = c f.
@@ -335,8 +335,9 @@ def _carrier(world, tip, step, compliance, free):
 
 
 @kernel
-def _add_joint_compliance(world, counts, jac, compliance):
-    """Add the joints' compliance as it appears at the tip: J C J^T."""
+def _joint_compliance(world, counts, jac, compliance):
+    """The joints' compliance as it appears at the tip: J C J^T. What a push higher up the stick turns is left out."""
+    compliance[:] = 0.0
     for k in range(counts[JOINTS]):
         soft = world[JOINT_COMPLIANCE + k]
         for i in range(3):
@@ -374,27 +375,38 @@ def _balance(world, counts, numbers, indices, tip, drift, step):
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_tip, old_centre = world[TIP:CENTRE], world[CENTRE:BEND]
-    softened, scratch = world[SOFTENED:REFERENCE].reshape((3, 3)), world[NEWTON:LINE].reshape((4, 3))
-    reference, free = world[REFERENCE:FREE_FROM_REFERENCE], world[FREE_FROM_REFERENCE:SHIFT]
-    shift, turn = world[SHIFT:TIP_TURN], world[TIP_TURN:NEWTON]
+    softened, scratch = world[SOFTENED:REFERENCE].reshape((2, 3, 3)), world[BALANCE:LINE]
+    reference, free = world[REFERENCE:FREE_FROM_REFERENCE], world[FREE_FROM_REFERENCE:SHIFT].reshape((2, 3))
+    shift, turn = world[SHIFT:TIP_TURN].reshape((2, 3)), world[TIP_TURN:BALANCE]
     _rotation_vector(old_tip, tip, turn)
     _soften(world)
     for i in range(3):
         reference[i] = old_centre[i] + tip[9 + i] - old_tip[9 + i]
+    # The joints have given way by so much: sphere and stick have moved alike.
+    x = old_centre[0] - world[BEND] - old_tip[9]
+    y = old_centre[1] - world[BEND + 1] - old_tip[10]
+    z = old_centre[2] - world[BEND + 2] - old_tip[11]
+    before = _moved(old_tip, x, y, z)
     n = 0
     done = 1
     reach = drift + touch.MARGIN
     # The balance takes each surface for a plane: search again at the new centre until the curvature adds no force.
     for _ in range(_ROUNDS):
-        n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, tip, reference, reach, rows)
-        touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, old_tip, tip, s[touch.STICK_LENGTH], turn)
+        now = _moved(tip, x, y, z)
+        n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, now, reference, reach, rows)
+        touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, before, now, s[touch.STICK_LENGTH], turn)
+        given = (x, y, z)
         for i in range(3):
-            free[i] = world[FREE + i] - world[BODY + body.AHEAD + i] - reference[i]
-            shift[i] = 0.0
+            free[0, i] = world[FREE + i] + given[i] - reference[i]
+            free[1, i] = -world[BODY + body.AHEAD + i] - given[i]
+            shift[0, i] = shift[1, i] = 0.0
         done = contact.settle(rows, n, free, softened, step, world[SLOW], shift, scratch)
+        square = 0.0
         for i in range(3):
-            reference[i] += shift[i]
-        square = shift[0] * shift[0] + shift[1] * shift[1] + shift[2] * shift[2]
+            both = shift[0, i] + shift[1, i]
+            reference[i] += both
+            square += both * both
+        x, y, z = x + shift[1, 0], y + shift[1, 1], z + shift[1, 2]
         if square * touch.stiffest(rows, n) < 2.0 * s[touch.RADIUS] * _FLATNESS_ERROR:
             break
         reach = touch.MARGIN
@@ -404,10 +416,20 @@ def _balance(world, counts, numbers, indices, tip, drift, step):
 
 
 @kernel
+def _moved(frame, x, y, z):
+    """The frame moved by x, y, z m."""
+    return (
+        frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], frame[7], frame[8],
+        frame[9] + x, frame[10] + y, frame[11] + z,
+    )  # fmt: skip
+
+
+@kernel
 def _soften(world):
     """SOFTENED = CARRIER plus the compliance of the movable object."""
     for i in range(9):
-        world[SOFTENED + i] = world[CARRIER + i] + world[BODY + body.GIVE + i]
+        world[SOFTENED + i] = world[CARRIER + i]
+        world[SOFTENED + 9 + i] = world[CARRIER + 9 + i] + world[BODY + body.GIVE + i]
 
 
 @kernel
@@ -507,15 +529,16 @@ def _end_step(world, counts, n, tip, step):
     """State at the end of a step with contacts: sphere, stick, and the rows that press."""
     rows = world[ROWS:WAITING].reshape((touch.ROWS_MAX, contact.WIDTH))
     old_rows = world[ROWS_OLD:ROWS].reshape((touch.ROWS_MAX, contact.WIDTH))
-    compliance = world[CARRIER:FREE].reshape((3, 3))
+    stick, joints = world[CARRIER : CARRIER + 9].reshape((3, 3)), world[CARRIER + 9 : FREE].reshape((3, 3))
     free, reference, b = world[FREE:SOFTENED], world[REFERENCE:FREE_FROM_REFERENCE], world[BODY:TOUCH]
     kept = 0
-    load = (0.0, 0.0, 0.0)
+    bending, total = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(n):
         row = rows[i]
         if row[contact.PRESS] > 0.0:
             a = row[contact.LEVER]
-            load = _plus(load, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
+            total = _plus(total, (row[contact.FORCE], row[contact.FORCE + 1], row[contact.FORCE + 2]))
+            bending = _plus(bending, (a * row[contact.FORCE], a * row[contact.FORCE + 1], a * row[contact.FORCE + 2]))
             _copy(row, old_rows[kept])
             kept += 1
     counts[N_ROWS], counts[N_FOUND] = kept, n
@@ -523,23 +546,13 @@ def _end_step(world, counts, n, tip, step):
     world[PROBE_PEAK] = max(world[PROBE_PEAK], world[PROBE_FORCE])
     for i in range(3):
         centre = reference[i]
+        given = joints[i, 0] * total[0] + joints[i, 1] * total[1] + joints[i, 2] * total[2]
         if b[body.MODE] != body.RESTING:
-            centre = free[i] + compliance[i, 0] * load[0] + compliance[i, 1] * load[1] + compliance[i, 2] * load[2]
+            bent = stick[i, 0] * bending[0] + stick[i, 1] * bending[1] + stick[i, 2] * bending[2]
+            centre = free[i] + bent + given
         world[VELOCITY + i] = (centre - world[CENTRE + i]) / step
         world[CENTRE + i] = centre
-        world[BEND + i] = centre - tip[9 + i]
-    if counts[HAS_JOINT_COMPLIANCE] == 1:
-        _subtract_joint_deflection(world, counts, load)
-
-
-@kernel
-def _subtract_joint_deflection(world, counts, force):
-    """Leave the deflection of the stick alone in BEND."""
-    jac = world[JACOBIAN:RECENT].reshape((6, JOINTS_MAX))
-    for k in range(counts[JOINTS]):
-        angle = world[JOINT_COMPLIANCE + k] * (jac[0, k] * force[0] + jac[1, k] * force[1] + jac[2, k] * force[2])
-        for i in range(3):
-            world[BEND + i] -= jac[i, k] * angle
+        world[BEND + i] = centre - tip[9 + i] - given
 
 
 @kernel

@@ -5,11 +5,11 @@ import numpy as np
 
 def contact_force(row, x, step):
     """(force, slipping) of one contact: spring and damper that only press, Coulomb friction through a bristle."""
-    depth = -(row["gap"] + row["lever"] * row["normal"] @ x)
+    depth = -(row["gap"] + row["normal"] @ x)
     rate = (max(depth, 0.0) - row["penetration"]) / step
     press = max(0.0, row["stiffness"] * depth + row["damping"] * rate) if depth > 0.0 else 0.0
     across = np.eye(3) - np.outer(row["normal"], row["normal"])
-    stretch = row["bristle"] + row["lever"] * across @ x
+    stretch = row["bristle"] + across @ x
     limit = row["friction"] * press
     pull = row["shear"] * np.linalg.norm(stretch)
     slipping = pull > limit
@@ -17,14 +17,24 @@ def contact_force(row, x, step):
     return press * row["normal"] - share * row["shear"] * stretch, slipping
 
 
+def displacement(row, x):
+    """(3,) of a contact, with the probe displaced by x (2, 3): bent, and moved as a whole."""
+    return row["lever"] * x[0] + x[1]
+
+
 def balance_by_relaxation(rows, free, compliance, step, rounds=200_000, share=None):
-    """Displacement where x = free + G f(x), by small steps towards it: slow, but with nothing that could be wrong."""
+    """Displacement where x = free + G f(x), by small steps towards it: slow, but with nothing that could be wrong.
+
+    `free` is (2, 3), `compliance` (2, 3, 3): of the bending stick, and of what moves as a whole.
+    """
     stiffest = sum(row["stiffness"] + row["damping"] / step + row["shear"] for row in rows)
-    share = share or 0.5 / (1.0 + np.linalg.norm(compliance, 2) * stiffest)
+    soft = sum(np.linalg.norm(part, 2) for part in compliance)
+    share = share or 0.5 / (1.0 + soft * stiffest)
     x = np.array(free)
     for _ in range(rounds):
-        force = sum(row["lever"] * contact_force(row, x, step)[0] for row in rows)
-        change = free + compliance @ force - x
+        forces = [contact_force(row, displacement(row, x), step)[0] for row in rows]
+        pulls = sum(row["lever"] * force for row, force in zip(rows, forces)), sum(forces)
+        change = free + np.array([part @ pull for part, pull in zip(compliance, pulls)]) - x
         x = x + share * change
         if np.linalg.norm(change) < 1e-14:
             break

@@ -74,6 +74,10 @@ def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_mot
     assert overhangs.possible(here, ALONG), "that surface faces another way"
     touch(overhangs, [0.01, -0.03, LOW], [0.0, -1.0, 0.0])
     assert overhangs.possible(here, ALONG), "that surface lies behind"
+    touch(overhangs, [0.017, -0.01, LOW], [0.0, -1.0, 0.0])
+    assert overhangs.possible(here, ALONG), "that surface is farther abreast than what is near"
+    touch(overhangs, [0.01, -0.01, LOW + 0.006], [0.0, -1.0, 0.0])
+    assert overhangs.possible(here, ALONG), "that surface is above the sphere"
     touch(overhangs, [0.01, -0.01, LOW], [0.0, -1.0, 0.0])
     assert not overhangs.possible(here, ALONG)
     assert overhangs.possible(np.array([0.0, 0.004, LOW]), -ALONG), "the other side is not known"

@@ -161,8 +161,8 @@ class Overhangs:
     def possible(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion although no touch has shown any.
 
-        Something taller is near, ahead or abreast, and ahead no surface that faces the motion was touched at the
-        sphere's height.
+        Something taller is near, ahead or abreast, and ahead no surface that faces the motion was touched beside the
+        sphere, from its top down: on a side that leans, a touch farther off or higher up shows another part.
         """
         z, radius = place.item(2), self._probe.radius
         if self._highest <= z + radius:
@@ -172,7 +172,7 @@ class Overhangs:
             return False
         known = self._ahead_of.get((i, j, x, y))
         tallest, facing = self._near(i, j, x, y) if known is None else known
-        return tallest > z + radius and not facing < z + 2.0 * radius
+        return tallest > z + radius and not facing < z + radius
 
     def anywhere(self, place: np.ndarray, along: np.ndarray) -> bool:
         """Whether one may be ahead of a motion because the object overhangs elsewhere, and is as tall somewhere."""
@@ -234,7 +234,10 @@ class Overhangs:
         surface ahead that faces the motion.
         """
         side = max(hypot(x, y), 1e-9)
-        near, far = ((*_span(i, x / side, n), *_span(j, y / side, n)) for n in (self._cells, self._far))
+        near, far = (
+            (*_span(i, x / side, ahead, self._cells), *_span(j, y / side, ahead, self._cells))
+            for ahead in (self._cells, self._far)
+        )
         tallest = self._touched.tallest(near)
         facing = self._lowest.lowest_facing(self._normal, far, (x, y), FACING)
         self._ahead_of[i, j, x, y] = tallest, facing
@@ -253,7 +256,7 @@ def _window(i: int, j: int, cells: int) -> Window:
     return max(i - cells, 0), i + cells + 1, max(j - cells, 0), j + cells + 1
 
 
-def _span(i: int, share: float, cells: int) -> tuple[int, int]:
-    """Along one axis: so many squares ahead for a motion that has this share along it, and to both sides the less."""
-    beside = round((1.0 - abs(share)) * cells)
-    return max(i - beside + round(min(share, 0.0) * cells), 0), i + beside + round(max(share, 0.0) * cells) + 1
+def _span(i: int, share: float, ahead: int, abreast: int) -> tuple[int, int]:
+    """Along one axis: so many squares ahead of a motion that has this share along it, and so many to both sides."""
+    beside = round((1.0 - abs(share)) * abreast)
+    return max(i - beside + round(min(share, 0.0) * ahead), 0), i + beside + round(max(share, 0.0) * ahead) + 1
