@@ -14,12 +14,10 @@ from lwrprobe_strategies.planning.free_space import COLUMN, SIDE, FreeSpace
 from lwrprobe_strategies.planning.lines import UP
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds, tip_pose
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.upright_body import body
 from lwrprobe_strategies.trace import Trace
 
-OVERHANGING = 2.4
-"""Times the speed at which the stick may be met, where something may overhang: at its stiff end a contact then gives
-about 1.45 times the force limit."""
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
 """s between two samples; what lies outside is a gap in the stream and not a time to integrate over."""
 FIRST_PERIOD = 0.008
@@ -170,9 +168,9 @@ class Tip:
             reach = self.overhangs.reach(here, along)
             # What the sphere presses with adds to what the stick meets.
             safe = self.control.stick_speed(reach, along, share=1.0)
-            return (safe if self.touches else OVERHANGING * self.control.stick_speed(reach, along)) / side
+            return (safe if self.touches else UNEXPECTED * self.control.stick_speed(reach, along)) / side
         if not self.touches and self.overhangs.anywhere(here, along):
-            return OVERHANGING * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
+            return UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
         return inf
 
     def _near_limit(self, along: np.ndarray, side: float) -> float:

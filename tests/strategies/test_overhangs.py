@@ -13,11 +13,12 @@ from lwrprobe_strategies.outcomes import CollisionThreat, Ended, UnknownSpace
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.overhangs import MIN_LEANING, Overhangs
 from lwrprobe_strategies.planning.raised_line import RAISE, above_what_was_met
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import guarded_move, release
 from lwrprobe_strategies.skills.follow_contour import slide
 from lwrprobe_strategies.surface_contour import SurfaceContour
-from lwrprobe_strategies.tip import OVERHANGING, Tip
+from lwrprobe_strategies.tip import Tip
 from strategy_task import AREA, DOWN, task
 
 ALONG = np.array([0.0, 1.0, 0.0])
@@ -114,7 +115,7 @@ def test_where_an_object_overhangs_elsewhere_an_unknown_place_is_no_free_way():
     assert not tip.overhangs.ahead(there, ALONG)
     assert not tip.overhangs.possible(there, ALONG)
     reach = tip.overhangs.reach(there, ALONG)
-    assert tip.stick_limit(ALONG) == pytest.approx(OVERHANGING * tip.control.stick_speed(reach, ALONG))
+    assert tip.stick_limit(ALONG) == pytest.approx(UNEXPECTED * tip.control.stick_speed(reach, ALONG))
     tip.observe(Observation(0.0, pose_at([0.0, 0.003, LOW]), np.zeros(3), np.zeros(3)))
     assert tip.overhangs.anywhere(there, ALONG) is False, "the stick has stood there"
 

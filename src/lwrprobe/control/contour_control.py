@@ -35,9 +35,9 @@ RETURN = 2.0
 BOUNCE = 0.5
 """Share of the target force that a returning arm's mass may add: the law takes the rest as depth, and would back off
 from a blow."""
-STICK_SHARE = 0.6
+STICK_SHARE = 0.75
 """Share of the speed at which the stick may be met: near the sensor nothing bends but the arm, whose stiffness varies
-over the area and from joint to joint."""
+over the area and from joint to joint, and which gives way less to what pushes it nearer to its last axes."""
 LEAST_GIVE = 0.5
 """Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
 FRICTION = 0.5

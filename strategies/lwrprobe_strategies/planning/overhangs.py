@@ -22,6 +22,9 @@ CELL = 0.001
 """m, edge of the squares in the plan view for which heights are kept."""
 LEANS = -0.15
 """Share of the normal along z, below which a touch is one of an overhang (9 degrees)."""
+LEANS_OUT = -0.03
+"""As `LEANS`, below which a touch of a side that goes up is no evidence of a plain wall: 40 mm above the sphere such a
+side stands out by 1 mm, and the stick is met before the sphere soon after (2 degrees)."""
 MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
 TWICE = 2
@@ -60,6 +63,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
+        self._leans_out = PlanView(shape, np.inf)
         self._centres = GrowingTable(5)  # m, of the sphere where it touched, and x and y of the normal there
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force
@@ -67,7 +71,7 @@ class Overhangs:
         self._cells = round(beside / CELL)
         self._far = round(FAR * self._cells)
         self._highest = -np.inf  # m, of all that was touched
-        self._leaning, self._above, self.found = 0, 0, False
+        self._leaning, self._out, self._above, self.found = 0, 0, 0, False
         self._last_stood = (-1, -1), np.inf  # square and height
         # m, see `_near`, by square and direction of a motion; void when something else is known
         self._ahead_of: dict[tuple[int, int, float, float], tuple[float, float]] = {}
@@ -102,6 +106,10 @@ class Overhangs:
                 self._leaning = 0
                 if pz < self._lowest.heights.item(k, m) and up > LEANS:
                     self._lowest.heights[k, m], self._normal[k, m] = pz, contact.normal[:2]
+                    self._ahead_of.clear()
+                self._out = self._out + 1 if LEANS < up < LEANS_OUT else 0
+                if self._out >= MIN_LEANING and pz < self._leans_out.heights.item(k, m):
+                    self._leans_out.heights[k, m] = pz
                     self._ahead_of.clear()
         if contact.reason is Doubt.AXIS_MISSES and pz > pose.item(2, 3) + self._probe.radius:
             self._above += 1
@@ -240,6 +248,8 @@ class Overhangs:
         )
         tallest = self._touched.tallest(near)
         facing = self._lowest.lowest_facing(self._normal, far, (x, y), FACING)
+        if self._leans_out.lowest_facing(self._normal, far, (x, y), FACING) < np.inf:
+            facing = np.inf
         self._ahead_of[i, j, x, y] = tallest, facing
         return tallest, facing
 

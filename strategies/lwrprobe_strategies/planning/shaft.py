@@ -14,9 +14,9 @@ from lwrprobe_strategies.planning.paths import THERE
 
 PASSED = 0.005
 """m behind a wall that the line beside met, from which on it is no longer the same wall that is expected."""
-UNEXPECTED = 3.0
+UNEXPECTED = 2.2
 """Times the speed at which the stick may be met, where nothing has shown that it will be: at its stiff end a contact
-then gives about 1.8 times the force limit, near its middle no more than the limit."""
+then gives about 1.45 times the force limit, in its lower 60 % no more than the limit."""
 ABOVE = 0.005
 """m above a line, from which on what the one beside it touched may stand out there."""
 BEHIND = 0.0015
