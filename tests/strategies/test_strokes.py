@@ -136,6 +136,21 @@ def test_it_ends_when_the_expected_error_is_as_small_as_wanted():
     assert scheduler(known, aim=1e-4).next(np.array([0.0, -0.1, 0.06])) is not None
 
 
+def test_an_outline_that_shows_little_is_followed_by_lines_over_the_top_from_its_middle():
+    """Three contacts under the lower side of a leaning wall were taken for all of an object 0.25 m long."""
+    known, here = SurfaceEstimate(AREA, 0.015), np.array([0.0, -0.04, 0.02])
+    for x in (-0.001, 0.001, 0.003):
+        known.touch(np.array([x, -0.04, 0.02]), np.array([0.0, -0.9, -0.4]))
+    lines = scheduler(known)
+    first = lines.next(here)
+    assert first.outline or first.on_surface
+    driven = [lines.next(here) for _ in range(4)]
+    middle = 0.5 * (AREA.lower + AREA.upper)
+    assert all(line.on_surface and line.start[:2] == pytest.approx(middle[:2]) for line in driven)
+    ways = {(line.axis, line.sign) for line in driven}
+    assert ways == {(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)}
+
+
 @pytest.mark.slow
 def test_it_ends_when_strokes_teach_nothing_any_more():
     """The contacts stay the same: as if each stroke had gone over what none can reach."""

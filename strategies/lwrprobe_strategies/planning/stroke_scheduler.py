@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contracts import Task
+from lwrprobe.contracts import Area, Task
 from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import DOWN, Line
+from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
@@ -25,6 +26,8 @@ PATIENCE, ROUNDS, PROGRESS = 200.0, 2.0, 0.9
 expected error has to fall meanwhile to this share of the least that it was before. What is left is out of reach."""
 FOUND_ANEW = 1.5
 """Times that least, to which the mean rises meanwhile where a surface is found anew: no reason to end."""
+FEW = 30
+"""Contacts 2 mm apart, below which too little is known for strokes to be chosen by it."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -60,6 +63,7 @@ class StrokeScheduler(LineScheduler):
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
         """The present stroke begins there, in contact."""
+        self._crossings = deque(_outwards(task.area, self.height))
         self._spent = 0.0  # s, of all strokes as expected
         self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
         self.expected = np.inf
@@ -75,6 +79,10 @@ class StrokeScheduler(LineScheduler):
         self._estimate.update()
         # Where the upright probe cannot come as low as that, no stroke removes any error.
         faces = self._estimate.faces().above(self.height)
+        if self._driven >= 0 and len(self._estimate) < FEW and self._crossings:
+            # The outline has led in under something, or there was none: over the top, where the stick is met last.
+            self._driven += 1
+            return self._crossings.popleft()
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
@@ -128,3 +136,24 @@ class StrokeScheduler(LineScheduler):
     def count(self) -> tuple[int, int]:
         """Strokes done, and as many as one more."""
         return max(self._driven, 0), max(self._driven, 0) + 1
+
+
+def _outwards(area: Area, low: float) -> list[Line]:
+    """Lines from the middle of the area towards its four sides, which begin where something is touched from above.
+
+    `low` is the height down to which it is sought, m.
+    """
+    middle = 0.5 * (area.lower + area.upper)
+    return [
+        Line(
+            axis,
+            float(middle[1 - axis]),
+            float(middle[axis]),
+            float(side[axis]),
+            low,
+            on_surface=True,
+            free_to=float(area.upper[Z]),
+        )
+        for axis in (Y, X)
+        for side in (area.upper, area.lower)
+    ]
