@@ -214,6 +214,22 @@ def test_an_edge_presses_alike_on_both_halves_of_the_stick():
     assert np.abs(np.diff(forces)).max() < 0.03 * max(forces)
 
 
+def test_a_push_on_the_stick_moves_the_joints_by_as_much_as_one_on_the_sphere():
+    """Near the sensor the joints had seemed rigid: they moved by the contact's lever on the stick, twice over."""
+    soft = dict(joint_compliance=5e-5)
+    place, plain, pressed = (0.0, -0.0319, 0.02), ["object.0.stiffness=1e6"], []
+    for settings, config in (([], {}), ([], soft), (STICK, {}), (STICK, soft)):
+        rig = Rig((0.0, -0.05, 0.02), [*settings, *plain], scene="overhang", **config)
+        rig.line((0.0, -0.05, 0.02), place, 0.3)
+        rig.go(*[place] * 200)
+        assert rig.world.state[kernels.PEAK] == 0.0, "the stick alone touches"
+        pressed.append(1e-4 / -rig.force[1])  # m/N, the plate's edge is 0.1 mm inside the stick
+    rigid, joints, stick, both = pressed
+    assert rigid == pytest.approx(1e-6, rel=1e-3)
+    assert joints - rigid == pytest.approx(5e-5, rel=1e-3)
+    assert both - stick == pytest.approx(5e-5, rel=0.05), "the stick's bending aside"
+
+
 def test_substeps_converge_to_one_answer_at_first_order():
     """A swinging tip strikes the block: the error of the force against a far finer step falls with the step."""
 
