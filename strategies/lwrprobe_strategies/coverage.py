@@ -202,7 +202,7 @@ class Coverage(SkillStrategy):
                 self._stand_still_first = True
                 return self.raise_line()
             case Ended.NO_CONTACT | Ended.CEILING:
-                return self.give_up()
+                return self.give_up(met=False)
             case _:
                 return None
 
@@ -397,10 +397,10 @@ class Coverage(SkillStrategy):
             away[aside] = 0.0
         return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
 
-    def give_up(self) -> Procedure | None:
-        """Leave the line where the tip is; its fallback comes next, or the next line."""
+    def give_up(self, met: bool = True) -> Procedure | None:
+        """Leave the line where the tip is, because of what it has `met` or not; its fallback comes next, or another."""
         ended = self.tip.trace.ended
-        self.lines.give_up(self.frame.line, ended is not guarded_move, lost=ended is reapproach)
+        self.lines.give_up(self.frame.line, ended is not guarded_move, ended is reapproach, met)
         return None
 
     def postpone(self) -> Procedure | None:

@@ -153,6 +153,16 @@ def test_a_side_that_recedes_is_tried_again_once_from_as_low_as_it_is_expected(e
     assert found[:-1] == pytest.approx(heights)
 
 
+def test_a_side_below_which_a_line_met_something_is_tried_again_from_half_of_the_way():
+    lines, found = grid_alone(), []
+    line = Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.034, expected=0.006)
+    while line.low:
+        lines.give_up(line, touched=False, met=True)
+        line = lines.next(NEAR)
+        found.append(line.height)
+    assert found[:-1] == pytest.approx([0.020, 0.027, 0.0305])
+
+
 @pytest.mark.parametrize("low", [0.006, 0.030])
 def test_where_no_line_has_passed_beside_a_tall_object_one_comes_from_the_border_to_it(low):
     memory, xs = ContactMemory(), [-0.01, 0.0, 0.01]

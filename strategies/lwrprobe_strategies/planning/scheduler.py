@@ -92,17 +92,18 @@ class LineScheduler:
         self._gaps.raise_area(task)
         self.insert(replace(line, height=self.height) if line.height == before else line)
 
-    def give_up(self, line: Line, touched: bool = True, lost: bool = False) -> None:
+    def give_up(self, line: Line, touched: bool = True, lost: bool = False, met: bool = False) -> None:
         """The line cannot be driven to its end: its fallback comes next, where it has one.
 
         A line up a side that has not `touched` it comes again, from half of the way up to where the side was touched
         before: what overhangs may let nothing be touched farther down. Where the side recedes, it comes again once,
-        from as low as the side is expected to be touched. A line of the grid comes again from its other end, unless
+        from as low as the side is expected to be touched, and from half of the way as well if it has `met` something
+        else than its side. A line of the grid comes again from its other end, unless
         nothing was `touched` last or what it followed was `lost`: then nothing has blocked it.
         """
         if line.low and not touched:
             self._missed.append(line)
-            higher = self._higher(line)
+            higher = self._higher(line, met)
             if higher is not None:
                 self.insert(higher)
                 return
@@ -121,11 +122,13 @@ class LineScheduler:
         self._postponed.append(line)
         return True
 
-    def _higher(self, line: Line) -> Line | None:
+    def _higher(self, line: Line, met: bool = False) -> Line | None:
         """A line up a side from where that may be touched, when it is not as low as the line begins; None = nowhere."""
-        up = 0.5 * (line.ceiling - line.height) if line.expected is None else line.expected - line.height
-        worth = HALF * self._spacing < up < line.ceiling - line.height - HALF * self._spacing
-        return replace(line, height=line.height + up) if worth else None
+        least, whole = HALF * self._spacing, line.ceiling - line.height
+        up = 0.5 * whole if line.expected is None else line.expected - line.height
+        if met and up <= least:
+            up = 0.5 * whole
+        return replace(line, height=line.height + up) if least < up < whole - least else None
 
     def _missed_beside(self, line: Line) -> bool:
         """Whether the line beside one up a side, as low as that, touched nothing, and this side recedes as well."""
