@@ -195,6 +195,21 @@ def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
     assert tip.climb_limit(up) == np.inf, "on a wall as far out"
 
 
+@pytest.mark.parametrize(("out", "slow"), [(-0.002, False), (0.002, True), (0.008, False)])
+def test_up_a_wall_it_goes_slowly_below_a_surface_that_faces_somewhat_alike_and_stands_out(out, slow):
+    """The upper of two boxes, turned about the vertical: where lines beside met it, it faced another way."""
+    tip = Tip(task(approach=0.03))
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    wall, upper = np.array([0.0, -1.0, 0.0]), np.array([np.sin(1.2), -np.cos(1.2), 0.0])
+    tip.control.begin(wall)
+    tip.here = np.array([0.0, 0.0, 0.03])
+    along = np.array([np.cos(1.2), np.sin(1.2), 0.0])
+    for z in np.arange(0.035, 0.07, 0.001):
+        touch(tip.overhangs, tip.here + out * upper - 0.012 * along + [0.0, 0.0, z - 0.03], upper)
+    found = tip.climb_limit(np.array([0.0, 0.0, 1.0]))
+    assert found == pytest.approx(tip.control.column_speed) if slow else found == np.inf
+
+
 def test_up_a_round_wall_it_goes_as_fast_as_up_a_plane_one():
     """Beside a cylinder the sphere was outside its tangent, in a hollow one further out: neither overhangs."""
     for outwards in (1.0, -1.0):

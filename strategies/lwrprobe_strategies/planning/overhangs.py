@@ -34,6 +34,8 @@ AHEAD = 0.003
 FACING = 0.5
 """Share of a normal against a sideways motion, from which on the sphere meets that surface before the stick does; and
 along another normal, from which on both surfaces face alike."""
+ASKEW = 0.2
+"""The same, down to which a surface that faces otherwise may be one that stands out over what is climbed."""
 HIGHER = 0.002
 """m above the sphere, from which on where it touched near shows how a surface goes on: over an edge, say."""
 FURTHER_OUT = 0.0005
@@ -204,7 +206,8 @@ class Overhangs:
 
         It may where something overhangs near, higher up; where the sphere has touched nothing near from as high, since
         what is above is not known then; and where on a surface that faces alike it was further out there than this one
-        is, by no more than the sphere's radius: the stick shows that nothing above stands out further here.
+        is, by no more than the sphere's radius: the stick shows that nothing above stands out further here. A surface
+        that faces somewhat alike stands out if it does so where it is touched, and if it goes on as it does there.
         """
         x, y, z = place.tolist()
         if self.found and self._overhang.tallest(_window(*self._cell(x, y), self._cells)) > z:
@@ -214,7 +217,12 @@ class Overhangs:
         higher = centres[(aside <= self._cells * CELL) & (centres[:, 2] > z + HIGHER)]
         if not len(higher):
             return True
-        alike = higher[higher[:, 3:] @ normal[:2] > FACING]
+        facing = higher[:, 3:] @ normal[:2]
+        askew = higher[(facing > ASKEW) & (facing <= FACING)]
+        out = ((askew[:, :2] - place[:2]) * askew[:, 3:]).sum(axis=1)
+        if ((out > FURTHER_OUT) & (out < self._probe.radius)).any():
+            return True
+        alike = higher[facing > FACING]
         if not len(alike):
             return False
         lowest = alike[alike[:, 2] < alike[:, 2].min() + HIGHER]
