@@ -426,7 +426,7 @@ def _moved(frame, x, y, z):
 
 @kernel
 def _soften(world):
-    """SOFTENED = CARRIER plus the compliance of the movable object."""
+    """SOFTENED = CARRIER, and with the joints the movable object's compliance: both move sphere and stick alike."""
     for i in range(9):
         world[SOFTENED + i] = world[CARRIER + i]
         world[SOFTENED + 9 + i] = world[CARRIER + 9 + i] + world[BODY + body.GIVE + i]

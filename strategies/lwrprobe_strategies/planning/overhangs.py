@@ -65,7 +65,7 @@ class Overhangs:
         self._last_i, self._last_j = shape[0] - 1, shape[1] - 1
         self._touched, self._overhang = PlanView(shape, -np.inf), PlanView(shape, -np.inf)
         self._stood, self._lowest = PlanView(shape, np.inf), PlanView(shape, np.inf)
-        self._leans_out = PlanView(shape, np.inf)
+        self._leans_out = PlanView(shape, np.inf)  # the normals there are those of the lowest touches, as well
         self._centres = GrowingTable(5)  # m, of the sphere where it touched, and x and y of the normal there
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force

@@ -98,8 +98,8 @@ class LineScheduler:
         A line up a side that has not `touched` it comes again, from half of the way up to where the side was touched
         before: what overhangs may let nothing be touched farther down. Where the side recedes, it comes again once,
         from as low as the side is expected to be touched, and from half of the way as well if it has `met` something
-        else than its side. A line of the grid comes again from its other end, unless
-        nothing was `touched` last or what it followed was `lost`: then nothing has blocked it.
+        else than its side. A line of the grid comes again from its other end, unless nothing was `touched` last or what
+        it followed was `lost`: then nothing has blocked it.
         """
         if line.low and not touched:
             self._missed.append(line)
@@ -123,7 +123,10 @@ class LineScheduler:
         return True
 
     def _higher(self, line: Line, met: bool = False) -> Line | None:
-        """A line up a side from where that may be touched, when it is not as low as the line begins; None = nowhere."""
+        """A line up a side from where that may be touched, when it is not as low as the line begins; None = nowhere.
+
+        One that was as low as its side is expected, and has `met` something there, comes from half of the way up.
+        """
         least, whole = HALF * self._spacing, line.ceiling - line.height
         up = 0.5 * whole if line.expected is None else line.expected - line.height
         if met and up <= least:

@@ -77,12 +77,12 @@ class StrokeScheduler(LineScheduler):
         if self._inserted is not None:
             return super().next(here)
         self._estimate.update()
-        # Where the upright probe cannot come as low as that, no stroke removes any error.
-        faces = self._estimate.faces().above(self.height)
         if self._driven >= 0 and len(self._estimate) < FEW and self._crossings:
             # The outline has led in under something, or there was none: over the top, where the stick is met last.
             self._driven += 1
             return self._crossings.popleft()
+        # Where the upright probe cannot come as low as that, no stroke removes any error.
+        faces = self._estimate.faces().above(self.height)
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
