@@ -94,7 +94,16 @@ class Active(GridVersion):
         tip, options = self.tip, self.options
         speeds = tip.speeds(tip.rotation)
         self.strokes = StrokeScheduler(
-            self.task, tip.memory, options.step, self.estimate, tip.free, speeds, tip.control.stick_speed, options.aim
+            self.task,
+            tip.memory,
+            options.step,
+            self.estimate,
+            tip.free,
+            speeds,
+            tip.control.stick_speed,
+            options.aim,
+            tip.body,
+            self.side_orientations,
         )
         return self.strokes
 

@@ -9,6 +9,7 @@ from lwrprobe.bench import error_curves, exploration
 from lwrprobe.bench.stroke_pictures import stroke_ends
 from lwrprobe.bench.threat_pictures import touches_of
 from lwrprobe.contracts import Area, InputError, TriangleMesh, UnknownNameError
+from lwrprobe.evaluation import reach
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
 from lwrprobe.scene import load_scene, write_scene
 
@@ -22,7 +23,7 @@ def made_up(job):
         "scene": scene, "strategy": strategy, "profile": profile, "seed": seed, "status": "done", "collisions": 0,
         "peak_force_n": 2.0, "range_used": 0.5, "contact_median": 3.0 * error if thesis else error,
         "contact_p95": 0.2, "coverage": 0.8 if thesis else 0.99, "reachable": 0.99, "ends": None if thesis else 0.1,
-        "curve": [(30.0, 2.0, 9.0), (60.0, 0.25, 0.9), (90.0, 0.4, 1.5), (120.0, 0.2, 0.7)],
+        "curve": [(30.0, 2.0, 9.0, 2.0), (60.0, 0.25, 0.9, 0.5), (90.0, 0.4, 1.5, 0.6), (120.0, 0.2, 0.7, 0.5)],
         "mesh": 0.05, "ratio": 1.9, "time": 200.0 if thesis else 100.0, "growth": [[1.0, 0.1], [100.0, 0.99]],
     }  # fmt: skip
 
@@ -148,6 +149,7 @@ def test_seconds_count_from_when_the_error_stays_small():
 @pytest.mark.parametrize(("world", "least", "most"), [("ideal", 0.5, 1.1), ("lab", 0.0, 0.05)])
 def test_only_where_the_world_differs_from_its_scene_is_the_mesh_moved_onto_the_object(world, least, most):
     scene = load_scene("block", ['truth.profile="ideal"'])
+    found = reach(scene.solid(), scene.probe.radius, scene.area.lower[2], samples=5000)
     solid = scene.solid().mesh()
     moved = TriangleMesh(solid.vertices + np.array([0.001, 0.001, 0.0]), solid.faces)
     pipeline = SimpleNamespace(
@@ -156,8 +158,9 @@ def test_only_where_the_world_differs_from_its_scene_is_the_mesh_moved_onto_the_
     )
     truth = SimpleNamespace(scene=scene, differences={"profile": world})
     touched = SimpleNamespace(points=np.zeros((5, 3)))
-    mean, _ = error_curves._error(touched, pipeline, truth)
+    mean, _, whole = error_curves._error(touched, pipeline, truth, found)
     assert least <= mean <= most
+    assert least <= whole <= most
 
 
 def test_a_lift_is_a_way_through_free_space_and_no_edge():

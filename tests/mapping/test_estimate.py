@@ -171,6 +171,27 @@ def test_where_the_sphere_passed_nothing_is():
     assert beside(known) < beside(without)
 
 
+def test_the_tallest_place_near_others_is_that_of_a_full_search():
+    estimate = SurfaceEstimate(AREA, 0.015)
+    for x in np.arange(-0.03, 0.031, 0.002):
+        for y in np.arange(-0.02, 0.021, 0.002):
+            slope = np.array([-0.3, 0.1, 1.0])
+            estimate.touch(np.array([x, y, 0.03 + 0.3 * x - 0.1 * y]), slope / np.linalg.norm(slope))
+    estimate.update()
+    inside, edge = estimate._inside(), estimate.edge
+    places = np.random.default_rng(3).uniform(-0.05, 0.05, (40, 3))
+    half = np.array([0.007, 0.012])
+    cells = np.rint((places[:, :2] - estimate._origin[:2]) / edge).astype(int)
+    reach = np.ceil(half / edge).astype(int)
+    expected = []
+    for i, j in cells:
+        there = inside[max(i - reach[0], 0) : i + reach[0] + 1, max(j - reach[1], 0) : j + reach[1] + 1]
+        levels = np.flatnonzero(there.any(axis=(0, 1)))
+        expected.append(estimate._origin[2] + edge * levels[-1] if len(levels) else -np.inf)
+    assert np.isfinite(expected).any()
+    np.testing.assert_allclose(estimate.tallest_beside(places, half), expected)
+
+
 def test_only_new_contacts_are_gone_through(monkeypatch):
     rows = []
 

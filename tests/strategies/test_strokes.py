@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.approaches import Departure
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
@@ -18,6 +20,7 @@ from lwrprobe_strategies.planning.stroke_scheduler import PATIENCE, SHORTLIST, S
 from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
 from strategy_task import AREA, DOWN, task
 
+LINKS = load_scene("block").probe.as_probe().links
 UP = np.array([0.0, 0.0, 1.0])
 LOW, TOP = 0.006, 0.045
 HALF = 0.04, 0.03
@@ -55,13 +58,14 @@ def strokes(known, here=(0.0, 0.0, TOP), normal=None):
     return planner.strokes(known.faces(), known.edge, LOW, np.array(here), normal)
 
 
-def scheduler(known, aim=2e-4):
+def scheduler(known, aim=2e-4, body=None):
     speeds = Speeds(0.2, 0.01, lambda along: 0.02)
     free = FreeSpace(AREA)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = DOWN, (0.0, -0.1, AREA.upper[Z])
     free.note(pose, None)
-    return StrokeScheduler(task(), ContactMemory(), 0.015, known, free, speeds, beneath, aim)
+    wanted = task(links=LINKS) if body is not None else task()
+    return StrokeScheduler(wanted, ContactMemory(), 0.015, known, free, speeds, beneath, aim, body)
 
 
 def test_every_stroke_stays_in_the_area_and_is_long():
@@ -197,6 +201,59 @@ def test_error_that_strokes_were_to_remove_and_did_not_is_no_reason_to_go_on():
     while (stroke := lines._best(faces, here)) is not None:
         lines._planner.driven(faces, stroke)
     assert faces.error(lines._planner.success(faces))[0] < 0.5 * faces.error()[0]
+
+
+def tall_scheduler(known, aim):
+    """Over an object that goes on below the lowest height of a stroke."""
+    lines = scheduler(known, aim, BodySpace(task(links=LINKS), 0.015))
+    lines.height = 0.5 * (LOW + TOP)
+    return lines
+
+
+def test_lines_of_the_grid_come_when_strokes_remove_little_and_the_object_goes_on_below_them():
+    known = outlined(height=0.03)
+    over_top(known, 0.0)
+    here = np.array([0.0, -0.1, 0.06])
+    error = known.faces().above(0.5 * (LOW + TOP)).error()[0]
+    assert tall_scheduler(known, 0.01 * error).next(here).axis in (X, Y)
+    early, late = tall_scheduler(known, 0.01 * error), tall_scheduler(known, 0.5 * error)
+    early.next(here)
+    line = late.next(here)
+    assert (early._number, late._number) == (-1, 0)
+    assert line.place == late.grid.x[0]
+    assert scheduler(known, 0.5 * error)._grid_left is False
+
+
+def test_a_line_of_the_grid_leads_to_what_it_meets_where_the_surface_above_is_known():
+    """And then one comes from the other end; a line that met nothing is driven once."""
+    known = outlined(height=0.03)
+    for x in np.arange(-HALF[0], HALF[0] + 1e-9, 0.004):
+        over_top(known, x)
+    lines, here = tall_scheduler(known, 0.02), np.array([0.0, -0.1, 0.06])
+    driven = []
+    for _ in range(2 * len(lines.grid)):
+        line = lines.next(here)
+        if lines._number >= len(lines.grid):
+            break
+        driven.append(line)
+        if abs(line.place) < HALF[0]:
+            wall = line.at(-line.sign * HALF[1])
+            lines._memory.add(wall, wall, -line.ahead, line.grid_x)
+    over = [line for line in driven if abs(line.place) < HALF[0]]
+    assert all(line.ceiling == pytest.approx(line.height + 0.001) for line in over)
+    assert len({line.place for line in driven}) == len(lines.grid)
+    for line in over:
+        assert sorted(other.sign for other in over if other.place == line.place) == [-1.0, 1.0]
+    assert len(driven) == len(lines.grid) + len(over) // 2
+
+
+def test_lines_of_the_grid_lead_over_the_object_where_its_top_is_not_known():
+    known = outlined(height=0.03)
+    lines, here = tall_scheduler(known, 0.0005), np.array([0.0, -0.1, 0.06])
+    lines._grid_now = True
+    line = lines.next(here)
+    assert abs(line.place) < HALF[0]
+    assert line.ceiling == np.inf
 
 
 def test_a_contact_beside_the_border_gives_no_surface_and_lines_go_on():

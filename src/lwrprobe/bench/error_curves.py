@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.contracts import GroundTruth, LwrprobeError, TouchRecord, TriangleMesh
-from lwrprobe.evaluation import mesh_error
+from lwrprobe.evaluation import mesh_error, reach, reachable_error
 from lwrprobe.evaluation.align import align
 from lwrprobe.evaluation.mesh_error import sample_mesh
+from lwrprobe.evaluation.reach import Reach
 from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.exploration.recording.certification import Certification
+from lwrprobe.exploration.recording.summary import reached_upright
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 
@@ -23,6 +25,8 @@ HALVINGS = 3
 """Of the time between two of them, in which the wanted errors are reached first."""
 SAMPLES = 5000
 """Of mesh and surface each."""
+REACH_SAMPLES = 5000
+"""Of the surface, of which it is looked at whether the upright probe reaches them."""
 ALIGNED = 1500
 """Of the mesh, by which it is aligned."""
 IDEAL = "ideal"
@@ -37,11 +41,12 @@ AFTER = (60.0, 120.0, 240.0)
 LIFT = 0.01
 """m of path between two contacts, from which on the probe was lifted and not just off an edge."""
 
-Row = tuple[float, float, float]
+Row = tuple[float, float, float, float]
+"""s; mm, mean and 95th percentile of the error of what the upright probe reaches; mm, mean of the whole surface."""
 
 
 def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: int = INSTANTS) -> list[Row]:
-    """(time s, mean mm, 95th percentile mm) of the mesh from what was touched until then, for a finished run.
+    """The error of the mesh from what was touched until then, for a finished run.
 
     Instants at which the contacts do not carry a mesh are left out.
     """
@@ -53,7 +58,7 @@ def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: i
         reached = seconds_to(rows, *GOAL)
         if reached is None:
             break
-        before = max((time for time, _, _ in rows if time < reached), default=0.0)
+        before = max((time for time, *_ in rows if time < reached), default=0.0)
         rows = sorted(rows + errors_at(exploration, truth, [0.5 * (before + reached)]))
     return rows
 
@@ -68,9 +73,10 @@ def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterab
         return []
     pipeline, trace = exploration.pipeline, exploration.recorder.trace()
     rows: list[Row] = []
+    found = _reached(exploration, truth)
     for time in times:
         before = trace[(trace[:, 0] <= time) & (trace[:, 5] == 0.0), 1:4]
-        error = _error(_until(exploration.record, time, before), pipeline, truth)
+        error = _error(_until(exploration.record, time, before), pipeline, truth, found)
         if error is not None:
             rows.append((round(float(time), 2), *error))
     return rows
@@ -79,7 +85,7 @@ def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterab
 def seconds_to(curve: list[Row], mean: float, p95: float = np.inf) -> float | None:
     """s from which on mean and 95th percentile, mm, stay as small as this; None where they never do."""
     reached = None
-    for time, now, now_p95 in curve:
+    for time, now, now_p95, _ in curve:
         if now > mean or now_p95 > p95:
             reached = None
         elif reached is None:
@@ -92,7 +98,7 @@ def columns(curve: list[Row]) -> dict[str, float | None]:
     found = {f"seconds_{mean:g}": seconds_to(curve, mean) for mean in MEANS}
     found["seconds_goal"] = seconds_to(curve, *GOAL)
     for after in AFTER:
-        before = [p95 for time, _, p95 in curve if time <= after]
+        before = [p95 for time, _, p95, _ in curve if time <= after]
         found[f"p95_{after:g}"] = before[-1] if before else None
     return found
 
@@ -125,7 +131,7 @@ def draw_curves(figure: Any, found: list[dict[str, Any]]) -> None:
         for item in shown:
             if (item["scene"], item["seed"], item["profile"]) != (scene, seed, "default"):
                 continue
-            times, means, _ = zip(*item["curve"])
+            times, means, *_ = zip(*item["curve"])
             colour = f"C{strategies.index(item['strategy'])}"
             panel.semilogy(times, means, colour, label=item["strategy"], lw=1)
         panel.axhline(0.3, color="grey", lw=0.5)
@@ -152,7 +158,17 @@ def _until(record: TouchRecord, time: float, free_path: np.ndarray) -> TouchReco
     )
 
 
-def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene]) -> tuple[float, float] | None:
+def _reached(exploration: Exploration, truth: GroundTruth[Scene]) -> Reach:
+    """What the upright probe reaches with its centre in the area."""
+    pipeline, actual = exploration.pipeline, truth.scene
+    solid, lowest = actual.solid(), float(pipeline.area.lower[2])
+    found = reach(solid, actual.probe.radius, lowest, pipeline.area.raised(pipeline.raised), REACH_SAMPLES)
+    return reached_upright(exploration.scene, pipeline, found, solid)
+
+
+def _error(
+    record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene], found: Reach
+) -> tuple[float, float, float] | None:
     if not len(record.points):
         return None
     actual = truth.scene
@@ -162,7 +178,8 @@ def _error(record: TouchRecord, pipeline: Pipeline, truth: GroundTruth[Scene]) -
         if truth.differences["profile"] != IDEAL:
             moved = align(sample_mesh(mesh, lowest, ALIGNED)[0], solid).points(mesh.vertices)
             mesh = TriangleMesh(moved, mesh.faces)
-        error = mesh_error(mesh, solid, lowest, samples=SAMPLES)
+        whole = mesh_error(mesh, solid, lowest, samples=SAMPLES)
+        reachable = reachable_error(mesh, solid, found, lowest)
     except LwrprobeError:  # too few contacts, or none above the lowest height
         return None
-    return round(1e3 * error.mean, 4), round(1e3 * error.p95, 4)
+    return (reachable["mean"], reachable["p95"], round(1e3 * whole.mean, 4)) if reachable else None

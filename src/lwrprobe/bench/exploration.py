@@ -1,7 +1,8 @@
 """Scenes x strategies x profiles x seeds, explored: errors, coverage, time against the bound, and what it cost.
 
 Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. The error over time is
-that of the mesh as if the run had ended at each of some instants. Options (`--set`): `scenes`, `strategies` (those of
+that of the mesh as if the run had ended at each of some instants, over what an upright probe reaches; the error of the
+whole mesh stands in a column of its own. Options (`--set`): `scenes`, `strategies` (those of
 plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
 side, `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that
 are missing. `--set profiles=default,lab` does the same in the world `lab` beside the ideal one, with errors after
@@ -107,6 +108,7 @@ COLUMNS = {
     "lifts": "lifts",
     "strokes": "strokes",
     f"mesh mm, {FEW} strokes": "mesh_few",
+    f"all of the mesh mm, {FEW} strokes": "mesh_few_whole",
     "strategy us": "strategy_us",
     "planning ms": "planning_ms",
     "cycle us": "cycle_us",
@@ -248,6 +250,7 @@ def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], dict[str, A
     ends = stroke_ends(row[:3] for row in exploration.pipeline.strategy.trace)
     few = errors_at(exploration, truth, ends[FEW - 1 : FEW]) if truth is not None else []
     over_time |= {"strokes": len(ends), "mesh_few": few[0][1] if few else None}
+    over_time |= {"mesh_few_whole": few[0][3] if few else None}
     return summary, over_time | certified(exploration)
 
 

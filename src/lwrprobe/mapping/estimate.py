@@ -255,6 +255,20 @@ class SurfaceEstimate:
         roughness = SMOOTH + self._roughness(centres)
         return Faces(centres, axes, across * self.edge**2, distances, roughness, normals, self._reach)
 
+    def tallest_beside(self, places: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """(n,) m, highest place of the sphere's centre inside the estimated object near places (n, 3); -inf for none.
+
+        Near is up to `half` (2,) m along x and along y.
+        """
+        inside = self._inside()
+        last = inside.shape[2] - 1 - np.argmax(inside[:, :, ::-1], axis=2)
+        heights = np.where(inside.any(axis=2), self._origin[2] + self.edge * last, -np.inf)
+        size = 2 * np.ceil(half / self.edge).astype(np.int64) + 1
+        tallest = ndimage.maximum_filter(heights, tuple(size.tolist()), mode="constant", cval=-np.inf)
+        cells = np.rint((places[:, :2] - self._origin[:2]) / self.edge).astype(np.int64)
+        cells = np.clip(cells, 0, np.array(tallest.shape) - 1)
+        return np.asarray(tallest[tuple(cells.T)])
+
     def _inside(self) -> np.ndarray:
         """(nx, ny, nz) bool of the grid points."""
         inside = (self._height(self._owner) < 0.0) & (self._square <= self._free_square)

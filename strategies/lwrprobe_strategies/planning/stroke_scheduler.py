@@ -1,4 +1,9 @@
-"""The stroke scheduler: which stroke is driven next, by the error that it is expected to remove per second."""
+"""The stroke scheduler: which stroke is driven next, by the error that it is expected to remove per second.
+
+Strokes go no lower than where the body behind the stick is above all that the area may hold. An object that is taller
+than that goes on below them: its sides may lean out, and low parts may stand beside it, of which no contact tells
+anything. There the lines of the grid show what is free, and let the body come down.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +17,15 @@ from lwrprobe.contracts import Area, Task
 from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.approaches import Departure
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, X, Y, Z
+from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
+from lwrprobe_strategies.planning.upright_body import body as parts_of_body
 
 SHORTLIST = 12
 """Strokes whose path to the start is computed: those with the best scores without it."""
@@ -28,6 +36,10 @@ FOUND_ANEW = 1.5
 """Times that least, to which the mean rises meanwhile where a surface is found anew: no reason to end."""
 FEW = 30
 """Contacts 2 mm apart, below which too little is known for strokes to be chosen by it."""
+COARSE = 5.0
+"""Times the error that is aimed at, below which the lines of the grid come first: strokes remove less and less."""
+KNOWN = 2.0
+"""Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -43,6 +55,7 @@ class StrokeScheduler(LineScheduler):
     speeds : how fast a motion of the upright probe may be
     beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     aim : m, mean expected error at which nothing is left to do
+    body, orientations : as of `LineScheduler`
     """
 
     def __init__(
@@ -55,8 +68,10 @@ class StrokeScheduler(LineScheduler):
         speeds: Speeds,
         beneath: Callable[[float], float],
         aim: float,
+        body: BodySpace | None = None,
+        orientations: SideOrientations = lambda away: (),
     ) -> None:
-        super().__init__(task, memory, CoverageConfig(spacing, near_sides=False, across=False, find_ends=False))
+        super().__init__(task, memory, CoverageConfig(spacing, find_ends=False), body, orientations)
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
         self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE), beneath)
         self.touched: np.ndarray | None = None
@@ -64,6 +79,12 @@ class StrokeScheduler(LineScheduler):
         self.chained = False
         """The present stroke begins there, in contact."""
         self._crossings = deque(_outwards(task.area, self.height))
+        self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
+        self._grid_left = body is not None  # its lines, and those that close its gaps, are still to be driven
+        self._grid_now = False  # they are being driven
+        self._short: Line | None = None  # the present line, where it leads only to the side that it meets
+        self._before_short = 0  # contacts, before it
+        self._far_sides: deque[Line] = deque()  # such lines from the other end, where the first one has met something
         self._spent = 0.0  # s, of all strokes as expected
         self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
         self.expected = np.inf
@@ -81,19 +102,60 @@ class StrokeScheduler(LineScheduler):
             # The outline has led in under something, or there was none: over the top, where the stick is met last.
             self._driven += 1
             return self._crossings.popleft()
+        whole = self._estimate.faces()
         # Where the upright probe cannot come as low as that, no stroke removes any error.
-        faces = self._estimate.faces().above(self.height)
+        self._faces = faces = whole.above(self.height)
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
-        self._driven += 1
+        self._grid_now |= self._grid_left and self._grid_is_worth_more(whole)
+        if self._grid_now and (line := self._line_of_grid(here)) is not None:
+            return line
         stroke = self._best(faces, here)
         if stroke is None:
-            return None
+            return self._line_of_grid(here) if self._grid_left else None
+        self._driven += 1
         self._spent += stroke.seconds
         self._planner.driven(faces, stroke)
         self.chained = stroke.chained
         return stroke.line if stroke.chained else self._above(stroke.line)
+
+    # Lines of the grid, where the object goes on below what strokes touch
+
+    def _grid_is_worth_more(self, whole: Faces) -> bool:
+        """Whether more is expected of the lines of the grid, and of those after them, than of strokes."""
+        above, below = self._faces, whole.centres[:, Z] < self.height
+        keep = self._task.clearance_threshold - self._task.probe.radius
+        for half, bottom in parts_of_body(self._task):  # as far as the object is as it is estimated
+            tallest = self._estimate.tallest_beside(whole.centres, half)
+            below &= whole.centres[:, Z] >= tallest + keep - bottom
+        worth_below = float((whole.expected() * whole.areas)[below].sum())
+        return above.error()[0] < COARSE * self._aim or worth_below > float((above.expected() * above.areas).sum())
+
+    def _line_of_grid(self, here: np.ndarray) -> Line | None:
+        """The next line of the grid, or of those that close its gaps; None when none is left."""
+        self._means.clear()  # they show to strokes what was of no use to them before
+        if self._short is not None and len(self._memory) > self._before_short:
+            self._far_sides.append(self._short.turned())
+        self._short = None
+        if self._far_sides and self._number + 1 >= len(self.grid):
+            self._driven += 1
+            return self._nearest(here, self._far_sides)
+        line = super().next(here)
+        self._grid_now = self._grid_left = line is not None
+        return line
+
+    def _grid_line(self, here: np.ndarray) -> Line:
+        """As a line of the grid; only up to the side that it meets, where the surface above is known."""
+        line, faces = super()._grid_line(here), self._faces
+        near = np.abs(faces.centres[:, line.aside] - line.place) < 0.5 * self._spacing
+        expected = float((faces.expected() * faces.areas)[near].sum())
+        if not self._grid_now or expected > KNOWN * self._aim * float(faces.areas[near].sum()):
+            return line
+        self._short, self._before_short = replace(line, ceiling=line.height + OVERLAP), len(self._memory)
+        return self._short
+
+    # Strokes
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
         self.expected = faces.error()[0]

@@ -165,7 +165,7 @@ def _against_truth(
     if len(points) == 0:
         return found
     few = reach(solid, radius, lowest, area, _UPRIGHT_SAMPLES)
-    within_upright = _upright(scene, pipeline, few, solid)
+    within_upright = reached_upright(scene, pipeline, few, solid)
     if len(within_upright.points) == len(few.points):
         within_upright = within
     found["coverage_upright"] = coverage(aligned, facing, within_upright, pitch).as_dict()["coverage"]
@@ -204,7 +204,7 @@ def _against_truth(
     return found
 
 
-def _upright(scene: Scene, pipeline: Pipeline, found: Reach, solid: Solid) -> Reach:
+def reached_upright(scene: Scene, pipeline: Pipeline, found: Reach, solid: Solid) -> Reach:
     """What of it the probe reaches as it is held at first: its stick shadows what lies under an overhang."""
     rotation, links = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()[:3, :3], pipeline.probe.links
     stick, other = scene.clearance.stick_threshold, scene.clearance.threshold
