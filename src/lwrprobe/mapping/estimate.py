@@ -260,14 +260,22 @@ class SurfaceEstimate:
 
         Near is up to `half` (2,) m along x and along y.
         """
-        inside = self._inside()
-        last = inside.shape[2] - 1 - np.argmax(inside[:, :, ::-1], axis=2)
-        heights = np.where(inside.any(axis=2), self._origin[2] + self.edge * last, -np.inf)
+        heights = self._heights()
         size = 2 * np.ceil(half / self.edge).astype(np.int64) + 1
         tallest = ndimage.maximum_filter(heights, tuple(size.tolist()), mode="constant", cval=-np.inf)
         cells = np.rint((places[:, :2] - self._origin[:2]) / self.edge).astype(np.int64)
         cells = np.clip(cells, 0, np.array(tallest.shape) - 1)
         return np.asarray(tallest[tuple(cells.T)])
+
+    def footprint(self, height: float) -> np.ndarray:
+        """(nx, ny) bool: where the estimated object keeps the sphere from a height, m, in squares over the area."""
+        return self._heights() >= height - self.edge
+
+    def _heights(self) -> np.ndarray:
+        """(nx, ny) m, highest grid point inside the estimated object in each column; -inf where none is."""
+        inside = self._inside()
+        last = inside.shape[2] - 1 - np.argmax(inside[:, :, ::-1], axis=2)
+        return np.where(inside.any(axis=2), self._origin[2] + self.edge * last, -np.inf)
 
     def _inside(self) -> np.ndarray:
         """(nx, ny, nz) bool of the grid points."""

@@ -25,6 +25,7 @@ from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
+from lwrprobe_strategies.planning.unseen_places import longest_unseen
 from lwrprobe_strategies.planning.upright_body import body as parts_of_body
 
 SHORTLIST = 12
@@ -40,6 +41,8 @@ COARSE = 5.0
 """Times the error that is aimed at, below which the lines of the grid come first: strokes remove less and less."""
 KNOWN = 2.0
 """Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
+UNSEEN = 2.0
+"""Reaches of a contact, up to which the longest line through a part of the area may be of which nothing is known."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -80,7 +83,8 @@ class StrokeScheduler(LineScheduler):
         """The present stroke begins there, in contact."""
         self._crossings = deque(_outwards(task.area, self.height))
         self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
-        self._grid_left = body is not None  # its lines, and those that close its gaps, are still to be driven
+        self._tall = body is not None  # the object may go on below what strokes touch
+        self._grid_left = True  # its lines, and those that close its gaps, are still to be driven
         self._grid_now = False  # they are being driven
         self._short: Line | None = None  # the present line, where it leads only to the side that it meets
         self._before_short = 0  # contacts, before it
@@ -108,12 +112,12 @@ class StrokeScheduler(LineScheduler):
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
-        self._grid_now |= self._grid_left and self._grid_is_worth_more(whole)
+        self._grid_now |= self._grid_left and (self._much_unseen() or (self._tall and self._grid_is_worth_more(whole)))
         if self._grid_now and (line := self._line_of_grid(here)) is not None:
             return line
         stroke = self._best(faces, here)
         if stroke is None:
-            return self._line_of_grid(here) if self._grid_left else None
+            return self._line_of_grid(here) if self._grid_left and self._tall else None
         self._driven += 1
         self._spent += stroke.seconds
         self._planner.driven(faces, stroke)
@@ -121,6 +125,13 @@ class StrokeScheduler(LineScheduler):
         return stroke.line if stroke.chained else self._above(stroke.line)
 
     # Lines of the grid, where the object goes on below what strokes touch
+
+    def _much_unseen(self) -> bool:
+        """Whether another part of the object may stand where the probe has not been, of which no contact tells."""
+        reach, trail, contacts = self._faces.reach, self._memory.trail(), self._memory.contacts()
+        seen = np.concatenate([trail[trail[:, Z] < self.height + reach, :Z], contacts[:, :Z]])
+        there = self._estimate.footprint(self.height)
+        return longest_unseen(self._area, seen, there, reach) > UNSEEN * reach
 
     def _grid_is_worth_more(self, whole: Faces) -> bool:
         """Whether more is expected of the lines of the grid, and of those after them, than of strokes."""
