@@ -16,7 +16,7 @@ from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Speeds
-from lwrprobe_strategies.planning.stroke_scheduler import PATIENCE, SHORTLIST, StrokeScheduler
+from lwrprobe_strategies.planning.stroke_scheduler import LITTLE_PATIENCE, PATIENCE, SHORTLIST, StrokeScheduler
 from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
 from strategy_task import AREA, DOWN, task
 
@@ -229,14 +229,29 @@ def test_lines_of_the_grid_come_when_strokes_remove_little_and_the_object_goes_o
     assert line.place == late.grid.x[0]
 
 
-def test_lines_of_the_grid_come_while_another_part_may_stand_where_nothing_was_seen():
-    """Of two towers one had been outlined and driven over for 180 s before the other was found."""
+def test_lines_of_the_grid_come_in_the_end_where_another_part_may_stand_that_was_not_seen():
     known, here = outlined(), np.array([0.0, -0.1, 0.06])
-    seen, not_seen = scheduler(known), scheduler(known, passed=False)
+    over_top(known, 0.0)
+    aim = 0.5 * known.faces().above(scheduler(known).height).error()[0]
+    seen, not_seen = scheduler(known, aim), scheduler(known, aim, passed=False)
     seen.next(here)
     line = not_seen.next(here)
     assert (seen._number, not_seen._number) == (-1, 0)
     assert line.free_end
+    early = scheduler(known, 0.1 * aim, passed=False)
+    early.next(here)
+    assert early._number == -1
+
+
+def test_lines_of_the_grid_come_when_strokes_make_no_progress():
+    known, here = outlined(height=0.03), np.array([0.0, -0.1, 0.06])
+    over_top(known, 0.0)
+    lines = tall_scheduler(known, 1e-5)
+    for _ in range(40):
+        lines.next(here)  # which brings nothing, since nothing is added to the estimate
+        if lines._grid_now:
+            break
+    assert LITTLE_PATIENCE <= lines._spent < LITTLE_PATIENCE + 40.0
 
 
 def test_a_line_of_the_grid_leads_to_what_it_meets_where_the_surface_above_is_known():

@@ -39,6 +39,8 @@ FEW = 30
 """Contacts 2 mm apart, below which too little is known for strokes to be chosen by it."""
 COARSE = 5.0
 """Times the error that is aimed at, below which the lines of the grid come first: strokes remove less and less."""
+LITTLE_PATIENCE = 60.0
+"""s of strokes without progress, after which they come first as well."""
 KNOWN = 2.0
 """Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
 UNSEEN = 2.0
@@ -112,12 +114,12 @@ class StrokeScheduler(LineScheduler):
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
-        self._grid_now |= self._grid_left and (self._much_unseen() or (self._tall and self._grid_is_worth_more(whole)))
+        self._grid_now |= self._grid_left and self._grid_is_worth_more(whole)
         if self._grid_now and (line := self._line_of_grid(here)) is not None:
             return line
         stroke = self._best(faces, here)
         if stroke is None:
-            return self._line_of_grid(here) if self._grid_left and self._tall else None
+            return self._line_of_grid(here) if self._grid_left and (self._tall or self._much_unseen()) else None
         self._driven += 1
         self._spent += stroke.seconds
         self._planner.driven(faces, stroke)
@@ -135,13 +137,18 @@ class StrokeScheduler(LineScheduler):
 
     def _grid_is_worth_more(self, whole: Faces) -> bool:
         """Whether more is expected of the lines of the grid, and of those after them, than of strokes."""
-        above, below = self._faces, whole.centres[:, Z] < self.height
+        above = self._faces
+        if above.error()[0] < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
+            return self._tall or self._much_unseen()
+        if not self._tall:
+            return False
+        below = whole.centres[:, Z] < self.height
         keep = self._task.clearance_threshold - self._task.probe.radius
         for half, bottom in parts_of_body(self._task):  # as far as the object is as it is estimated
             tallest = self._estimate.tallest_beside(whole.centres, half)
             below &= whole.centres[:, Z] >= tallest + keep - bottom
         worth_below = float((whole.expected() * whole.areas)[below].sum())
-        return above.error()[0] < COARSE * self._aim or worth_below > float((above.expected() * above.areas).sum())
+        return worth_below > float((above.expected() * above.areas).sum())
 
     def _line_of_grid(self, here: np.ndarray) -> Line | None:
         """The next line of the grid, or of those that close its gaps; None when none is left."""
@@ -173,7 +180,7 @@ class StrokeScheduler(LineScheduler):
         self._means.append((self._spent, self.expected))
         mean, p95 = faces.error(self._planner.success(faces))
         self.share = min(self._aim / max(mean, 1e-9), 1.0)
-        if self._stalled(faces) or (mean <= self._aim and p95 <= P95 * self._aim):
+        if self._stalled(self.patience(faces)) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
         departure = Departure(here, self._task.orientation, self._task.area, self._free, self._speeds)
@@ -192,11 +199,11 @@ class StrokeScheduler(LineScheduler):
             return 0.0
         return seconds(departure.path_to(stroke.line), departure.here, self._speeds)
 
-    def _stalled(self, faces: Faces) -> bool:
-        """Whether the mean expected error has fallen no further for as long as one has patience."""
-        spent, means = np.array(self._means).T
-        before = means[spent <= self._spent - self.patience(faces)]
-        if not len(before):
+    def _stalled(self, patience: float) -> bool:
+        """Whether the mean expected error has fallen no further in so many seconds of strokes."""
+        spent, means = np.array(self._means).reshape(-1, 2).T
+        before = means[spent <= self._spent - patience]
+        if not 0 < len(before) < len(means):
             return False
         meanwhile, least = means[len(before) :], before.min()
         return bool(meanwhile.min() > PROGRESS * least and meanwhile.max() < FOUND_ANEW * least)
