@@ -138,10 +138,10 @@ class StrokeScheduler(LineScheduler):
     def _grid_is_worth_more(self, whole: Faces) -> bool:
         """Whether more is expected of the lines of the grid, and of those after them, than of strokes."""
         above = self._faces
-        if above.error()[0] < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
-            return self._tall or self._much_unseen()
         if not self._tall:
             return False
+        if above.error()[0] < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
+            return True
         below = whole.centres[:, Z] < self.height
         keep = self._task.clearance_threshold - self._task.probe.radius
         for half, bottom in parts_of_body(self._task):  # as far as the object is as it is estimated
