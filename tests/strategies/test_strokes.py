@@ -233,11 +233,18 @@ def test_lines_of_the_grid_come_in_the_end_where_another_part_may_stand_that_was
     known, here = outlined(), np.array([0.0, -0.1, 0.06])
     over_top(known, 0.0)
     aim = 2.0 * known.faces().above(scheduler(known).height).error()[0]
-    assert scheduler(known, aim).next(here) is None
+    assert scheduler(known, aim).next(here) is None  # all was seen
     assert scheduler(known, aim, passed=False).next(here).free_end
     early = scheduler(known, 0.1 * aim, passed=False)
     early.next(here)
     assert early._number == -1
+    lines = scheduler(known, aim, passed=False)
+    driven = 0
+    while (line := lines.next(here)) is not None:
+        driven += 1
+        for along in np.arange(AREA.lower[Y], AREA.upper[Y], 0.01):
+            lines._memory.passed(np.array([line.place, along, LOW]), line.place)
+    assert 1 < driven <= len(lines.grid)
 
 
 def test_lines_of_the_grid_come_when_strokes_make_no_progress():

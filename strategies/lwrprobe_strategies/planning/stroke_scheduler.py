@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Area, Task
-from lwrprobe.mapping.estimate import P95, Faces, SurfaceEstimate
+from lwrprobe.mapping.estimate import P95, REACH, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
@@ -44,7 +44,7 @@ LITTLE_PATIENCE = 60.0
 KNOWN = 2.0
 """Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
 UNSEEN = 2.0
-"""Reaches of a contact, up to which the longest line through a part of the area may be of which nothing is known."""
+"""Reaches of a contact, up to which the longest line may be through a part of the area of which nothing is known."""
 ASIDE = np.array([0.0, 1.0, 0.0])
 
 
@@ -119,7 +119,7 @@ class StrokeScheduler(LineScheduler):
             return line
         stroke = self._best(faces, here)
         if stroke is None:
-            return self._line_of_grid(here) if self._grid_left and (self._tall or self._much_unseen()) else None
+            return self._line_of_grid(here) if self._grid_left else None
         self._driven += 1
         self._spent += stroke.seconds
         self._planner.driven(faces, stroke)
@@ -130,7 +130,8 @@ class StrokeScheduler(LineScheduler):
 
     def _much_unseen(self) -> bool:
         """Whether another part of the object may stand where the probe has not been, of which no contact tells."""
-        reach, trail, contacts = self._faces.reach, self._memory.trail(), self._memory.contacts()
+        reach = max(self._faces.reach, REACH)  # parts of an object are larger than its detail
+        trail, contacts = self._memory.trail(), self._memory.contacts()
         seen = np.concatenate([trail[trail[:, Z] < self.height + reach, :Z], contacts[:, :Z]])
         there = self._estimate.footprint(self.height)
         return longest_unseen(self._area, seen, there, reach) > UNSEEN * reach
@@ -151,7 +152,10 @@ class StrokeScheduler(LineScheduler):
         return worth_below > float((above.expected() * above.areas).sum())
 
     def _line_of_grid(self, here: np.ndarray) -> Line | None:
-        """The next line of the grid, or of those that close its gaps; None when none is left."""
+        """The next line of the grid, or of those that close its gaps; None when none is left.
+
+        Over a low object only lines of the grid, and as long as much was not seen: strokes close its gaps.
+        """
         self._means.clear()  # they show to strokes what was of no use to them before
         if self._short is not None and len(self._memory) > self._before_short:
             self._far_sides.append(self._short.turned())
@@ -159,7 +163,8 @@ class StrokeScheduler(LineScheduler):
         if self._far_sides and self._number + 1 >= len(self.grid):
             self._driven += 1
             return self._nearest(here, self._far_sides)
-        line = super().next(here)
+        done = not self._tall and (self._number + 1 >= len(self.grid) or not self._much_unseen())
+        line = None if done else super().next(here)
         self._grid_now = self._grid_left = line is not None
         return line
 
