@@ -45,25 +45,35 @@ Row = tuple[float, float, float, float]
 """s; mm, mean and 95th percentile of the error of what the upright probe reaches; mm, mean of the whole surface."""
 
 
-def error_curve(exploration: Exploration, truth: GroundTruth[Scene], instants: int = INSTANTS) -> list[Row]:
-    """The error of the mesh from what was touched until then, for a finished run.
+def reached(exploration: Exploration, truth: GroundTruth[Scene]) -> Reach:
+    """What the upright probe reaches with its centre in the area."""
+    pipeline, actual = exploration.pipeline, truth.scene
+    solid, lowest = actual.solid(), float(pipeline.area.lower[2])
+    found = reach(solid, actual.probe.radius, lowest, pipeline.area.raised(pipeline.raised), REACH_SAMPLES)
+    return reached_upright(exploration.scene, pipeline, found, solid)
+
+
+def error_curve(
+    exploration: Exploration, truth: GroundTruth[Scene], found: Reach, instants: int = INSTANTS
+) -> list[Row]:
+    """The error of the mesh from what was touched until then, for a finished run; `found` is that of `reached`.
 
     Instants at which the contacts do not carry a mesh are left out.
     """
     outcome = exploration.explorer.outcome
     assert outcome is not None
     times = {*np.linspace(0.0, outcome.time, instants + 1)[1:].tolist(), *(t for t in AFTER if t < outcome.time)}
-    rows = errors_at(exploration, truth, sorted(times))
+    rows = errors_at(exploration, truth, found, sorted(times))
     for _ in range(HALVINGS):
-        reached = seconds_to(rows, *GOAL)
-        if reached is None:
+        soon = seconds_to(rows, *GOAL)
+        if soon is None:
             break
-        before = max((time for time, *_ in rows if time < reached), default=0.0)
-        rows = sorted(rows + errors_at(exploration, truth, [0.5 * (before + reached)]))
+        before = max((time for time, *_ in rows if time < soon), default=0.0)
+        rows = sorted(rows + errors_at(exploration, truth, found, [0.5 * (before + soon)]))
     return rows
 
 
-def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterable[float]) -> list[Row]:
+def errors_at(exploration: Exploration, truth: GroundTruth[Scene], found: Reach, times: Iterable[float]) -> list[Row]:
     """The rows of `error_curve` at some instants, s.
 
     In a world that differs from its scene the errors are those that remain after rigid alignment. Nothing where the
@@ -73,7 +83,6 @@ def errors_at(exploration: Exploration, truth: GroundTruth[Scene], times: Iterab
         return []
     pipeline, trace = exploration.pipeline, exploration.recorder.trace()
     rows: list[Row] = []
-    found = _reached(exploration, truth)
     for time in times:
         before = trace[(trace[:, 0] <= time) & (trace[:, 5] == 0.0), 1:4]
         error = _error(_until(exploration.record, time, before), pipeline, truth, found)
@@ -156,14 +165,6 @@ def _until(record: TouchRecord, time: float, free_path: np.ndarray) -> TouchReco
         times=record.times[kept],
         free_path=free_path,
     )
-
-
-def _reached(exploration: Exploration, truth: GroundTruth[Scene]) -> Reach:
-    """What the upright probe reaches with its centre in the area."""
-    pipeline, actual = exploration.pipeline, truth.scene
-    solid, lowest = actual.solid(), float(pipeline.area.lower[2])
-    found = reach(solid, actual.probe.radius, lowest, pipeline.area.raised(pipeline.raised), REACH_SAMPLES)
-    return reached_upright(exploration.scene, pipeline, found, solid)
 
 
 def _error(

@@ -2,13 +2,14 @@
 
 Every run is a full one: simulator, sensor noise, contact estimation, map, clearance, strategy. The error over time is
 that of the mesh as if the run had ended at each of some instants, over what an upright probe reaches; the error of the
-whole mesh stands in a column of its own. Options (`--set`): `scenes`, `strategies` (those of
-plug-ins too) and `profiles` as comma-separated lists, `seeds`, how many of them (from 1 on), `jobs` for runs side by
-side, `journal`, a file in which each run's record is kept, so that a bench that was cut off goes on with the runs that
-are missing. `--set profiles=default,lab` does the same in the world `lab` beside the ideal one, with errors after
-alignment. `--set profiles=blind,given` explores objects of which nothing is known, and each of them once more where
-it lies, with an area around it. `--set scenes=large` explores four objects 200 to 400 mm long and says how wrong the
-mesh is after eight strokes.
+whole mesh stands in a column of its own.
+
+Options (`--set`): `scenes`, `strategies` (those of plug-ins too) and `profiles` as comma-separated lists, `seeds`, how
+many of them (from 1 on), `jobs` for runs side by side, `journal`, a file in which each run's record is kept, so that a
+bench that was cut off goes on with the runs that are missing. `--set profiles=default,lab` does the same in the world
+`lab` beside the ideal one, with errors after alignment. `--set profiles=blind,given` explores objects of which nothing
+is known, and each of them once more where it lies, with an area around it. `--set scenes=large` explores four objects
+200 to 400 mm long and says how wrong the mesh is after eight strokes.
 """
 
 from __future__ import annotations
@@ -22,7 +23,18 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bench.criterion import Criterion
-from lwrprobe.bench.error_curves import AFTER, IDEAL, certified, columns, draw_curves, error_curve, errors_at, lifts
+from lwrprobe.bench.error_curves import (
+    AFTER,
+    IDEAL,
+    Row,
+    certified,
+    columns,
+    draw_curves,
+    error_curve,
+    errors_at,
+    lifts,
+    reached,
+)
 from lwrprobe.bench.options import Options
 from lwrprobe.bench.report import BenchReport, Verdict
 from lwrprobe.bench.stroke_pictures import SCENE as STROKED
@@ -245,12 +257,15 @@ def _run(scene: Scene, folder: Path | None) -> tuple[dict[str, Any], dict[str, A
             pass
     summary = exploration.finish().as_dict()
     truth = exploration.truth
-    curve = error_curve(exploration, truth) if truth is not None else []
-    over_time = {"curve": curve, **columns(curve), "lifts": lifts(exploration.recorder.trace())}
     ends = stroke_ends(row[:3] for row in exploration.pipeline.strategy.trace)
-    few = errors_at(exploration, truth, ends[FEW - 1 : FEW]) if truth is not None else []
-    over_time |= {"strokes": len(ends), "mesh_few": few[0][1] if few else None}
-    over_time |= {"mesh_few_whole": few[0][3] if few else None}
+    curve: list[Row] = []
+    few: list[Row] = []
+    if truth is not None:
+        within = reached(exploration, truth)
+        curve = error_curve(exploration, truth, within)
+        few = errors_at(exploration, truth, within, ends[FEW - 1 : FEW])
+    over_time = {"curve": curve, **columns(curve), "lifts": lifts(exploration.recorder.trace()), "strokes": len(ends)}
+    over_time |= {"mesh_few": few[0][1] if few else None, "mesh_few_whole": few[0][3] if few else None}
     return summary, over_time | certified(exploration)
 
 

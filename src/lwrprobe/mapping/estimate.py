@@ -166,6 +166,7 @@ class SurfaceEstimate:
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
+        self._within: np.ndarray | None = None  # see `_inside`; None when not computed yet
         self._stroke = 0  # number of the first contact of the present stroke
         self._stroke_ended = False
         self._new: list[np.ndarray] = []
@@ -192,6 +193,8 @@ class SurfaceEstimate:
 
         A stroke predicts nothing of itself.
         """
+        if self._new or self._new_free:
+            self._within = None
         if self._new_free:
             places = np.array(self._new_free)
             ones = np.ones((len(places), 3))
@@ -278,7 +281,12 @@ class SurfaceEstimate:
         return np.where(inside.any(axis=2), self._origin[2] + self.edge * last, -np.inf)
 
     def _inside(self) -> np.ndarray:
-        """(nx, ny, nz) bool of the grid points."""
+        """(nx, ny, nz) bool of the grid points, as of the last update."""
+        if self._within is None:
+            self._within = self._found_inside()
+        return self._within
+
+    def _found_inside(self) -> np.ndarray:
         inside = (self._height(self._owner) < 0.0) & (self._square <= self._free_square)
         if not len(self._walls):
             return inside

@@ -49,7 +49,7 @@ class GapPlanner:
     Attributes
     ----------
     height : m, of the lines of the grid
-    stopped : lines of the grid that were given up; the scheduler adds to them
+    stopped : lines of the grid that were given up, or end where they meet something; the scheduler adds to them
     raised : lines that had to be raised over what the stick met; the scheduler adds to them
     """
 
@@ -114,14 +114,14 @@ class GapPlanner:
     # The passes
 
     def _from_the_other_end(self) -> list[Line]:
-        """The grid's lines that were given up on the side of the object where they met it, each the other way round."""
+        """The grid's lines that ended on the side of the object where they met it, each the other way round."""
         contacts, area, lines = self._memory.contacts(), self._task.area, []
         for line in self.stopped:
             normals = contacts[contacts[:, GRID_X] == line.place, NORMAL]
             came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
             if len(normals) and not came_over.any():
                 low, high = sorted((float(area.lower[Y]), float(area.upper[Y])), reverse=line.sign > 0.0)
-                lines.append(Line(Y, line.place, low, high, self.height, free_end=True))
+                lines.append(Line(Y, line.place, low, high, self.height, free_end=True, ceiling=line.ceiling))
         return lines
 
     def _outer_parts(self) -> list[Line]:

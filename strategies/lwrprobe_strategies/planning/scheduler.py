@@ -68,7 +68,7 @@ class LineScheduler:
             self._coming.extend(lines)
         if not self._coming:
             return None
-        line = self._nearest(here, self._coming)
+        line = self._nearest(here)
         if line.fallback is not None and self.blocked_before(line):
             return line.fallback
         if line.low and self._missed_beside(line):
@@ -180,13 +180,12 @@ class LineScheduler:
         driven = max(self._driven, 0)
         return driven, driven + len(self._coming) + max(len(self.grid) - max(self._number, 0), 0)
 
-    @staticmethod
-    def _nearest(here: np.ndarray, lines: deque[Line]) -> Line:
-        """Of some lines, the one that begins nearest to `here` (3,) m in the plan view; it is taken from them."""
-        apart = [float(np.hypot(*(line.start - here)[:Z])) for line in lines]
+    def _nearest(self, here: np.ndarray) -> Line:
+        """Of the lines that come, the one that begins nearest to `here` (3,) m in the plan view; it comes no more."""
+        apart = [float(np.hypot(*(line.start - here)[:Z])) for line in self._coming]
         nearest = int(np.argmin(apart))
-        line = lines[nearest]
-        del lines[nearest]
+        line = self._coming[nearest]
+        del self._coming[nearest]
         return line
 
     def _above(self, line: Line) -> Line:

@@ -88,9 +88,6 @@ class StrokeScheduler(LineScheduler):
         self._tall = body is not None  # the object may go on below what strokes touch
         self._grid_left = True  # its lines, and those that close its gaps, are still to be driven
         self._grid_now = False  # they are being driven
-        self._short: Line | None = None  # the present line, where it leads only to the side that it meets
-        self._before_short = 0  # contacts, before it
-        self._far_sides: deque[Line] = deque()  # such lines from the other end, where the first one has met something
         self._spent = 0.0  # s, of all strokes as expected
         self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
         self.expected = np.inf
@@ -114,6 +111,9 @@ class StrokeScheduler(LineScheduler):
         if not len(faces.areas):  # nothing touched yet, or beside the border: lines through the middle of what is left
             line = super().next(here)
             return line if line is None else replace(line, outline=1)
+        self.expected = faces.error()[0]
+        self.share = min(self._aim / max(self.expected, 1e-9), 1.0)
+        self._means.append((self._spent, self.expected))
         self._grid_now |= self._grid_left and self._grid_is_worth_more(whole)
         if self._grid_now and (line := self._line_of_grid(here)) is not None:
             return line
@@ -141,7 +141,7 @@ class StrokeScheduler(LineScheduler):
         above = self._faces
         if not self._tall:
             return False
-        if above.error()[0] < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
+        if self.expected < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
             return True
         below = whole.centres[:, Z] < self.height
         keep = self._task.clearance_threshold - self._task.probe.radius
@@ -157,34 +157,29 @@ class StrokeScheduler(LineScheduler):
         Over a low object only lines of the grid, and as long as much was not seen: strokes close its gaps.
         """
         self._means.clear()  # they show to strokes what was of no use to them before
-        if self._short is not None and len(self._memory) > self._before_short:
-            self._far_sides.append(self._short.turned())
-        self._short = None
-        if self._far_sides and self._number + 1 >= len(self.grid):
-            self._driven += 1
-            return self._nearest(here, self._far_sides)
         done = not self._tall and (self._number + 1 >= len(self.grid) or not self._much_unseen())
         line = None if done else super().next(here)
         self._grid_now = self._grid_left = line is not None
         return line
 
     def _grid_line(self, here: np.ndarray) -> Line:
-        """As a line of the grid; only up to the side that it meets, where the surface above is known."""
+        """As a line of the grid; only up to the side that it meets, where the surface above is known.
+
+        What it has met is then touched from the other end as well.
+        """
         line, faces = super()._grid_line(here), self._faces
         near = np.abs(faces.centres[:, line.aside] - line.place) < 0.5 * self._spacing
         expected = float((faces.expected() * faces.areas)[near].sum())
         if not self._grid_now or expected > KNOWN * self._aim * float(faces.areas[near].sum()):
             return line
-        self._short, self._before_short = replace(line, ceiling=line.height + OVERLAP), len(self._memory)
-        return self._short
+        line = replace(line, ceiling=line.height + OVERLAP)
+        self._gaps.stopped.append(line)
+        return line
 
     # Strokes
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
-        self.expected = faces.error()[0]
-        self._means.append((self._spent, self.expected))
         mean, p95 = faces.error(self._planner.success(faces))
-        self.share = min(self._aim / max(mean, 1e-9), 1.0)
         if self._stalled(self.patience(faces)) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
