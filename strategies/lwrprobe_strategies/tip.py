@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.lines import UP
 from lwrprobe_strategies.planning.overhangs import Overhangs
 from lwrprobe_strategies.planning.paths import Speeds, tip_pose
 from lwrprobe_strategies.planning.shaft import UNEXPECTED
-from lwrprobe_strategies.planning.upright_body import body
+from lwrprobe_strategies.planning.upright_body import body, tallest_possible
 from lwrprobe_strategies.trace import Trace
 
 MIN_PERIOD, MAX_PERIOD = 1e-4, 0.1
@@ -89,16 +89,17 @@ class Tip:
         self._wanted.reshape(4, 4)[:3, :3] = rotation
 
     def confine(self, task: Task) -> None:
-        """Go on with a task in a part of the area. Contacts stay in `memory`; free space and overhangs begin empty."""
+        """Go on with a task in a part of the area. What was touched and swept stays known; overhangs begin empty."""
         self.task = task
         wide = [bottom for half, bottom in body(task) if half.min() > task.probe.radius]
-        self.free = FreeSpace(task.area, _side(task), min(wide, default=inf))
+        self.free.confine(task.area, min(wide, default=inf))
         self.expect_overhangs(BESIDE)
         self.body = None
 
     def expect_overhangs(self, beside: float) -> None:
         """Begin to note overhangs anew; more of the object may be within `beside` m of what is touched."""
-        self.overhangs = Overhangs(self.task.area, self.task.probe, beside, self.task.force_target)
+        task = self.task
+        self.overhangs = Overhangs(task.area, task.probe, beside, task.force_target, tallest_possible(task))
 
     def raise_area(self, task: Task) -> None:
         """Go on with a task whose area reaches higher; what was touched and swept stays known."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -87,7 +88,10 @@ class Departure:
         paths += _as_it_came(start, here, turn, free)
         paths += _up_to(start, turn, self._to_column, free)
         paths += _along_border(line, here, turn, free)
-        for path in sorted([[*path, *touch] for path in paths], key=lambda path: seconds(path, here, self.speeds)):
+        paths = [[*path, *touch] for path in paths]
+        if upright and free.upright:
+            paths += _level_over(line, here, turn, top, free)
+        for path in sorted(paths, key=lambda path: seconds(path, here, self.speeds)):
             if self._may_take(path):
                 return path
         return [*straight_down, *touch]
@@ -169,6 +173,25 @@ def _beside(column: np.ndarray, start: np.ndarray, turn: np.ndarray, top: float,
     foot = [Waypoint(start, SpeedLimit.GUARDED)] if column[Z] - start[Z] > THERE else []
     aside = _level(column, level, free) if _upright(turn) else [Waypoint(level, SpeedLimit.GUARDED)]
     return [over, Waypoint(column), *aside, *foot]
+
+
+def _level_over(
+    line: Line, here: np.ndarray, turn: np.ndarray, top: float, free: FreeSpace
+) -> Iterator[list[Waypoint]]:
+    """Level to above where a line begins, for an object that is far below the top of the area.
+
+    A little above all that was touched; and above the higher one of both places, beside the object.
+    """
+    start = line.start
+    levels = [free.highest_touch()] if line.on_surface else [free.highest_touch(), -np.inf]
+    for level in (max(known, here[Z], start[Z]) + GAP for known in levels):
+        if level >= top:
+            continue
+        own, over = np.array([*here[:2], level]), np.array([*start[:2], level])
+        across = [replace(waypoint, rotation=turn) for waypoint in _level(own, over, free)]
+        known = not line.on_surface and free.clear_down_to(start.item(X), start.item(Y)) < level
+        down = _down_to(start, free, SpeedLimit.GUARDED) if known else [Waypoint(start, SpeedLimit.GUARDED)]
+        yield [*up_from(here, own, free), *across, *down]
 
 
 def _as_it_came(start: np.ndarray, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:

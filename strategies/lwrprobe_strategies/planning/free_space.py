@@ -97,6 +97,16 @@ class FreeSpace:
         for row in rows.tolist():
             self._places.add(tuple(row))
 
+    def confine(self, area: Area, body: float = np.inf) -> None:
+        """Go on in an area within the one before, as high as that; on its border nothing stands.
+
+        `body` as in the constructor.
+        """
+        self._area, self._body = area, body
+        rows, self._places = self._places.rows().copy(), GrowingTable(COLUMNS)
+        for row in rows.tolist():
+            self._places.add((*row[:ON_BORDER], float(self._on_border(row[0], row[1]))))
+
     def note(self, pose: np.ndarray, normal: np.ndarray | None, reliable: bool = True) -> None:
         """The tip is at a pose (4, 4) and touches a surface with this normal (3,), or None.
 
@@ -146,6 +156,11 @@ class FreeSpace:
 
     def __len__(self) -> int:
         return len(self._places)
+
+    def highest_touch(self) -> float:
+        """m, the largest height of the sphere's centre at which it touched something; -inf before that."""
+        rows = self._places.rows()
+        return float(rows[_touching(rows), 2].max(initial=-np.inf))
 
     def farthest(self, place: np.ndarray, known: int) -> float:
         """m, how far from a place (3,) the probe has been since it had been at `known` places."""
@@ -333,6 +348,7 @@ class FreeSpace:
         return [(rows[places[i], OFF_SURFACE].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
+        """Whether a place is on the area's border, or beyond it."""
         low, high = self._area.lower, self._area.upper
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
 

@@ -52,13 +52,16 @@ class Overhangs:
     area, probe : as in the task
     beside : m sideways from what was touched, within which more of the object may be
     clear_force : N, above which one contact of the stick is certain
+    tallest : m, above which nothing is known to be; what is touched higher up counts as well
 
     Attributes
     ----------
     found : some touch has shown that the object overhangs
     """
 
-    def __init__(self, area: Area, probe: Probe, beside: float, clear_force: float = np.inf) -> None:
+    def __init__(
+        self, area: Area, probe: Probe, beside: float, clear_force: float = np.inf, tallest: float = np.inf
+    ) -> None:
         low = area.lower[:2] - beside
         shape = tuple(np.ceil((area.upper[:2] + beside - low) / CELL).astype(int) + 1)
         self._low_x, self._low_y = low.tolist()
@@ -69,7 +72,7 @@ class Overhangs:
         self._centres = GrowingTable(5)  # m, of the sphere where it touched, and x and y of the normal there
         self._normal = np.zeros((*shape, 2))
         self._clear_force = clear_force
-        self._probe, self._tallest = probe, float(area.upper[2]) - probe.radius
+        self._probe, self._tallest = probe, min(float(area.upper[2]) - probe.radius, tallest)
         self._cells = round(beside / CELL)
         self._far = round(FAR * self._cells)
         self._highest = -np.inf  # m, of all that was touched
@@ -149,7 +152,7 @@ class Overhangs:
 
         For a motion along a unit vector (3,) that is no higher than from where the stick has stood just ahead.
         """
-        tallest = self._tallest
+        tallest = max(self._tallest, self._highest)
         if along is not None:
             tallest = min(tallest, self._stood.heights.item(self._ahead(place, along)))
         return min(max(tallest - place.item(2), 0.0), self._probe.sensor_distance)

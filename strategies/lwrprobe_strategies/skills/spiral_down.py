@@ -8,7 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.lines import X, Y, Z
+from lwrprobe_strategies.planning.lines import AT_END, X, Y, Z
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.skills.stick_doubt import StickDoubt
 from lwrprobe_strategies.tip import Tip
@@ -45,7 +45,7 @@ def spiral_down(tip: Tip, axis: tuple[float, float], bottom: float, above: float
     while True:
         here = tip.here
         angle = atan2(here[Y] - axis[Y], here[X] - axis[X])
-        level = float(here[Z]) <= bottom
+        level = float(here[Z]) <= bottom + AT_END  # a level plan may rest that far above
         along = direction(radius, 0.0 if level else pitch, angle)
         speed = min(turn_speed(tip, along, max(pitch, above)), tip.stick_limit(along))
         back = GAIN * (radius - hypot(here[X] - axis[X], here[Y] - axis[Y]))
