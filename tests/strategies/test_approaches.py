@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.approaches import BEFORE, HOVER, SOUGHT, Departure, up_from
+from lwrprobe_strategies.planning.approaches import BEFORE, FAR_BELOW, HOVER, SOUGHT, Departure, up_from
 from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
@@ -455,3 +455,35 @@ def test_the_unknown_is_come_down_to_faster_as_far_as_the_stick_has_stood_there(
     beside = Line(0, 0.003, 0.05, 0.06, 0.02)
     free = stand(nowhere(), [0.05, 0.0, 0.03])
     assert SpeedLimit.COLUMN not in [piece.speed_limit for piece in way(beside, [0.0, 0.0, TOP], free)]
+
+
+@pytest.mark.parametrize("on_surface", [False, True])
+def test_far_below_the_top_of_the_area_the_probe_goes_level_just_above_what_was_touched(on_surface):
+    low = TOP - FAR_BELOW - 0.001
+    free = stand(nowhere(), [0.0, 0.0, low], normal=[0.0, 0.0, 1.0])
+    line = Line(0, 0.01, -0.05, 0.05, low - 0.01, on_surface=on_surface, free_to=TOP)
+    up, over, down = way(line, [0.0, 0.0, low], free)
+    assert (up.speed_limit, over.speed_limit, down.speed_limit) == (
+        SpeedLimit.COLUMN, SpeedLimit.GUARDED, SpeedLimit.GUARDED,
+    )  # fmt: skip
+    assert up.place[2] == over.place[2] == pytest.approx(low + GAP)
+    assert tuple(over.place[:2]) == tuple(line.start[:2])
+    assert tuple(down.place) == tuple(line.start)
+
+
+def test_an_object_nearly_as_high_as_the_area_is_crossed_over_the_top():
+    low = TOP - FAR_BELOW + 0.001
+    free = stand(nowhere(), [0.0, 0.0, low], normal=[0.0, 0.0, 1.0])
+    path = way(Line(0, 0.01, -0.05, 0.05, low - 0.01), [0.0, 0.0, low], free)
+    assert any(piece.place[2] == TOP for piece in path)
+
+
+def test_what_was_swept_in_a_wide_area_stays_known_in_a_part_of_it():
+    free = column(0.0, 0.0, 0.02)
+    stand(free, *([x, 0.0, 0.02] for x in np.arange(0.0, 0.05, 0.0011)))
+    part = Area(np.array([-0.02, -0.02, AREA.lower[2]]), np.array([0.02, 0.02, TOP]))
+    before = free.swept(np.array([0.0, 0.0, 0.02]), np.array([0.01, 0.0, 0.02])), free.clear_down_to(0.0, 0.0)
+    assert not free.open_places(1, 0.0)[:, 0].max() > 0.003, "only where it came down"
+    free.confine(part)
+    assert before == (free.swept(np.array([0.0, 0.0, 0.02]), np.array([0.01, 0.0, 0.02])), free.clear_down_to(0.0, 0.0))
+    assert free.open_places(1, 0.0)[:, 0].max() == pytest.approx(0.049, abs=0.002), "on its border nothing stands"

@@ -357,3 +357,11 @@ def test_the_stick_is_met_no_higher_than_from_where_it_has_stood(overhangs):
     assert overhangs.reach(here, ALONG) == pytest.approx(0.01)
     assert overhangs.reach(np.array([0.0, -0.012, LOW + 0.02]), ALONG) == 0.0
     assert overhangs.reach(np.array([0.01, -0.012, LOW]), ALONG) == overhangs.reach(here), "beside it has not"
+
+
+def test_the_stick_is_met_no_higher_than_what_is_known_to_be_tallest_or_was_touched_since():
+    overhangs = Overhangs(AREA, task().probe, 0.015, tallest=LOW + 0.01)
+    place = np.array([0.01, -0.012, LOW])
+    assert overhangs.reach(place) == pytest.approx(0.01)
+    touch(overhangs, [0.0, -0.01, LOW + 0.02], [0.0, -1.0, 0.0], 1)
+    assert overhangs.reach(place) == pytest.approx(0.02)

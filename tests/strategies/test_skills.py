@@ -23,6 +23,7 @@ from lwrprobe_strategies.skills import (
     reorient,
     retract,
     search,
+    spiral_down,
     transit,
 )
 from lwrprobe_strategies.supervisor import SkillStrategy
@@ -163,6 +164,15 @@ def test_a_guarded_move_ends_where_the_gears_keep_the_tip_from_its_end():
     strategy, _ = run(lambda tip: guarded_move(tip, np.array([0.0, 0.05, 0.05])), surface)
     assert strategy.end is Ended.NO_CONTACT
     assert surface.place[1] == pytest.approx(0.05, abs=1e-5)
+
+
+@pytest.mark.parametrize("above", [0.0, 5e-5])
+def test_a_spiral_ends_after_one_turn_where_the_gears_keep_the_tip_a_little_above_its_bottom(above):
+    surface = over(lambda place: 1.0, [0.02, 0.0, 0.05 + above])
+    keep = lambda _, surface: surface.place.__setitem__(2, 0.05 + above)  # noqa: E731
+    strategy, _ = run(lambda tip: spiral_down(tip, (0.0, 0.0), 0.05), surface, samples=2000, change=keep)
+    assert strategy.end is Ended.NO_CONTACT
+    assert surface.place == pytest.approx([0.02, 0.0, 0.05 + above], abs=1e-3)
 
 
 def doubted(surface, score, reason=Doubt.NONE):

@@ -28,6 +28,8 @@ FARTHEST = 0.3
 AROUND = 0.1
 """m along x and y, within which a place from which the probe may go straight up is worth a level path through the
 unknown: across the stick the probe gives way, so that it goes several times as fast there as down."""
+FAR_BELOW = 0.02
+"""m from the highest touch up to the area's top, from which on the path over the top is a detour."""
 HOVER = 0.0005
 """m above a known contact, down to which a descent is fast: the stick has filled the column there."""
 SOUGHT = 0.003
@@ -178,20 +180,21 @@ def _beside(column: np.ndarray, start: np.ndarray, turn: np.ndarray, top: float,
 def _level_over(
     line: Line, here: np.ndarray, turn: np.ndarray, top: float, free: FreeSpace
 ) -> Iterator[list[Waypoint]]:
-    """Level to above where a line begins, for an object that is far below the top of the area.
+    """Level to above where a line begins, below the top of an area that reaches far above all that was touched.
 
-    A little above all that was touched; and above the higher one of both places, beside the object.
+    A little above that; and above the higher one of both places, beside the object.
     """
-    start = line.start
-    levels = [free.highest_touch()] if line.on_surface else [free.highest_touch(), -np.inf]
-    for level in (max(known, here[Z], start[Z]) + GAP for known in levels):
-        if level >= top:
-            continue
+    start, highest = line.start, free.highest_touch()
+    if not FAR_BELOW < top - highest < np.inf:
+        return
+    for known in (highest,) if line.on_surface else (highest, -np.inf):
+        level = max(known, here[Z], start[Z]) + GAP
         own, over = np.array([*here[:2], level]), np.array([*start[:2], level])
         across = [replace(waypoint, rotation=turn) for waypoint in _level(own, over, free)]
-        known = not line.on_surface and free.clear_down_to(start.item(X), start.item(Y)) < level
-        down = _down_to(start, free, SpeedLimit.GUARDED) if known else [Waypoint(start, SpeedLimit.GUARDED)]
-        yield [*up_from(here, own, free), *across, *down]
+        fits = not line.on_surface and free.clear_down_to(start.item(X), start.item(Y)) < level
+        down = _down_to(start, free, SpeedLimit.GUARDED) if fits else [Waypoint(start, SpeedLimit.GUARDED)]
+        if level < top:
+            yield [*up_from(here, own, free), *across, *down]
 
 
 def _as_it_came(start: np.ndarray, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:
