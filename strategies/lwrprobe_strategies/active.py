@@ -153,5 +153,6 @@ class Active(GridVersion):
         """The skill that runs, and how near the expected error is to the aim."""
         if self.searching:
             return super().progress()
-        doing = f"stroke {self.strokes.count()[0] + 1}: {self.tip.trace.state}"
+        kind = "line" if self.strokes.grid_now else "stroke"
+        doing = f"{kind} {self.strokes.count()[0] + 1}: {self.tip.trace.state}"
         return Progress(doing, self.strokes.share, self.tip.trace.state)

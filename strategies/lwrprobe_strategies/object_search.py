@@ -19,6 +19,7 @@ from lwrprobe_strategies.planning.paths import Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.search_descent import SearchDescent
 from lwrprobe_strategies.planning.search_places import SearchPlaces
+from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import Procedure, guarded_move, retract, spiral_down, transit, tried
 from lwrprobe_strategies.tip import Tip
@@ -83,7 +84,8 @@ class ObjectSearch:
             end = yield from spiral_down(tip, place, descent.clear)
             if end is not Ended.NO_CONTACT:
                 return end
-            end = yield from self._sideways(np.array([x, y, float(tip.here[Z])]))
+            # What stands within the helix and was not met by it is thinner than the sphere is.
+            end = yield from self._sideways(np.array([x, y, float(tip.here[Z])]), UNEXPECTED)
             if end is not Ended.NO_CONTACT:
                 return end
         end = yield from guarded_move(tip, np.array([x, y, descent.low]))
@@ -104,9 +106,9 @@ class ObjectSearch:
             end = yield from transit(tip, [Waypoint(axis)])
         return end if end is not Ended.ARRIVED else (yield from self._further(place, descent.low, descent.deep))
 
-    def _sideways(self, end: np.ndarray) -> Procedure:
-        """Level to a place (3,), where the stick may meet what is as high as the area."""
-        return (yield from guarded_move(self._tip, end, stretch=lambda _: (end, 1.0)))
+    def _sideways(self, end: np.ndarray, times: float = 1.0) -> Procedure:
+        """Level to a place (3,), so many times as fast as the stick may meet what is as high as the area."""
+        return (yield from guarded_move(self._tip, end, stretch=lambda _: (end, times)))
 
     def _to_floor(self, place: Place) -> Procedure:
         """Down to the floor at a place, fast where the probe was before."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import hypot, inf
 
 import numpy as np
@@ -215,7 +216,9 @@ class Tip:
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""
         control = self.control
-        return Speeds(self.task.free_speed, control.column_speed, lambda along: control.approach_speed(along, rotation))
+        level = UNEXPECTED * control.stick_speed(self.task.probe.sensor_distance)
+        guarded = partial(control.approach_speed, rotation=rotation)
+        return Speeds(self.task.free_speed, control.column_speed, guarded, level)
 
     def normal(self) -> np.ndarray:
         """(3,) unit: the contact's normal; the tracked one while the force is too small for a contact.

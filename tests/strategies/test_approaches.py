@@ -464,7 +464,7 @@ def test_far_below_the_top_of_the_area_the_probe_goes_level_just_above_what_was_
     line = Line(0, 0.01, -0.05, 0.05, low - 0.01, on_surface=on_surface, free_to=TOP)
     up, over, down = way(line, [0.0, 0.0, low], free)
     assert (up.speed_limit, over.speed_limit, down.speed_limit) == (
-        SpeedLimit.COLUMN, SpeedLimit.GUARDED, SpeedLimit.GUARDED,
+        SpeedLimit.COLUMN, SpeedLimit.LEVEL, SpeedLimit.GUARDED,
     )  # fmt: skip
     assert up.place[2] == over.place[2] == pytest.approx(low + GAP)
     assert tuple(over.place[:2]) == tuple(line.start[:2])

@@ -253,7 +253,7 @@ def test_lines_of_the_grid_come_when_strokes_make_no_progress():
     lines = tall_scheduler(known, 1e-5)
     for _ in range(40):
         lines.next(here)  # which brings nothing, since nothing is added to the estimate
-        if lines._grid_now:
+        if lines.grid_now:
             break
     assert LITTLE_PATIENCE <= lines._spent < LITTLE_PATIENCE + 40.0
 
@@ -284,7 +284,7 @@ def test_a_line_of_the_grid_leads_to_what_it_meets_where_the_surface_above_is_kn
 def test_lines_of_the_grid_lead_over_the_object_where_its_top_is_not_known():
     known = outlined(height=0.03)
     lines, here = tall_scheduler(known, 0.0005), np.array([0.0, -0.1, 0.06])
-    lines._grid_now = True
+    lines.grid_now = True
     line = lines.next(here)
     assert abs(line.place) < HALF[0]
     assert line.ceiling == np.inf

@@ -145,10 +145,11 @@ def draw_curves(figure: Any, found: list[dict[str, Any]]) -> None:
             panel.semilogy(times, means, colour, label=item["strategy"], lw=1)
         panel.axhline(0.3, color="grey", lw=0.5)
         panel.set_title(scene, fontsize=8)
-        panel.set_xlabel("robot time, s", fontsize=7)
+        panel.tick_params(labelsize=7)
     for panel in axes[len(scenes) :]:
         panel.set_axis_off()
-    axes[0].set_ylabel("mesh error, mean, mm")
+    figure.supxlabel("robot time, s", fontsize=8)
+    figure.supylabel("mesh error, mean, mm", fontsize=8)
     axes[0].legend(fontsize=6)
 
 

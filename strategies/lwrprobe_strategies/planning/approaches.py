@@ -190,11 +190,12 @@ def _level_over(
     for known in (highest,) if line.on_surface else (highest, -np.inf):
         level = max(known, here[Z], start[Z]) + GAP
         own, over = np.array([*here[:2], level]), np.array([*start[:2], level])
-        across = [replace(waypoint, rotation=turn) for waypoint in _level(own, over, free)]
+        swept = free.swept(own, over)
+        across = Waypoint(over, SpeedLimit.FREE if swept else SpeedLimit.LEVEL, turn)
         fits = not line.on_surface and free.clear_down_to(start.item(X), start.item(Y)) < level
         down = _down_to(start, free, SpeedLimit.GUARDED) if fits else [Waypoint(start, SpeedLimit.GUARDED)]
         if level < top:
-            yield [*up_from(here, own, free), *across, *down]
+            yield [*up_from(here, own, free), across, *down]
 
 
 def _as_it_came(start: np.ndarray, here: np.ndarray, turn: np.ndarray, free: FreeSpace) -> list[list[Waypoint]]:
@@ -249,7 +250,8 @@ def _clear_sideways(path: list[Waypoint], here: np.ndarray, clear: Clear) -> boo
     """Whether a path from `here` (3,) leads sideways through the unknown only where that is clear."""
     for waypoint in path:
         sideways = np.abs(waypoint.place - here)[:2].max() > OWN_COLUMN
-        if waypoint.speed_limit is SpeedLimit.GUARDED and sideways and not clear(here, waypoint.place):
+        unknown = waypoint.speed_limit in (SpeedLimit.GUARDED, SpeedLimit.LEVEL)
+        if unknown and sideways and not clear(here, waypoint.place):
             return False
         here = waypoint.place
     return True

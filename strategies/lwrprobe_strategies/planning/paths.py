@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
-from math import cos
+from math import cos, inf
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class SpeedLimit(Enum):
     """The stick has been there, and the sphere may meet something with its flank."""
     GUARDED = auto()
     """Something may be there: as slow as the stiffness in that direction demands."""
+    LEVEL = auto()
+    """As GUARDED, and no faster than all of the stick may meet something unexpected."""
 
 
 @dataclass(slots=True, frozen=True)
@@ -39,17 +41,21 @@ class Speeds:
     free : m/s, where nothing is
     column : m/s along the stick, where the stick has been and the sphere has not
     guarded : m/s at which something may be met, from a unit direction (3,)
+    level : m/s across the stick, at which all of it may meet something unexpected
     """
 
     free: float
     column: float
     guarded: Callable[[np.ndarray], float]
+    level: float = inf
 
     def at(self, speed_limit: SpeedLimit, along: np.ndarray) -> float:
         """m/s along a unit direction (3,)."""
         if speed_limit is SpeedLimit.FREE:
             return self.free
-        return self.column if speed_limit is SpeedLimit.COLUMN else self.guarded(along)
+        if speed_limit is SpeedLimit.COLUMN:
+            return self.column
+        return min(self.guarded(along), self.level if speed_limit is SpeedLimit.LEVEL else inf)
 
 
 @dataclass(slots=True)

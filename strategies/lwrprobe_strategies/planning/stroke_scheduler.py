@@ -87,7 +87,8 @@ class StrokeScheduler(LineScheduler):
         self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
         self._tall = body is not None  # the object may go on below what strokes touch
         self._grid_left = True  # its lines, and those that close its gaps, are still to be driven
-        self._grid_now = False  # they are being driven
+        self.grid_now = False
+        """They are being driven."""
         self._spent = 0.0  # s, of all strokes as expected
         self._means: list[tuple[float, float]] = []  # that, and the mean expected error [m], before each stroke
         self.expected = np.inf
@@ -114,8 +115,8 @@ class StrokeScheduler(LineScheduler):
         self.expected = faces.error()[0]
         self.share = min(self._aim / max(self.expected, 1e-9), 1.0)
         self._means.append((self._spent, self.expected))
-        self._grid_now |= self._grid_left and self._grid_is_worth_more(whole)
-        if self._grid_now and (line := self._line_of_grid(here)) is not None:
+        self.grid_now |= self._grid_left and self._grid_is_worth_more(whole)
+        if self.grid_now and (line := self._line_of_grid(here)) is not None:
             return line
         stroke = self._best(faces, here)
         if stroke is None:
@@ -159,7 +160,7 @@ class StrokeScheduler(LineScheduler):
         self._means.clear()  # they show to strokes what was of no use to them before
         done = not self._tall and (self._number + 1 >= len(self.grid) or not self._much_unseen())
         line = None if done else super().next(here)
-        self._grid_now = self._grid_left = line is not None
+        self.grid_now = self._grid_left = line is not None
         return line
 
     def _grid_line(self, here: np.ndarray) -> Line:
@@ -170,7 +171,7 @@ class StrokeScheduler(LineScheduler):
         line, faces = super()._grid_line(here), self._faces
         near = np.abs(faces.centres[:, line.aside] - line.place) < 0.5 * self._spacing
         expected = float((faces.expected() * faces.areas)[near].sum())
-        if not self._grid_now or expected > KNOWN * self._aim * float(faces.areas[near].sum()):
+        if not self.grid_now or expected > KNOWN * self._aim * float(faces.areas[near].sum()):
             return line
         line = replace(line, ceiling=line.height + OVERLAP)
         self._gaps.stopped.append(line)

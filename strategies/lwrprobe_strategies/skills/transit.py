@@ -48,7 +48,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
         goal = Goal(tip_pose(waypoint.place, rotation), speed, transit.name)
         rests = 0.0
         while True:
-            if waypoint.speed_limit is SpeedLimit.GUARDED:
+            if waypoint.speed_limit in (SpeedLimit.GUARDED, SpeedLimit.LEVEL):
                 goal = slowed(goal, min(speed, tip.stick_limit(direction(tip.here, waypoint.place))))
             elif waypoint.speed_limit is SpeedLimit.COLUMN:
                 # What still touches may stand out above, too, and friction on it keeps the sphere from giving way.
