@@ -211,7 +211,7 @@ class Tip:
         """
         if along[2] < UPWARDS or not self.overhangs.above(self.here, self.control.normal):
             return inf
-        return self.control.column_speed / float(along[2])
+        return self.control.climb_speed / float(along[2])
 
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""

@@ -165,18 +165,18 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     wall = np.array([0.0, -1.0, 0.0])
     touch(tip.overhangs, place, wall)
-    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "nothing as high was touched"
+    assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "nothing as high was touched"
     assert tip.climb_limit(slope) == np.inf
     touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
     assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
     edge = np.array([0.0, 0.0, 0.05])
     tip.here = edge
-    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "the line beside was as high and no higher"
+    assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "the line beside was as high and no higher"
     touch(tip.overhangs, [0.01, 0.003, 0.055], np.array([0.0, 0.0, 1.0]))
     assert tip.climb_limit(up) == np.inf, "the sphere went over the edge there"
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=MIN_LEANING)
-    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed), "something overhangs up there"
+    assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "something overhangs up there"
 
 
 def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
@@ -190,7 +190,7 @@ def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
     tip.here = np.array([0.0, 0.0, 0.03])
     assert tip.climb_limit(up) == np.inf, "the same wall goes on"
     tip.here = np.array([0.0, 0.0, 0.0385])
-    assert tip.climb_limit(up) == pytest.approx(tip.control.column_speed)
+    assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed)
     tip.here = np.array([0.0, -0.001, 0.0385])
     assert tip.climb_limit(up) == np.inf, "on a wall as far out"
 
@@ -207,7 +207,7 @@ def test_up_a_wall_it_goes_slowly_below_a_surface_that_faces_somewhat_alike_and_
     for z in np.arange(0.035, 0.07, 0.001):
         touch(tip.overhangs, tip.here + out * upper - 0.012 * along + [0.0, 0.0, z - 0.03], upper)
     found = tip.climb_limit(np.array([0.0, 0.0, 1.0]))
-    assert found == pytest.approx(tip.control.column_speed) if slow else found == np.inf
+    assert found == pytest.approx(tip.control.climb_speed) if slow else found == np.inf
 
 
 def test_up_a_round_wall_it_goes_as_fast_as_up_a_plane_one():

@@ -40,6 +40,8 @@ STICK_SHARE = 0.75
 over the area and from joint to joint, and which gives way less to what pushes it nearer to its last axes."""
 LEAST_GIVE = 0.5
 """Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
+BESIDE = 1.25
+"""Times the wanted force, from which on what is met beside a wall counts."""
 FRICTION = 0.5
 """Of a wall under the sphere, as large as that of dry contacts mostly is: its share of the wanted force adds to what a
 foot presses with."""
@@ -66,6 +68,7 @@ class ContourControl:
     normal : (3,) unit, world frame, the tracked normal of the surface; zero before the first contact
     column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
         the sphere's flank
+    climb_speed : m/s, the same for a sphere that presses on a wall meanwhile
     """
 
     def __init__(self, task: Task) -> None:
@@ -121,8 +124,11 @@ class ContourControl:
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
         met = int(np.argmax(beside))
         delay = task.delay + float(longer[flank <= NORMALS][met])
-        self.column_speed = min(
-            approach_speed(spare, float(beside[met]), delay, task.acceleration), task.approach_speed
+        # Beside the wall a second contact shows once it presses as much as the wall does, and some more.
+        climb = min(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, spare)
+        self.column_speed, self.climb_speed = (
+            min(approach_speed(max(force, 0.0), float(beside[met]), delay, task.acceleration), task.approach_speed)
+            for force in (spare, climb)
         )
 
     def begin(self, normal: np.ndarray) -> None:
