@@ -20,11 +20,16 @@ from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.touched_tops import LEVEL
-from lwrprobe_strategies.skills import transit, tried
+from lwrprobe_strategies.skills import load, transit, tried, unload
 from lwrprobe_strategies.tip import Tip
 
 AROUND = 3.0
 """Radii of the sphere from what was touched to the border of what is explored."""
+
+PRESSES, PRESSED, PRESS_TIME = 4, 2.0, 0.25
+"""How often, with how many times the wanted force, and s for each way."""
+ALONG = 0.95
+"""Share of a normal along the stick, from which on presses show the stiffness along it."""
 
 Step = Generator[Motion, Observation, Outcome | None]
 
@@ -70,10 +75,27 @@ class BlindStart:
         if flank is None:
             yield from self._lift()
             return None
+        yield from self._press(flank)
         closed = yield from ObjectBounds(self._tip, flank).program()
         found = self._found(self._search.found_at, closed)
         yield from self._leave(found.area)
         return found
+
+    def _press(self, normal: np.ndarray) -> Step:
+        """On what is touched along the stick, several times: where the pipeline knows the stiffness of the arm no better
+        than stated, all motions are as slow as the stiffest one in doubt demands, until presses have shown it.
+        """
+        tip = self._tip
+        if -float(normal @ tip.seen.pose[:3, Z]) < ALONG:
+            return None
+        target = tip.task.force_target
+        for _ in range(PRESSES):
+            before = tip.here
+            if (yield from tried(load(tip, normal, PRESSED * target, PRESS_TIME))) is not Ended.CONTACT:
+                break
+            depth = max(float((before - tip.here) @ normal), PRESSED * target / tip.task.stiffness)
+            yield from tried(unload(tip, normal, depth, PRESS_TIME))
+        return (yield from tried(load(tip, normal, target, PRESS_TIME)))
 
     def _found(self, found_at: float, closed: bool) -> Found:
         """What was touched, with space around it where its outline is `closed`; else all of the area is explored."""

@@ -10,7 +10,7 @@ from fake_surface import FakeSurface, box
 from lwrprobe.contracts import Area, Done, InputError
 from lwrprobe.scene.scene import ProbeTable
 from lwrprobe_strategies.active import Active
-from lwrprobe_strategies.blind_start import to_front
+from lwrprobe_strategies.blind_start import PRESSED, PRESSES, to_front
 from lwrprobe_strategies.object_search import ObjectSearch
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.search_places import SearchPlaces
@@ -104,6 +104,23 @@ def test_what_is_in_the_middle_is_found_at_the_first_place(height, seconds):
     """As long as helix, descent and circle take: 5 mm/s over 50 mm, 7 mm/s below, and 9 s around."""
     strategy, _, surface, _ = explore(at(box((0.02, 0.02), height), 0.0, 0.0, 0.3), SMALL)
     assert strategy.bounds.found_at < seconds
+    assert surface.peak <= TASK.force_limit
+
+
+@pytest.mark.parametrize(
+    ("distance", "pressed"),
+    [
+        (box((0.02, 0.02), 0.05), True),
+        (lambda p: np.linalg.norm(p - [-0.022, 0.0, 0.03]) - 0.03, False),  # met on its flank, across the stick
+    ],
+)
+def test_what_is_touched_along_the_stick_is_pressed_several_times(distance, pressed):
+    forces = []
+    note = lambda seen: forces.append(float(seen.force[2]))  # noqa: E731
+    strategy, _, surface, _ = explore(distance, SMALL, score=note)
+    high = np.array(forces[:6000]) > 0.95 * PRESSED * TASK.force_target
+    presses = np.count_nonzero(np.diff(high.astype(int)) == 1)
+    assert (presses >= PRESSES) == pressed
     assert surface.peak <= TASK.force_limit
 
 
