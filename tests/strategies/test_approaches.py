@@ -464,11 +464,20 @@ def test_far_below_the_top_of_the_area_the_probe_goes_level_just_above_what_was_
     line = Line(0, 0.01, -0.05, 0.05, low - 0.01, on_surface=on_surface, free_to=TOP)
     up, over, down = way(line, [0.0, 0.0, low], free)
     assert (up.speed_limit, over.speed_limit, down.speed_limit) == (
-        SpeedLimit.COLUMN, SpeedLimit.LEVEL, SpeedLimit.GUARDED,
+        SpeedLimit.COLUMN, SpeedLimit.GUARDED, SpeedLimit.GUARDED,
     )  # fmt: skip
     assert up.place[2] == over.place[2] == pytest.approx(low + GAP)
     assert tuple(over.place[:2]) == tuple(line.start[:2])
     assert tuple(down.place) == tuple(line.start)
+
+
+def test_below_what_was_touched_a_level_path_is_no_faster_than_all_of_the_stick_may_meet_something():
+    low = TOP - FAR_BELOW - 0.001
+    free = stand(nowhere(), [-0.04, 0.0, low], normal=[0.0, 0.0, 1.0])
+    line = Line(0, 0.01, -0.02, 0.05, 0.01)
+    path = way(line, [-0.02, -0.02, 0.02], free)
+    assert [piece.speed_limit for piece in path[-2:]] == [SpeedLimit.LEVEL, SpeedLimit.GUARDED]
+    assert path[-2].place[2] == pytest.approx(0.02 + GAP)
 
 
 def test_an_object_nearly_as_high_as_the_area_is_crossed_over_the_top():

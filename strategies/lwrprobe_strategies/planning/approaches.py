@@ -190,8 +190,8 @@ def _level_over(
     for known in (highest,) if line.on_surface else (highest, -np.inf):
         level = max(known, here[Z], start[Z]) + GAP
         own, over = np.array([*here[:2], level]), np.array([*start[:2], level])
-        swept = free.swept(own, over)
-        across = Waypoint(over, SpeedLimit.FREE if swept else SpeedLimit.LEVEL, turn)
+        unknown = SpeedLimit.GUARDED if level > highest else SpeedLimit.LEVEL
+        across = Waypoint(over, SpeedLimit.FREE if free.swept(own, over) else unknown, turn)
         fits = not line.on_surface and free.clear_down_to(start.item(X), start.item(Y)) < level
         down = _down_to(start, free, SpeedLimit.GUARDED) if fits else [Waypoint(start, SpeedLimit.GUARDED)]
         if level < top:
