@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lwrprobe.contracts import Confidence, Contact, InputError, Motion, Observation, Progress, Task
-from lwrprobe.mapping.estimate import SurfaceEstimate
+from lwrprobe.contracts import Confidence, InputError, Motion, Observation, Progress, Task
+from lwrprobe.mapping.estimate import APART, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.planning.lines import Line, Z
@@ -54,21 +54,22 @@ class Active(GridVersion):
     Attributes
     ----------
     estimate : of the surface and its error
-    found : reliable contacts of the search for the object, where there was one
+    found : reliable contacts since the search for the object began, where there was one: place of the sphere's centre
+        and normal
     """
 
     Config: ClassVar[type] = ActiveConfig
 
     def start(self, task: Task) -> None:
         """Take over: the tip rests in free space."""
-        self.found: list[Contact] = []
+        self.found: list[tuple[np.ndarray, np.ndarray]] = []
         super().start(task)
 
     def program(self) -> Program:
         """Stroke after stroke, until the expected error is small; what bounded the object is known from the start."""
         self.estimate = SurfaceEstimate(self.task.area, self.options.step)
-        for contact in self.found:
-            self.estimate.touch(contact.centre, contact.normal)
+        for centre, normal in self.found:
+            self.estimate.touch(centre, normal)
         for place in self.untouched_heights():
             self.estimate.passed(place)
         self.outline = OutlineWatch()
@@ -114,9 +115,10 @@ class Active(GridVersion):
             if not self.searching:
                 self.estimate.passed(observation.pose[:3, 3])
         elif contact.confidence is Confidence.RELIABLE:
-            if self.searching:
-                self.found.append(contact)
-            else:
+            blind = self.searching or self.bounds is not None
+            if blind and (not self.found or np.abs(contact.centre - self.found[-1][0]).max() >= APART):
+                self.found.append((contact.centre, contact.normal))
+            if not self.searching:
                 self.estimate.touch(contact.centre, contact.normal)
         return super().step(observation)
 

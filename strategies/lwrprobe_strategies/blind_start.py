@@ -15,7 +15,7 @@ from lwrprobe.contracts import Area, Motion, Observation, Task
 from lwrprobe_strategies.object_bounds import LIFT, ObjectBounds
 from lwrprobe_strategies.object_search import ObjectSearch
 from lwrprobe_strategies.outcomes import Ended, Outcome
-from lwrprobe_strategies.planning.contact_memory import POINT
+from lwrprobe_strategies.planning.contact_memory import POINT, POINT_Z
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
@@ -28,6 +28,10 @@ AROUND = 3.0
 
 PRESSES, PRESSED, PRESS_TIME = 4, 2.0, 0.25
 """How often, with how many times the wanted force, and s for each way."""
+AT_BORDER, FEWEST = 0.001, 3
+"""m from a side of the area, and contacts there, from which on the object goes on beyond it."""
+TABLE = 0.002
+"""m above the plane on which a sphere at the area's lower end would rest, up to which a touch is one of the table."""
 ALONG = 0.95
 """Share of a normal along the stick, from which on presses show the stiffness along it."""
 
@@ -82,8 +86,9 @@ class BlindStart:
         return found
 
     def _press(self, normal: np.ndarray) -> Step:
-        """On what is touched along the stick, several times: where the pipeline knows the stiffness of the arm no better
-        than stated, all motions are as slow as the stiffest one in doubt demands, until presses have shown it.
+        """On what is touched along the stick, several times.
+
+        As long as the stiffness of the arm is only stated, all motions are as slow as the stiffest one in doubt demands.
         """
         tip = self._tip
         if -float(normal @ tip.seen.pose[:3, Z]) < ALONG:
@@ -141,6 +146,24 @@ def to_front(place: np.ndarray, area: Area) -> list[np.ndarray]:
     nearer = area.lower if place[X] - area.lower[X] < area.upper[X] - place[X] else area.upper
     corner = np.array([nearer[X], place[Y], place[Z]])
     return [corner, np.array([nearer[X], front, place[Z]])]
+
+
+def widened(area: Area, whole: Area, contacts: np.ndarray, radius: float, by: float) -> Area | None:
+    """The area with those sides `by` m farther out, inside the `whole` one, on which contacts show that the object goes
+    on; None where there is no such side.
+
+    An outline above the floor says nothing of what is lower. `contacts` (n, 10) are rows of the contact memory; what
+    was touched no higher than the table is taken for that.
+    """
+    centres = contacts[contacts[:, POINT_Z] > area.lower[Z] - radius + TABLE, :Z]
+    low, high = area.lower.copy(), area.upper.copy()
+    for axis in (X, Y):
+        if np.count_nonzero(centres[:, axis] < low[axis] + AT_BORDER) >= FEWEST:
+            low[axis] = max(low[axis] - by, whole.lower[axis])
+        if np.count_nonzero(centres[:, axis] > high[axis] - AT_BORDER) >= FEWEST:
+            high[axis] = min(high[axis] + by, whole.upper[axis])
+    same = np.array_equal(low[:Z], area.lower[:Z]) and np.array_equal(high[:Z], area.upper[:Z])
+    return None if same else Area(low, high)
 
 
 def bounded(task: Task, found: Found) -> Task:

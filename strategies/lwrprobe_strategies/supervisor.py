@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 from math import hypot
 from typing import Any, ClassVar
 
@@ -24,8 +25,9 @@ from lwrprobe.contracts import (
     Task,
     VelocityCommand,
 )
-from lwrprobe_strategies.blind_start import BlindStart, bounded
+from lwrprobe_strategies.blind_start import BlindStart, bounded, widened
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Interruption, Jammed, Overload, UnknownSpace
+from lwrprobe_strategies.planning.contact_memory import POINT_Z
 from lwrprobe_strategies.skills.skill import Skill
 from lwrprobe_strategies.tip import MAX_PERIOD, Tip
 from lwrprobe_strategies.trace import Row
@@ -205,14 +207,32 @@ class SkillStrategy(ABC):
 
     def _blind_program(self) -> Program:
         """Find the object, bound it, and do what is to be done with it."""
-        start = BlindStart(self.tip)
+        start, given = BlindStart(self.tip), self.task
         found = yield from start.program()
         if found is None:
             return self._nothing_found(start.missed)
-        self.task = bounded(self.task, found)
+        self.task = bounded(given, found)
         self.tip.confine(self.task)
         self.bounds = Bounds(found.found_at, self.tip.seen.time, found.area)
-        return (yield from self.program())
+        while True:
+            done = yield from self.program()
+            if not done.complete or not self._widen(given):
+                return done
+
+    def _widen(self, given: Task) -> bool:
+        """Explore more of the `given` area where the object goes on beyond what was bounded; whether it does."""
+        tip, bounds, by = self.tip, self.bounds, given.search_for
+        assert bounds is not None
+        assert by is not None
+        contacts = tip.memory.contacts()
+        area = widened(bounds.area, given.area, contacts, given.probe.radius, by)
+        if area is None:
+            return False
+        self.bounds = replace(bounds, area=area)
+        self.task = replace(self.task, area=area.raised(self.raised), tallest=float(contacts[:, POINT_Z].max()))
+        tip.rotation = given.orientation
+        tip.confine(self.task)
+        return True
 
     def _nothing_found(self, missed: float) -> Done:
         """What a search says that found nothing; it is complete where it came down wherever it had to."""

@@ -157,7 +157,7 @@ class Tip:
         side = hypot(along.item(0), along.item(1))
         if side < SIDEWAYS:
             return inf
-        return min(self._overhang_limit(along, side), self._near_limit(along, side))
+        return min(self._overhang_limit(along, side), self.near_limit(along))
 
     def _overhang_limit(self, along: np.ndarray, side: float) -> float:
         """m/s along a unit vector (3,) with a horizontal share `side`, where the object overhangs or may do so."""
@@ -175,10 +175,10 @@ class Tip:
             return UNEXPECTED * self.control.stick_speed(self.overhangs.reach(here, along), along) / side
         return inf
 
-    def _near_limit(self, along: np.ndarray, side: float) -> float:
-        """m/s along a unit vector (3,) with a horizontal share `side`, towards what is known to be near the stick."""
-        near = self.seen.clearance
-        if near is None or not self._stick_is_near:
+    def near_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) towards what is known to be near the stick; inf where that leads past it."""
+        near, side = self.seen.clearance, hypot(along.item(0), along.item(1))
+        if near is None or not self._stick_is_near or side < SIDEWAYS:
             return inf
         back = -self.seen.pose[:3, 2]
         there = near.on_map - self.here

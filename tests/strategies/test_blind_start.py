@@ -49,6 +49,22 @@ class Told(Active):
         return lines
 
 
+class GoesOn(SkillStrategy):
+    """Its first program touches the object on the right side of what was bounded, `height` m above the table."""
+
+    def __init__(self, height):
+        self.height, self.explored = height, []
+
+    def program(self):
+        area = self.task.area
+        self.explored.append(area)
+        for y in (0.0, 0.01, 0.02) if len(self.explored) == 1 else ():
+            centre = np.array([area.upper[0], y, self.height + TASK.probe.radius])
+            self.tip.memory.add(centre, centre - [0.0, 0.0, TASK.probe.radius], np.array([0.0, 0.0, 1.0]), np.nan)
+        return Done("explored")
+        yield
+
+
 def explore(distance, area=AREA, samples=100_000, score=lambda seen: None, strategy=None):
     """The strategy after its end, how it ended, the surface, and where the tip was.
 
@@ -117,7 +133,7 @@ def test_what_is_in_the_middle_is_found_at_the_first_place(height, seconds):
 def test_what_is_touched_along_the_stick_is_pressed_several_times(distance, pressed):
     forces = []
     note = lambda seen: forces.append(float(seen.force[2]))  # noqa: E731
-    strategy, _, surface, _ = explore(distance, SMALL, score=note)
+    _, _, surface, _ = explore(distance, SMALL, score=note)
     high = np.array(forces[:6000]) > 0.95 * PRESSED * TASK.force_target
     presses = np.count_nonzero(np.diff(high.astype(int)) == 1)
     assert (presses >= PRESSES) == pressed
@@ -148,6 +164,19 @@ def test_an_outline_goes_on_over_contacts_that_are_imprecise():
     strategy, _, _, _ = explore(at(box((0.015, 0.015), 0.04), 0.0, 0.0, 0.3), SMALL, score=low)
     assert inside(strategy, (0.015, 0.015), 0.0, 0.0, 0.3) > 2.0 * TASK.probe.radius
     assert (strategy.bounds.area.upper - strategy.bounds.area.lower)[0] < (SMALL.upper - SMALL.lower)[0] - 0.01
+
+
+@pytest.mark.parametrize(("height", "times"), [(0.02, 2), (0.001, 1)])
+def test_where_the_object_goes_on_beyond_what_was_bounded_more_of_the_area_is_explored(height, times):
+    """An outline above the floor says nothing of what is lower; what is touched as low as the table is the table."""
+    strategy, done, _, _ = explore(at(box((0.015, 0.015), 0.05), 0.0, 0.0), SMALL, strategy=GoesOn(height))
+    assert done.reason == "explored"
+    first, *more = strategy.explored
+    assert len(more) == times - 1
+    for area in more:
+        assert area.upper[0] == pytest.approx(min(first.upper[0] + TASK.search_for, SMALL.upper[0]))
+        assert (area.lower == first.lower).all()
+        assert strategy.bounds.area.upper[0] == area.upper[0] == strategy.task.area.upper[0]
 
 
 @pytest.mark.slow

@@ -55,6 +55,8 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
                 along = direction(tip.here, waypoint.place)
                 touching = tip.control.approach_speed(along, tip.seen.pose[:3, :3]) if tip.leaving else speed
                 goal = slowed(goal, min(speed, touching))
+            else:  # off a surface, where the probe has been, the path is not quite the one on which it came
+                goal = slowed(goal, min(speed, tip.near_limit(direction(tip.here, waypoint.place))))
             try:
                 yield goal
             except Overload:
