@@ -109,6 +109,18 @@ def test_a_transit_ends_where_something_is_touched():
     assert strategy.tip.control.normal == pytest.approx([0.0, 0.0, 1.0])
 
 
+@pytest.mark.parametrize(("side", "slow"), [(1.0, True), (-1.0, False)])
+def test_a_free_transit_slows_down_towards_what_is_near_the_stick(side, slow):
+    surface = over(lambda place: 1.0, [0.0, 0.0, 0.03])
+
+    def near(_, surface):
+        beside = surface.place + [side * (TASK.probe.stick_radius + 0.0005), 0.0, 0.03]
+        surface.clearance = Clearance(0.0005, beside - [side * 0.0005, 0.0, 0.0], beside, "stick", 0.0001)
+
+    run(lambda tip: transit(tip, [Waypoint(np.array([0.01, 0.0, 0.03]))]), surface, change=near)
+    assert (surface.fastest < 0.2 * TASK.free_speed) == slow
+
+
 def test_a_transit_that_leaves_a_wall_notices_what_it_meets_there():
     def corner(place):
         return min(0.01 - place[1], 0.05 - place[2])  # a wall ahead in y, an underside above
