@@ -88,7 +88,7 @@ class BlindStart:
     def _press(self, normal: np.ndarray) -> Step:
         """On what is touched along the stick, several times.
 
-        As long as the stiffness of the arm is only stated, all motions are as slow as the stiffest one in doubt demands.
+        As long as the stiffness of the arm is only stated, motions are as slow as the stiffest one in doubt demands.
         """
         tip = self._tip
         if -float(normal @ tip.seen.pose[:3, Z]) < ALONG:

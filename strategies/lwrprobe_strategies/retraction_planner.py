@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe_strategies.planning.lines import UP, Line
-from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Waypoint, tip_pose
+from lwrprobe_strategies.planning.paths import OFF, THERE, SpeedLimit, Waypoint, tip_pose
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
-from lwrprobe_strategies.skills import guarded_move
+from lwrprobe_strategies.skills import guarded_move, transit
 from lwrprobe_strategies.tip import Tip
 
 FALLBACKS = 3
@@ -72,14 +72,17 @@ class RetractionPlanner:
         self._stays = 0
 
     def _stayed(self) -> bool:
-        """Whether the tip is where it was when the line began, and in between came no farther than a retraction leads.
+        """Whether the tip is about where it was when the line began, and in between no farther than a retraction leads.
+
+        In a narrow place the path to a line may touch one side and the other in turn.
 
         The path to a line may end where it began, because the line begins in the object: that one does lead away.
         """
         tip, (trail, free) = self._tip, self._known
         been = np.vstack([tip.here, tip.memory.trail()[trail:, :3]])
         moved = np.abs(been - self._begin).max()
-        return bool(moved < THERE) and tip.free.farthest(self._begin, free) < AWAY * self._distance
+        near = OFF if tip.trace.ended is transit else THERE
+        return bool(moved < near) and tip.free.farthest(self._begin, free) < AWAY * self._distance
 
     def path(self) -> list[Waypoint]:
         """Off the surface that is touched; from under something, or leaning, back on the probe's path.

@@ -23,7 +23,7 @@ from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_fr
 from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.retraction_planner import RetractionPlanner
-from lwrprobe_strategies.skills import transit
+from lwrprobe_strategies.skills import follow_contour, transit
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
@@ -320,7 +320,7 @@ def driven(strategy, lines):
 
     def drive(line):
         lines.append(line)
-        strategy.tip.observe(seen([0.001 * len(lines), -0.1, 0.06], 1.0))
+        strategy.tip.observe(seen([0.003 * len(lines), -0.1, 0.06], 1.0))
         return iter(())
 
     strategy.drive_line = drive
@@ -357,6 +357,19 @@ def test_the_area_is_raised_over_an_object_that_reaches_its_upper_end_or_the_run
         assert lines[again + 1].place != lines[0].place
         top = float(strategy.task.area.upper[2])
         assert strategy.tip.free.clear_down_to(0.05, 0.05) == top, "above where it came down something may be"
+
+
+@pytest.mark.parametrize(("moved", "ended", "stays"), [(0.0015, transit, True), (0.0015, follow_contour, False)])
+def test_a_path_that_touches_one_side_of_a_narrow_place_and_then_the_other_has_not_left_it(moved, ended, stays):
+    """Line after line had been given up there, none of them driven."""
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    planner, tip = RetractionPlanner(strategy.tip, DOWN, 0.01), strategy.tip
+    planner.line_begins()
+    tip.observe(seen(tip.here + np.array([moved, 0.0, 0.0]), 1.0))
+    tip.trace.ended = ended
+    planner.line_ends()
+    assert planner.stays == stays
 
 
 @pytest.mark.parametrize("blocked", ["", "out of reach: limited"])

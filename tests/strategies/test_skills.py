@@ -114,7 +114,7 @@ def test_a_free_transit_slows_down_towards_what_is_near_the_stick(side, slow):
     surface = over(lambda place: 1.0, [0.0, 0.0, 0.03])
 
     def near(_, surface):
-        beside = surface.place + [side * (TASK.probe.stick_radius + 0.0005), 0.0, 0.03]
+        beside = surface.place + np.array([side * (TASK.probe.stick_radius + 0.0005), 0.0, 0.03])
         surface.clearance = Clearance(0.0005, beside - [side * 0.0005, 0.0, 0.0], beside, "stick", 0.0001)
 
     run(lambda tip: transit(tip, [Waypoint(np.array([0.01, 0.0, 0.03]))]), surface, change=near)
