@@ -271,3 +271,10 @@ def test_parts_of_arrays_and_whole_numbers_are_taken_as_they_are():
     parts.normal = np.array([0, -1, 0])
     again = whole.velocity(np.array([0.0, -1.0, 0.0]), 1.5, *ahead, DOWN.copy(), 0.008)
     np.testing.assert_array_equal(parts.velocity(np.array([0, -1, 0]), 1.5, *ahead, pose[:3, :3], 0.008), again)
+
+
+@pytest.mark.parametrize(("limit", "least"), [(3.0, 0.6), (1.2, 0.1)])
+def test_a_wall_is_climbed_more_slowly_than_a_free_column_but_never_at_rest(limit, least):
+    """A ledge above it was met with 3.7 N; and where the limit is near the wanted force, nothing was to spare."""
+    control = ContourControl(replace(task(), force_limit=limit))
+    assert least * control.column_speed < control.climb_speed < 0.8 * control.column_speed

@@ -162,7 +162,7 @@ class Bounds:
     ----------
     found_at : s of the run, of the first touch
     bounded_at : s of the run, when the object was bounded
-    area : what is explored from then on
+    area : what is explored from then on; it grows where the object turns out to go on beyond it
     """
 
     found_at: float

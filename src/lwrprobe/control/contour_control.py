@@ -42,6 +42,9 @@ LEAST_GIVE = 0.5
 """Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
 BESIDE = 1.25
 """Times the wanted force, from which on what is met beside a wall counts."""
+LEAST_SPARE = 0.25
+"""Share of what a first touch may use, that a climb plans with at least: with a limit near the wanted force it would
+come to rest."""
 FRICTION = 0.5
 """Of a wall under the sphere, as large as that of dry contacts mostly is: its share of the wanted force adds to what a
 foot presses with."""
@@ -125,10 +128,10 @@ class ContourControl:
         met = int(np.argmax(beside))
         delay = task.delay + float(longer[flank <= NORMALS][met])
         # Beside the wall a second contact shows once it presses as much as the wall does, and some more.
-        climb = min(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, spare)
+        climb = max(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, LEAST_SPARE * spare)
         self.column_speed, self.climb_speed = (
-            min(approach_speed(max(force, 0.0), float(beside[met]), delay, task.acceleration), task.approach_speed)
-            for force in (spare, climb)
+            min(approach_speed(force, float(beside[met]), delay, task.acceleration), task.approach_speed)
+            for force in (spare, min(climb, spare))
         )
 
     def begin(self, normal: np.ndarray) -> None:

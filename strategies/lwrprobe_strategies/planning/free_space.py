@@ -98,7 +98,7 @@ class FreeSpace:
             self._places.add(tuple(row))
 
     def confine(self, area: Area, body: float = np.inf) -> None:
-        """Go on in an area within the one before, as high as that; on its border nothing stands.
+        """Go on in another area, as high as the one before; on its border nothing stands.
 
         `body` as in the constructor.
         """
