@@ -365,3 +365,19 @@ def test_the_stick_is_met_no_higher_than_what_is_known_to_be_tallest_or_was_touc
     assert overhangs.reach(place) == pytest.approx(0.01)
     touch(overhangs, [0.0, -0.01, LOW + 0.02], [0.0, -1.0, 0.0], 1)
     assert overhangs.reach(place) == pytest.approx(0.02)
+
+
+def test_the_rounded_top_edge_of_a_round_wall_does_not_stand_out_over_the_wall_beside():
+    """Walls of a cylinder had been climbed as if something stood out above."""
+    radius, top = 0.025, 0.05
+    overhangs = Overhangs(AREA, task().probe, 0.015)
+    for z in np.arange(0.006, top, 0.001):
+        touch(overhangs, [0.0, radius + 0.005, z], [0.0, 1.0, 0.0])
+    for angle in np.radians(np.arange(0.0, 90.0, 3.0)):
+        out, up = np.cos(angle), np.sin(angle)
+        touch(overhangs, [0.0, radius + 0.005 * out, top + 0.005 * up], [0.0, out, up])
+    side = np.array([0.5, np.sqrt(0.75), 0.0])
+    assert not overhangs.above(np.array([0.0, 0.0, 0.02]) + 0.03 * side, side)
+    ledge = np.array([0.0, np.cos(1.1), np.sin(1.1)])  # the upper edge of one that stands out by 2 mm
+    touch(overhangs, [0.0, radius + 0.007 + 0.005 * ledge[1], 0.03 + 0.005 * ledge[2]], ledge)
+    assert overhangs.above(np.array([0.0, radius + 0.005, 0.02]), np.array([0.0, 1.0, 0.0]))

@@ -222,7 +222,10 @@ class Overhangs:
             return True
         facing = higher[:, 3:] @ normal[:2]
         askew = higher[(facing > ASKEW) & (facing <= FACING)]
-        out = ((askew[:, :2] - place[:2]) * askew[:, 3:]).sum(axis=1)
+        outward = askew[:, 3:] / np.maximum(np.hypot(*askew[:, 3:].T), 1e-9)[:, None]
+        edges = outward @ normal[:2] > FACING  # of a surface that faces alike: its normals lead up there
+        outward = np.where(edges[:, None], 0.5 * (outward + normal[:2]), askew[:, 3:])
+        out = ((askew[:, :2] - place[:2]) * outward).sum(axis=1)
         if ((out > FURTHER_OUT) & (out < self._probe.radius)).any():
             return True
         alike = higher[facing > FACING]
@@ -231,9 +234,8 @@ class Overhangs:
         lowest = alike[alike[:, 2] < alike[:, 2].min() + HIGHER]
         apart = lowest[:, :2] - place[:2]
         nearest = int(np.argmin((apart * apart).sum(axis=1)))
-        # A chord of a round surface is perpendicular to the mean of the normals at its ends.
-        outward = 0.5 * (lowest[nearest, 3:] + normal[:2])
-        return FURTHER_OUT < float(apart[nearest] @ outward) < self._probe.radius
+        chord = 0.5 * (lowest[nearest, 3:] + normal[:2])
+        return FURTHER_OUT < float(apart[nearest] @ chord) < self._probe.radius
 
     def _ahead(self, place: np.ndarray, along: np.ndarray) -> tuple[int, int]:
         return self._cell(place.item(0) + AHEAD * along.item(0), place.item(1) + AHEAD * along.item(1))
