@@ -85,7 +85,7 @@ def test_a_run_in_memory_can_be_saved(bare, tmp_path):
     assert saved.trace == pytest.approx(bare.trace, abs=1e-4)
     assert saved.summary == bare.summary
     for name in ("report.html", "preview.png", "map.bt", "mesh.stl", "contacts.ply"):
-        assert (tmp_path / "saved" / name).stat().st_size > 1000
+        assert (tmp_path / "saved" / name).stat().st_size > 500
     with pytest.raises(lp.InputError, match="out"):
         bare.save("/proc/nowhere")
 
