@@ -84,8 +84,12 @@ def test_a_run_in_memory_can_be_saved(bare, tmp_path):
     assert saved.contacts.points == pytest.approx(bare.contacts.points, abs=1e-7)
     assert saved.trace == pytest.approx(bare.trace, abs=1e-4)
     assert saved.summary == bare.summary
-    for name in ("report.html", "preview.png", "map.bt", "mesh.stl", "contacts.ply"):
-        assert (tmp_path / "saved" / name).stat().st_size > 500
+    for name in ("report.html", "preview.png", "mesh.stl", "contacts.ply"):
+        assert (tmp_path / "saved" / name).stat().st_size > 1000
+    read = VoxelMap.read(tmp_path / "saved" / "map.bt")
+    assert len(read) == len(bare.map) > 100
+    occupied, again = (set(map(tuple, np.round(m.centres(), 6).tolist())) for m in (bare.map, read))
+    assert occupied == again != set()
     with pytest.raises(lp.InputError, match="out"):
         bare.save("/proc/nowhere")
 
