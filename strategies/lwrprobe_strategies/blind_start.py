@@ -20,21 +20,16 @@ from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.touched_tops import LEVEL
-from lwrprobe_strategies.skills import load, transit, tried, unload
+from lwrprobe_strategies.skills import press, transit, tried
 from lwrprobe_strategies.tip import Tip
 
 AROUND = 3.0
 """Radii of the sphere from what was touched to the border of what is explored."""
 
-PRESSES, PRESSED, PRESS_TIME = 4, 2.0, 0.25
-"""How often, with how many times the wanted force, and s for each way."""
 AT_BORDER, FEWEST = 0.001, 3
 """m from a side of the area, and contacts there, from which on the object goes on beyond it."""
 TABLE = 0.002
 """m above the plane on which a sphere at the area's lower end would rest, up to which a touch is one of the table."""
-ALONG = 0.95
-"""Share of a normal along the stick, from which on presses show the stiffness along it."""
-
 Step = Generator[Motion, Observation, Outcome | None]
 
 
@@ -79,28 +74,11 @@ class BlindStart:
         if flank is None:
             yield from self._lift()
             return None
-        yield from self._press(flank)
+        yield from press(self._tip, flank)
         closed = yield from ObjectBounds(self._tip, flank).program()
         found = self._found(self._search.found_at, closed)
         yield from self._leave(found.area)
         return found
-
-    def _press(self, normal: np.ndarray) -> Step:
-        """On what is touched along the stick, several times.
-
-        As long as the stiffness of the arm is only stated, motions are as slow as the stiffest one in doubt demands.
-        """
-        tip = self._tip
-        if -float(normal @ tip.seen.pose[:3, Z]) < ALONG:
-            return None
-        target = tip.task.force_target
-        for _ in range(PRESSES):
-            before = tip.here
-            if (yield from tried(load(tip, normal, PRESSED * target, PRESS_TIME))) is not Ended.CONTACT:
-                break
-            depth = max(float((before - tip.here) @ normal), PRESSED * target / tip.task.stiffness)
-            yield from tried(unload(tip, normal, depth, PRESS_TIME))
-        return (yield from tried(load(tip, normal, target, PRESS_TIME)))
 
     def _found(self, found_at: float, closed: bool) -> Found:
         """What was touched, with space around it where its outline is `closed`; else all of the area is explored."""

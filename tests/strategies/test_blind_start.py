@@ -10,10 +10,11 @@ from fake_surface import FakeSurface, box
 from lwrprobe.contracts import Area, Done, InputError
 from lwrprobe.scene.scene import ProbeTable
 from lwrprobe_strategies.active import Active
-from lwrprobe_strategies.blind_start import PRESSED, PRESSES, to_front
+from lwrprobe_strategies.blind_start import to_front
 from lwrprobe_strategies.object_search import ObjectSearch
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.search_places import SearchPlaces
+from lwrprobe_strategies.skills.presses import PRESSED, PRESSES
 from lwrprobe_strategies.supervisor import SkillStrategy
 from strategy_task import task
 

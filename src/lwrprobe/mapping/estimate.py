@@ -14,6 +14,7 @@ The estimate is coarse and quick. It serves to plan strokes and to decide when t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import ndimage
@@ -58,6 +59,8 @@ FOOT = 4.0
 """Reaches, within which a wall is the one under the edge of a level surface."""
 ASIDE = 0.35
 """Share of the nearest contact's normal across a face, below which that contact is on another surface."""
+UNTOUCHED = 0.8
+"""Reaches, as far as such a face is from what tells of it at least."""
 COARSE = 0.012
 """m, edge of the cells in which surprise is averaged; it is smoothed over neighbouring cells."""
 NEAREST = 0.006
@@ -244,19 +247,31 @@ class SurfaceEstimate:
             within[:, axis] -= low[tuple(where.T)]
             offset = np.zeros(3)
             offset[axis] = -0.5
-            found.append((self._origin + self.edge * (where + offset), within, np.full(len(where), axis)))
-        centres = np.concatenate([centre for centre, _, _ in found])
-        points = tuple(np.concatenate([inner for _, inner, _ in found]).T)
-        axes = np.concatenate([axis for _, _, axis in found])
+            outwards = np.where(low[tuple(where.T)], 1.0, -1.0)
+            found.append((self._origin + self.edge * (where + offset), within, np.full(len(where), axis), outwards))
+        centres, within, axes, outwards = (np.concatenate(part) for part in zip(*found))
+        points = tuple(within.T)
         normals = self._normals[owner[points]]
         distances = np.maximum(np.sqrt(self._square[points]) - 0.5 * self.edge, 0.0)
         across = np.abs(normals[np.arange(len(axes)), axes])
         # A slope has faces on each of its steps. Farther away, such a face is one of a surface that was not touched.
         untouched = (across < ASIDE) & (distances > 2.0 * self.edge)
         across = np.where(untouched, 1.0, np.maximum(across, 0.2))
-        distances = np.where(untouched, np.maximum(distances, 0.8 * self._reach), distances)
+        distances[untouched] = np.maximum(distances, self._alike(centres, axes, outwards, untouched))[untouched]
         roughness = SMOOTH + self._roughness(centres)
         return Faces(centres, axes, across * self.edge**2, distances, roughness, normals, self._reach)
+
+    def _alike(self, centres: np.ndarray, axes: np.ndarray, outwards: np.ndarray, asked: np.ndarray) -> np.ndarray:
+        """(n,) m, from the faces that are `asked` (n, bool) to the nearest contact on a surface that faces alike."""
+        distances = np.full(len(centres), UNTOUCHED * self._reach)
+        for axis, sign in product(range(3), (-1.0, 1.0)):
+            faces = asked & (axes == axis) & (outwards == sign)
+            alike = sign * self._normals[:, axis] > ASIDE
+            if faces.any():
+                places, known = centres[faces], self._centres[alike]
+                apart = cKDTree(known).query(places)[0] if len(known) else np.full(len(places), FOOT * self._reach)
+                distances[faces] = np.maximum(distances[faces], apart)
+        return distances
 
     def tallest_beside(self, places: np.ndarray, half: np.ndarray) -> np.ndarray:
         """(n,) m, highest place of the sphere's centre inside the estimated object near places (n, 3); -inf for none.

@@ -88,13 +88,9 @@ class Overhangs:
 
     def note(self, pose: np.ndarray, contact: Contact | None) -> None:
         """The tip is at a pose (4, 4) and touches something or nothing; called with every sample."""
+        if contact is None or contact.confidence is Confidence.RELIABLE:  # nothing touches the stick
+            self._stand(pose)
         if contact is None:
-            (*_, x), (*_, y), (_, _, down, z), _ = pose.tolist()
-            i, j = self._cell(x, y)
-            column, height = self._last_stood
-            if -down > UPRIGHT and not (z >= height and column == (i, j)):
-                self._last_stood = (i, j), z
-                self._stood.lower(i, j, 1, z)
             return
         px, py, pz = contact.point.tolist()
         if contact.confidence is Confidence.RELIABLE:
@@ -123,6 +119,15 @@ class Overhangs:
                 self._add(*self._cell(pose.item(0, 3), pose.item(1, 3)), pz)
         else:
             self._above = 0
+
+    def _stand(self, pose: np.ndarray) -> None:
+        """The tip is at a pose (4, 4), and nothing touches the stick."""
+        (*_, x), (*_, y), (_, _, down, z), _ = pose.tolist()
+        i, j = self._cell(x, y)
+        column, height = self._last_stood
+        if -down > UPRIGHT and not (z >= height and column == (i, j)):
+            self._last_stood = (i, j), z
+            self._stood.lower(i, j, 1, z)
 
     def _centre(self, x: float, y: float, z: float, nx: float, ny: float) -> None:
         """The sphere touches a surface at a place, with a normal."""

@@ -78,7 +78,7 @@ class StrokeScheduler(LineScheduler):
     ) -> None:
         super().__init__(task, memory, CoverageConfig(spacing, find_ends=False), body, orientations)
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
-        self._planner = StrokePlanner(task, speeds.guarded(DOWN), speeds.guarded(ASIDE), beneath)
+        self._planner = StrokePlanner(task, estimate.edge, speeds.guarded(DOWN), speeds.guarded(ASIDE), beneath)
         self.touched: np.ndarray | None = None
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
@@ -102,8 +102,8 @@ class StrokeScheduler(LineScheduler):
         if self._inserted is not None:
             return super().next(here)
         self._estimate.update()
-        if self._driven >= 0 and len(self._estimate) < FEW and self._crossings:
-            # The outline has led in under something, or there was none: over the top, where the stick is met last.
+        if len(self._estimate) < FEW and self._crossings:
+            # From the middle of the top outwards: the stick is met last there, and presses show how stiff the arm is.
             self._driven += 1
             return self._crossings.popleft()
         whole = self._estimate.faces()
@@ -183,7 +183,7 @@ class StrokeScheduler(LineScheduler):
         mean, p95 = faces.error(self._planner.success(faces))
         if self._stalled(self.patience(faces)) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
-        strokes = self._planner.strokes(faces, self._estimate.edge, self.height, here, self.touched)
+        strokes = self._planner.strokes(faces, self.height, here, self.touched)
         departure = Departure(here, self._task.orientation, self._task.area, self._free, self._speeds)
         best: Stroke | None = None
         for stroke in sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]:

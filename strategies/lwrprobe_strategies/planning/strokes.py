@@ -72,26 +72,26 @@ class StrokePlanner:
     Parameters
     ----------
     task : area, probe and speeds
+    edge : m, of the estimate's grid
     down : m/s, of a descent through unknown space
     across : m/s, at which something may be met from the side
     beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     """
 
     task: Task
+    edge: float
     down: float
     across: float
     beneath: Callable[[float], float]
     _failed: dict[tuple[int, ...], float] = field(default_factory=dict)
     _driven: list[Line] = field(default_factory=list)
 
-    def strokes(
-        self, faces: Faces, edge: float, low: float, here: np.ndarray, normal: np.ndarray | None
-    ) -> list[Stroke]:
+    def strokes(self, faces: Faces, low: float, here: np.ndarray, normal: np.ndarray | None) -> list[Stroke]:
         """All strokes that are worth anything.
 
         Parameters
         ----------
-        faces : the estimated surface, `edge` m of its grid
+        faces : the estimated surface
         low : m, height at which the body is clear of all that the area may hold
         here : (3,) m, of the tip
         normal : (3,) unit, of the surface that is touched there; None where none is
@@ -102,19 +102,19 @@ class StrokePlanner:
         found: list[Stroke] = []
         for axis in (X, Y):
             across = faces.centres[:, 1 - axis]
-            for place in np.arange(across.min(), across.max() + edge, 2.0 * edge).tolist():
-                profile = self._profile(faces, worth, axis, place, edge)
+            for place in np.arange(across.min(), across.max() + self.edge, 2.0 * self.edge).tolist():
+                profile = self._profile(faces, worth, axis, place)
                 if profile is not None:
                     found += self._cuts(profile, axis, place, low)
             if normal is not None:
-                profile = self._profile(faces, worth, axis, float(here[1 - axis]), edge)
+                profile = self._profile(faces, worth, axis, float(here[1 - axis]))
                 if profile is not None:
                     found += self._chained(profile, axis, here, normal)
         for level in np.arange(low, faces.centres[:, Z].max() - BELOW, LEVELS).tolist():
-            found += self._outlines(faces, worth, level, edge, here)
-        return [stroke for stroke in found if stroke.gain > 0.0 and not self._again(stroke.line, edge)]
+            found += self._outlines(faces, worth, level, here)
+        return [stroke for stroke in found if stroke.gain > 0.0 and not self._again(stroke.line)]
 
-    def _again(self, line: Line, edge: float) -> bool:
+    def _again(self, line: Line) -> bool:
         """Whether nearly the same stroke has been driven: what it has not shown, it will not show the next time."""
         if line.outline:
             return any(abs(line.height - other.height) < LEVELS for other in self._driven if other.outline)
@@ -122,7 +122,7 @@ class StrokePlanner:
         return any(
             other.axis == line.axis
             and not other.outline
-            and abs(line.place - other.place) < edge
+            and abs(line.place - other.place) < self.edge
             and min(other.begin, other.end) <= low
             and max(other.begin, other.end) >= high
             for other in self._driven
@@ -132,13 +132,22 @@ class StrokePlanner:
         """A stroke is driven: error that it was to remove and does not, counts less from now on."""
         line = stroke.line
         self._driven.append(line)
-        beside = faces.centres[:, Z] - line.height if line.outline else faces.centres[:, line.aside] - line.place
-        if (not line.outline and line.on_surface) or stroke.chained:
-            low, high = min(line.begin, line.end), max(line.begin, line.end)
-            along = faces.centres[:, line.axis]
-            beside = np.maximum(np.abs(beside), np.maximum(low - along, along - high))
-        for key in set(self._cells(faces.centres[np.abs(beside) < 0.5 * faces.reach])):
+        near = self._apart(faces, stroke) < 0.5 * faces.reach
+        for key in set(self._cells(faces.centres[near])):
             self._failed[key] = RETRY_WEIGHT * self._failed.get(key, 1.0)
+
+    def _apart(self, faces: Faces, stroke: Stroke) -> np.ndarray:
+        """(n,) m, from each face to the path of a stroke that touches it; infinite where that touches none like it."""
+        line, axis = stroke.line, stroke.line.axis
+        if line.outline:
+            return np.where(faces.axes == Z, np.inf, np.abs(faces.centres[:, Z] - line.height))
+        apart = _beside(faces, axis, line.place, self.edge)
+        if not line.on_surface:
+            return apart
+        low, high = min(line.begin, line.end), max(line.begin, line.end)
+        along = faces.centres[:, axis]
+        apart = np.maximum(apart, np.maximum(low - along, along - high))
+        return apart if stroke.chained else np.where(_walls(faces, axis) == 0, apart, np.inf)
 
     def success(self, faces: Faces) -> np.ndarray:
         """(n,) weight of the expected error of each face, by how often a touch nearby has failed."""
@@ -151,21 +160,19 @@ class StrokePlanner:
     def _cells(places: np.ndarray) -> list[tuple[int, ...]]:
         return list(map(tuple, np.floor(places / CELL).astype(np.int64).tolist()))
 
-    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float, edge: float) -> StrokeProfile | None:
+    def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float) -> StrokeProfile | None:
         """Along the line at `place` m on the other axis; None where there is no surface under it."""
-        beside = np.abs(faces.centres[:, 1 - axis] - place)
-        path = beside <= 0.51 * edge
+        path = _under(faces, axis, place, self.edge)
         if not path.any():
             return None
+        beside, wall = _beside(faces, axis, place, self.edge), _walls(faces, axis)
         near = beside < faces.reach
-        facing = faces.normals[:, axis]
-        wall = np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
         return StrokeProfile(
             along=faces.centres[near, axis],
             removed=faces.removed(worth, near, beside[near]),
             wall=wall[near],
             path_along=faces.centres[path, axis],
-            lengths=faces.areas[path] / edge,
+            lengths=faces.areas[path] / self.edge,
             path_wall=wall[path],
         )
 
@@ -212,13 +219,11 @@ class StrokePlanner:
                 line = Line(axis, place, begin, end, height, on_surface=True)
                 yield Stroke(line, before + gain, STOP + (climbed + length) / self.task.contour_speed, True)
 
-    def _outlines(
-        self, faces: Faces, worth: np.ndarray, level: float, edge: float, here: np.ndarray
-    ) -> Iterator[Stroke]:
+    def _outlines(self, faces: Faces, worth: np.ndarray, level: float, here: np.ndarray) -> Iterator[Stroke]:
         """Around the object at a height, from the nearest place where a wall is met squarely."""
         beside = np.abs(faces.centres[:, Z] - level)
         walls = faces.axes != Z
-        path = np.flatnonzero(walls & (beside <= 0.51 * edge))
+        path = np.flatnonzero(walls & (beside <= 0.51 * self.edge))
         if not len(path):
             return
         near = walls & (EXTRUDED * beside < faces.reach)
@@ -232,10 +237,38 @@ class StrokePlanner:
         inwards = -np.sign(normal[axis]) * 4.0 * faces.reach
         end = np.clip(place[axis] + inwards, self.task.area.lower[axis], self.task.area.upper[axis])
         line = Line(axis, float(place[1 - axis]), side, float(end), level, outline=1)
-        length = float(faces.areas[path].sum() / edge)
-        # What was touched above the outline may stand out over it: there the stick is what meets it.
-        above = float(faces.centres[faces.distances < edge, Z].max(initial=level)) - level
-        speed = self.task.contour_speed
-        if above > self.task.probe.radius:
-            speed = min(speed, self.beneath(above))
+        length = float(faces.areas[path].sum() / self.edge)
+        # What was touched above the outline may stand out over it: there the stick is what meets it. It does not from
+        # where the stick has stood on an outline above.
+        above = float(faces.centres[faces.distances < self.edge, Z].max(initial=level))
+        stood = [other.height for other in self._driven if other.outline and other.height > level]
+        reach, speed = min(above, *stood, np.inf) - level, self.task.contour_speed
+        if reach > self.task.probe.radius:
+            speed = min(speed, self.beneath(reach))
         yield Stroke(line, gain, LIFT + abs(side - place[axis]) / self.across + length / speed)
+
+
+def _under(faces: Faces, axis: int, place: float, edge: float) -> np.ndarray:
+    """(n,) bool: the faces under a line at `place` m on the other axis."""
+    return np.abs(faces.centres[:, 1 - axis] - place) <= 0.51 * edge
+
+
+def _walls(faces: Faces, axis: int) -> np.ndarray:
+    """(n,) -1 and +1 for faces of the walls that look along an axis towards - and +, else 0."""
+    facing = faces.normals[:, axis]
+    return np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
+
+
+def _beside(faces: Faces, axis: int, place: float, edge: float) -> np.ndarray:
+    """(n,) m, from each face to the path of a line at `place` m on the other axis.
+
+    A wall beside the line is passed at the height of what is under the line there.
+    """
+    aside, heights = np.abs(faces.centres[:, 1 - axis] - place), faces.centres[:, Z]
+    along = faces.centres[:, axis]
+    column = np.rint((along - along.min(initial=np.inf)) / edge).astype(np.int64)
+    under, path = _under(faces, axis, place, edge), np.full(column.max(initial=0) + 1, -np.inf)
+    np.maximum.at(path, column[under], heights[under])
+    path[np.isinf(path)] = np.inf  # nothing is under the line there
+    below = np.where(faces.axes == 1 - axis, np.maximum(path[column] - heights, 0.0), 0.0)
+    return np.hypot(aside, below)

@@ -5,6 +5,7 @@ from lwrprobe_strategies.skills.follow_and_regain import follow_and_regain
 from lwrprobe_strategies.skills.follow_contour import follow_contour
 from lwrprobe_strategies.skills.guarded_move import guarded_move
 from lwrprobe_strategies.skills.load import approach, load, rest, unload
+from lwrprobe_strategies.skills.presses import press
 from lwrprobe_strategies.skills.reapproach import reapproach
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.reorient import reorient
@@ -23,6 +24,7 @@ __all__ = [
     "follow_contour",
     "guarded_move",
     "load",
+    "press",
     "reapproach",
     "release",
     "reorient",
