@@ -58,7 +58,7 @@ def strokes(name):
     `lwrprobe explore NAME --strategy active --set truth.profile=ideal`, seed 1. Columns: contact, normal; the sphere's
     centre.
     """
-    file = np.load(Path(__file__).parent / "strokes" / f"{name}.npz")
+    file = np.load(Path(__file__).parent / "recorded" / f"{name}.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
     return TouchRecord(
         contacts[:, :3],
@@ -453,6 +453,23 @@ def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
     assert np.median(normals[:, 2]) < -0.98
     for name in ("block", "polystyrene_1", "jaw_chuck"):
         assert len(inferred(name)[1]) == 0
+
+
+def test_a_side_that_recedes_all_around_goes_on_inwards():
+    """Level chords between its opposite edges had left a body that hung in the air over two small lumps.
+
+    The contacts are every twelfth of those of `grid_version` on `random:revolution:8704`.
+    """
+    file = np.load(Path(__file__).parent / "recorded" / "receding.npz")
+    points, normals, free = (file[name].astype(float) for name in ("points", "normals", "free"))
+    assert (normals[:, 2] < -0.25).sum() > 100, "its lower edge was touched from below"
+    record = TouchRecord(
+        points, normals=normals, free_path=free, probe_radius=0.005, table=0.0, lowest=float(file["lowest"]), pitch=0.01
+    )
+    outwards = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(0.0, 6.0, 0.5)])
+    inside = np.array([[*(0.02 * side), z] for side in outwards for z in (0.004, 0.008, 0.012)])
+    assert (load_scene("random:revolution:8704").solid().signed_distance(inside) < 0.0).all()
+    assert MeshDistance(surface(record, compare=False).mesh).contains(inside[:, :2], inside[:, 2:]).all()
 
 
 @pytest.mark.parametrize("name", ["polystyrene_1", "cylinder_horizontal", "random:bumps:2"])

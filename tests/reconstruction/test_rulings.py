@@ -149,7 +149,7 @@ def test_the_inner_wall_of_a_hollow_does_not_speak_against_a_wall():
 
 
 def test_few_strokes_over_flat_faces_make_a_better_mesh(monkeypatch):
-    file = np.load(Path(__file__).parent / "strokes" / "bridge.npz")
+    file = np.load(Path(__file__).parent / "recorded" / "bridge.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
     record = TouchRecord(
         contacts[:, :3], normals=contacts[:, 3:], free_path=free, probe_radius=RADIUS, table=0.0, lowest=0.006,

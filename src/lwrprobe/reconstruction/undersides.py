@@ -6,6 +6,9 @@ Without this, the walls above go straight down. A surface that bends away smooth
 
 Between two edges of a convex solid all lies within it. A chord is left out where the surface that goes on from the
 contacts nearest to it leaves it inside.
+
+Where nothing was touched lower than the edges, the object would stand on a foot that nobody has touched. Its side may
+as well go on inwards as it does: there an underside begins at sharp edges alone.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ _APART = 0.15  # how far both ends must face outwards
 _TURN = 0.2  # rad that the normal must turn over an edge
 _SURE = 2.5  # times the scatter of normals, which a turn over an edge exceeds
 _SHARP = 2.0  # radii of the sphere: an edge is rounded less than that
+_SHARP_LOWEST = 0.5  # the same, where nothing was touched lower
+_LOWER = 1.0  # radii below the edges, from which on something was
 _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degrees
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
 _GROWTH = 0.03  # m of standard deviation a metre from the nearer end
@@ -44,9 +49,9 @@ def find_undersides(touches: Touches, clusters: Clusters, known: HermiteField, p
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     feet = clusters.points - touches.radius * clusters.normals
     ends, normals = touches.points[low], touches.normals[low]
-    sharp = _over_edge(
-        ends, normals, feet, clusters.normals, _SHARP * touches.radius, _SURE * _scatter(touches, clusters)
-    )
+    lowest = ends[:, 2].max() < touches.points[:, 2].min() + _LOWER * touches.radius
+    rounding = (_SHARP_LOWEST if lowest else _SHARP) * touches.radius
+    sharp = _over_edge(ends, normals, feet, clusters.normals, rounding, _SURE * _scatter(touches, clusters))
     walls = feet, clusters.normals
     places, facing, deviation, chord = _chords(ends, normals, sharp, walls, pitch, touches.radius, touches.noise)
     kept = _inside(places, feet, touches.visited, touches.radius, pitch)
