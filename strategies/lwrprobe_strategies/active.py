@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.stroke_scheduler import StrokeScheduler
-from lwrprobe_strategies.skills import Procedure, follow_contour, press
+from lwrprobe_strategies.skills import Procedure, along_stick, follow_contour, press
 from lwrprobe_strategies.supervisor import Program
 
 SPACING = 5.0 / 3.0
@@ -140,8 +140,8 @@ class Active(GridVersion):
         return self.contour()
 
     def along_surface(self) -> Procedure:
-        """The first one that is touched from above shows how stiff the arm is."""
-        if self._pressed:
+        """The first one that is touched along the stick shows how stiff the arm is."""
+        if self._pressed or not along_stick(self.tip, self.tip.normal()):
             return super().along_surface()
         self._pressed = True
         return self._press_first(super().along_surface())

@@ -64,6 +64,15 @@ def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overh
     assert not overhangs.ahead(np.array([0.01, -0.012, HIGH + 0.006]), ALONG), "it is below"
 
 
+@pytest.mark.parametrize(("confidence", "reach"), [(1.0, 0.02 - LOW), (0.2, HIGH - LOW)])
+def test_below_where_the_sphere_has_touched_a_wall_the_stick_meets_nothing_up_there(confidence, reach):
+    """An outline below another one was as slow as if the stick could be met by what stands out above."""
+    overhangs, along = Overhangs(AREA, task().probe, 0.015, tallest=HIGH), np.array([1.0, 0.0, 0.0])
+    touch(overhangs, [0.0, 0.0, HIGH], [0.0, -1.0, 0.0])
+    touch(overhangs, [0.01, 0.003, 0.02], [0.0, -1.0, 0.0], confidence=confidence)
+    assert overhangs.beneath(np.array([0.007, 0.003, LOW]), along) == pytest.approx(reach)
+
+
 def test_one_is_possible_below_what_is_taller_until_a_surface_that_faces_the_motion_was_touched(overhangs):
     here = np.array([0.0, -0.02, LOW])
     assert not overhangs.possible(here, ALONG), "nothing is known"

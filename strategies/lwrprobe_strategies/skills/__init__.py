@@ -5,7 +5,7 @@ from lwrprobe_strategies.skills.follow_and_regain import follow_and_regain
 from lwrprobe_strategies.skills.follow_contour import follow_contour
 from lwrprobe_strategies.skills.guarded_move import guarded_move
 from lwrprobe_strategies.skills.load import approach, load, rest, unload
-from lwrprobe_strategies.skills.presses import press
+from lwrprobe_strategies.skills.presses import along_stick, press
 from lwrprobe_strategies.skills.reapproach import reapproach
 from lwrprobe_strategies.skills.release import release
 from lwrprobe_strategies.skills.reorient import reorient
@@ -18,6 +18,7 @@ from lwrprobe_strategies.skills.transit import transit
 __all__ = [
     "Procedure",
     "Skill",
+    "along_stick",
     "approach",
     "find_edge",
     "follow_and_regain",
