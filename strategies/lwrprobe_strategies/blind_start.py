@@ -20,7 +20,7 @@ from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
 from lwrprobe_strategies.planning.retraction import off_surface
 from lwrprobe_strategies.planning.touched_tops import LEVEL
-from lwrprobe_strategies.skills import press, transit, tried
+from lwrprobe_strategies.skills import along_stick, press, transit, tried
 from lwrprobe_strategies.tip import Tip
 
 AROUND = 3.0
@@ -30,6 +30,7 @@ AT_BORDER, FEWEST = 0.001, 3
 """m from a side of the area, and contacts there, from which on the object goes on beyond it."""
 TABLE = 0.002
 """m above the plane on which a sphere at the area's lower end would rest, up to which a touch is one of the table."""
+
 Step = Generator[Motion, Observation, Outcome | None]
 
 
@@ -74,7 +75,8 @@ class BlindStart:
         if flank is None:
             yield from self._lift()
             return None
-        yield from press(self._tip, flank)
+        if along_stick(self._tip, flank):
+            yield from press(self._tip, flank)
         closed = yield from ObjectBounds(self._tip, flank).program()
         found = self._found(self._search.found_at, closed)
         yield from self._leave(found.area)

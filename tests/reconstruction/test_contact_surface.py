@@ -52,11 +52,11 @@ def error(mesh, solid):
     return mesh_error(mesh, solid, ABOVE, samples=4000)
 
 
-def strokes(name):
-    """Every eighth contact and free place of the first 120 s (`bridge`) and 200 s (`combination`) of a run.
+def recorded(name, pitch=0.025):
+    """Some contacts and free places of a run in the ideal world, seed 1.
 
-    `lwrprobe explore NAME --strategy active --set truth.profile=ideal`, seed 1. Columns: contact, normal; the sphere's
-    centre.
+    `bridge`, `combination`: every eighth of the first 120 s and 200 s of `active`. `receding`: of `grid_version` on
+    `random:revolution:8704` every sixth contact below 25 mm, every 36th of the others, and every fourth free place.
     """
     file = np.load(Path(__file__).parent / "recorded" / f"{name}.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
@@ -67,13 +67,13 @@ def strokes(name):
         probe_radius=0.005,
         table=0.0,
         lowest=0.006,
-        pitch=0.025,
+        pitch=pitch,
     )
 
 
 @pytest.mark.parametrize("name", ["bridge", "combination"])
 def test_walls_between_strokes_keep_a_wide_field_out_of_what_the_sphere_passed(name, monkeypatch):
-    solid, record = load_scene(name).solid(), strokes(name)
+    solid, record = load_scene(name).solid(), recorded(name)
     whole = error(surface(record).mesh, solid)
     nothing = np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty(0)
     monkeypatch.setattr(rulings, "_up_to_tops", lambda *given: nothing)
@@ -84,7 +84,7 @@ def test_walls_between_strokes_keep_a_wide_field_out_of_what_the_sphere_passed(n
 
 
 def test_walls_are_as_far_apart_as_stated_between_regular_lines_or_where_no_path_is_known(scenes, monkeypatch):
-    lines, unknown = scenes("bridge", 0.02)[1], replace(strokes("bridge"), free_path=None)
+    lines, unknown = scenes("bridge", 0.02)[1], replace(recorded("bridge"), free_path=None)
     found = [surface(record).mesh.vertices for record in (lines, unknown)]
     monkeypatch.setattr(contact_surface, "_WALLS_APART", np.inf)
     for record, vertices in zip((lines, unknown), found):
@@ -96,7 +96,7 @@ def test_regular_lines_are_told_from_strokes(scenes):
     assert regular_lines(centres, 0.02)
     assert not regular_lines(centres, 0.03)
     for name in ("bridge", "combination"):
-        assert not regular_lines(prepare(strokes(name), 0.002).centres, 0.025)
+        assert not regular_lines(prepare(recorded(name), 0.002).centres, 0.025)
 
 
 @pytest.mark.parametrize(
@@ -456,16 +456,9 @@ def test_undersides_are_inferred_between_edges_and_nowhere_else(scenes):
 
 
 def test_a_side_that_recedes_all_around_goes_on_inwards():
-    """Level chords between its opposite edges had left a body that hung in the air over two small lumps.
-
-    The contacts are every twelfth of those of `grid_version` on `random:revolution:8704`.
-    """
-    file = np.load(Path(__file__).parent / "recorded" / "receding.npz")
-    points, normals, free = (file[name].astype(float) for name in ("points", "normals", "free"))
-    assert (normals[:, 2] < -0.25).sum() > 100, "its lower edge was touched from below"
-    record = TouchRecord(
-        points, normals=normals, free_path=free, probe_radius=0.005, table=0.0, lowest=float(file["lowest"]), pitch=0.01
-    )
+    """Level chords between its opposite edges had left a body that hung in the air over two small lumps."""
+    record = recorded("receding", pitch=0.01)
+    assert (record.normals[:, 2] < -0.25).sum() > 100, "its lower edge was touched from below"
     outwards = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(0.0, 6.0, 0.5)])
     inside = np.array([[*(0.02 * side), z] for side in outwards for z in (0.004, 0.008, 0.012)])
     assert (load_scene("random:revolution:8704").solid().signed_distance(inside) < 0.0).all()

@@ -182,10 +182,13 @@ def test_few_contacts_are_followed_by_lines_over_the_top_from_its_middle():
     known, here = SurfaceEstimate(AREA, 0.015), np.array([0.0, -0.04, 0.02])
     for x in (-0.001, 0.001, 0.003):
         known.touch(np.array([x, -0.04, 0.02]), np.array([0.0, -0.9, -0.4]))
+    lines = scheduler(known)
+    driven = [lines.next(here) for _ in range(4)]
     middle = 0.5 * (AREA.lower + AREA.upper)
-    line = scheduler(known).next(here)
-    assert line.on_surface
-    assert line.start[:2] == pytest.approx(middle[:2])
+    assert all(line.on_surface and line.start[:2] == pytest.approx(middle[:2]) for line in driven)
+    assert {(line.axis, line.sign) for line in driven} == {(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)}
+    after = lines.next(here)
+    assert after.outline or after.on_surface
 
 
 @pytest.mark.slow

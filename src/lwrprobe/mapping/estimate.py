@@ -6,7 +6,8 @@ The estimate is coarse and quick. It serves to plan strokes and to decide when t
   sphere passed without a contact is nearer, the point is outside. Nothing is taken to stand at the area's sides.
 - Faces between points of different sides are the surface.
 - The expected error of a face is (s + s0) (d / D)^2 + g max(d - D, 0) with d its distance to the nearest contact, at
-  most D in the first term, and s the surprise about it. A difference in height counts less above one on a wall.
+  most D in the first term, and s the surprise about it. A difference in height counts less above one on a wall. Where
+  the nearest contact is on another surface, d leads to the nearest one that faces as the face does.
 - Surprise is how far new contacts were from where the contacts before them predicted the surface, by a local Gaussian
   process on values and gradients. It is brought to the distance D in the same way in which the expected error grows.
 """
@@ -59,8 +60,8 @@ FOOT = 4.0
 """Reaches, within which a wall is the one under the edge of a level surface."""
 ASIDE = 0.35
 """Share of the nearest contact's normal across a face, below which that contact is on another surface."""
-UNTOUCHED = 0.8
-"""Reaches, as far as such a face is from what tells of it at least."""
+UNTOUCHED, NONE_ALIKE = 0.8, 4.0
+"""Reaches, as far as such a face is from what tells of it at least, and where no contact faces as it does."""
 COARSE = 0.012
 """m, edge of the cells in which surprise is averaged; it is smoothed over neighbouring cells."""
 NEAREST = 0.006
@@ -257,21 +258,23 @@ class SurfaceEstimate:
         # A slope has faces on each of its steps. Farther away, such a face is one of a surface that was not touched.
         untouched = (across < ASIDE) & (distances > 2.0 * self.edge)
         across = np.where(untouched, 1.0, np.maximum(across, 0.2))
-        distances[untouched] = np.maximum(distances, self._alike(centres, axes, outwards, untouched))[untouched]
+        alike = self._to_alike(centres[untouched], axes[untouched], outwards[untouched])
+        distances[untouched] = np.maximum(distances[untouched], alike)
         roughness = SMOOTH + self._roughness(centres)
         return Faces(centres, axes, across * self.edge**2, distances, roughness, normals, self._reach)
 
-    def _alike(self, centres: np.ndarray, axes: np.ndarray, outwards: np.ndarray, asked: np.ndarray) -> np.ndarray:
-        """(n,) m, from the faces that are `asked` (n, bool) to the nearest contact on a surface that faces alike."""
-        distances = np.full(len(centres), UNTOUCHED * self._reach)
+    def _to_alike(self, centres: np.ndarray, axes: np.ndarray, outwards: np.ndarray) -> np.ndarray:
+        """(n,) m, from untouched faces to the nearest contact on a surface that faces alike.
+
+        The faces at `centres` (n, 3) look along `axes` (n,), by the sign of `outwards` (n,).
+        """
+        distances = np.full(len(centres), NONE_ALIKE * self._reach)
         for axis, sign in product(range(3), (-1.0, 1.0)):
-            faces = asked & (axes == axis) & (outwards == sign)
+            faces = (axes == axis) & (outwards == sign)
             alike = sign * self._normals[:, axis] > ASIDE
-            if faces.any():
-                places, known = centres[faces], self._centres[alike]
-                apart = cKDTree(known).query(places)[0] if len(known) else np.full(len(places), FOOT * self._reach)
-                distances[faces] = np.maximum(distances[faces], apart)
-        return distances
+            if faces.any() and alike.any():
+                distances[faces] = cKDTree(self._centres[alike]).query(centres[faces])[0]
+        return np.maximum(distances, UNTOUCHED * self._reach)
 
     def tallest_beside(self, places: np.ndarray, half: np.ndarray) -> np.ndarray:
         """(n,) m, highest place of the sphere's centre inside the estimated object near places (n, 3); -inf for none.

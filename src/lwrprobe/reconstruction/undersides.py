@@ -49,8 +49,8 @@ def find_undersides(touches: Touches, clusters: Clusters, known: HermiteField, p
         return _data(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
     feet = clusters.points - touches.radius * clusters.normals
     ends, normals = touches.points[low], touches.normals[low]
-    lowest = ends[:, 2].max() < touches.points[:, 2].min() + _LOWER * touches.radius
-    rounding = (_SHARP_LOWEST if lowest else _SHARP) * touches.radius
+    none_lower = ends[:, 2].max() < touches.points[:, 2].min() + _LOWER * touches.radius
+    rounding = (_SHARP_LOWEST if none_lower else _SHARP) * touches.radius
     sharp = _over_edge(ends, normals, feet, clusters.normals, rounding, _SURE * _scatter(touches, clusters))
     walls = feet, clusters.normals
     places, facing, deviation, chord = _chords(ends, normals, sharp, walls, pitch, touches.radius, touches.noise)

@@ -242,7 +242,7 @@ class StrokePlanner:
         # where the stick has stood on an outline above.
         above = float(faces.centres[faces.distances < self.edge, Z].max(initial=level))
         stood = [other.height for other in self._driven if other.outline and other.height > level]
-        reach, speed = min(above, *stood, np.inf) - level, self.task.contour_speed
+        reach, speed = min([above, *stood]) - level, self.task.contour_speed
         if reach > self.task.probe.radius:
             speed = min(speed, self.beneath(reach))
         yield Stroke(line, gain, LIFT + abs(side - place[axis]) / self.across + length / speed)

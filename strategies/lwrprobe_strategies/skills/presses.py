@@ -19,17 +19,15 @@ ALONG = 0.95
 
 
 def along_stick(tip: Tip, normal: np.ndarray) -> bool:
-    """Whether a surface with a unit normal (3,) is pressed along the stick."""
+    """Whether pressing on a surface with a unit normal (3,) shows the stiffness along the stick."""
     return -float(normal @ tip.seen.pose[:3, 2]) >= ALONG
 
 
 def press(tip: Tip, normal: np.ndarray) -> Generator[Motion, Observation, None]:
-    """Press several times along a unit normal (3,), and end in contact; nothing where that is not along the stick.
+    """Press several times along a unit normal (3,), and end in contact.
 
     As long as the stiffness of the arm is only stated, motions are as slow as the stiffest one in doubt demands.
     """
-    if not along_stick(tip, normal):
-        return
     target = tip.task.force_target
     for _ in range(PRESSES):
         before = tip.here
