@@ -22,6 +22,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
+from lwrprobe_strategies.planning.outward_lines import outward_lines, touched_before
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
@@ -83,7 +84,7 @@ class StrokeScheduler(LineScheduler):
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
         """The present stroke begins there, in contact."""
-        self._crossings = deque(_outwards(task.area, self.height))
+        self._outward = deque(outward_lines(task.area, self.height, (Y, X)))
         self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
         self._tall = body is not None  # the object may go on below what strokes touch
         self._grid_left = True  # its lines, and those that close its gaps, are still to be driven
@@ -102,10 +103,11 @@ class StrokeScheduler(LineScheduler):
         if self._inserted is not None:
             return super().next(here)
         self._estimate.update()
-        if len(self._estimate) < FEW and self._crossings:
-            # From the middle of the top outwards: the stick is met last there, and presses show how stiff the arm is.
+        if len(self._estimate) >= FEW:
+            self._outward.clear()
+        if self._outward:  # presses on the top show how stiff the arm is
             self._driven += 1
-            return self._crossings.popleft()
+            return touched_before(self._outward.popleft(), self._memory.contacts())
         whole = self._estimate.faces()
         # Where the upright probe cannot come as low as that, no stroke removes any error.
         self._faces = faces = whole.above(self.height)
@@ -218,23 +220,3 @@ class StrokeScheduler(LineScheduler):
         """Strokes done, and as many as one more."""
         return max(self._driven, 0), max(self._driven, 0) + 1
 
-
-def _outwards(area: Area, low: float) -> list[Line]:
-    """Lines from the middle of the area towards its four sides, which begin where something is touched from above.
-
-    `low` is the height down to which it is sought, m.
-    """
-    middle = 0.5 * (area.lower + area.upper)
-    return [
-        Line(
-            axis,
-            float(middle[1 - axis]),
-            float(middle[axis]),
-            float(side[axis]),
-            low,
-            on_surface=True,
-            free_to=float(area.upper[Z]),
-        )
-        for axis in (Y, X)
-        for side in (area.upper, area.lower)
-    ]

@@ -1,0 +1,42 @@
+"""The first lines: from the middle of the area outwards, each from where something is touched from above.
+
+Nothing is known yet of what the stick may meet. On a path down beside the border, and level from there to the object,
+it may be met anywhere; on a surface that is touched from above the sphere is met first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.lines import ON_LINE, Line, Z
+
+
+def outward_lines(area: Area, low: float, axes: Iterable[int]) -> list[Line]:
+    """Lines along the `axes` to the sides of the area; the surface is sought down to `low` m."""
+    middle = 0.5 * (area.lower + area.upper)
+    return [
+        Line(
+            axis,
+            float(middle[1 - axis]),
+            float(middle[axis]),
+            float(side[axis]),
+            low,
+            on_surface=True,
+            free_to=float(area.upper[Z]),
+        )
+        for axis in axes
+        for side in (area.upper, area.lower)
+    ]
+
+
+def touched_before(line: Line, contacts: np.ndarray) -> Line:
+    """The line, with its beginning known to be free down to where the sphere has touched there.
+
+    `contacts` (n, 10) are rows of the contact memory.
+    """
+    near = np.hypot(*(contacts[:, :Z] - line.start[:Z]).T) < ON_LINE
+    return replace(line, free_to=float(contacts[near, Z].max())) if near.any() else line
