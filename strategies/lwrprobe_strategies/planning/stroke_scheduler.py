@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lwrprobe.contracts import Area, Task
+from lwrprobe.contracts import Task
 from lwrprobe.mapping.estimate import P95, REACH, Faces, SurfaceEstimate
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.approaches import Departure
@@ -219,4 +219,3 @@ class StrokeScheduler(LineScheduler):
     def count(self) -> tuple[int, int]:
         """Strokes done, and as many as one more."""
         return max(self._driven, 0), max(self._driven, 0) + 1
-
