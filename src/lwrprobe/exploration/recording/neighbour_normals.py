@@ -23,8 +23,9 @@ from lwrprobe.exploration.recording.side_turn import aside_of
 from lwrprobe.exploration.stages.sensor_errors import friction_turn
 from lwrprobe.scene import Scene
 
-THIN = 5e-4
-"""m of path between two contacts for which slopes are found; between them they are interpolated."""
+THIN = 0.05
+"""Times the distance of the lines: path between two contacts for which slopes are found. Between them they are
+interpolated. All pairs within a few spacings are looked at, so that their number does not grow with the spacing."""
 FAR, NEAR = 1.5, 0.3
 """Times the distance of the lines: longest and shortest chord. The next line, also where it is not parallel."""
 ALONG = 0.3
@@ -113,7 +114,7 @@ def slopes(centres: np.ndarray, normals: np.ndarray, aside: np.ndarray, spacing:
     spacing : m between the lines
     """
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])
-    kept = np.unique((travel / THIN).astype(np.int64), return_index=True)[1]
+    kept = np.unique((travel / (THIN * spacing)).astype(np.int64), return_index=True)[1]
     kept = kept[aside[kept].any(axis=1)]
     if len(kept) < 2:
         return np.full((2, len(centres)), np.nan)
