@@ -288,6 +288,20 @@ def test_lines_of_the_grid_come_when_strokes_make_no_progress():
     assert LITTLE_PATIENCE <= lines._spent < LITTLE_PATIENCE + 40.0
 
 
+def test_after_the_lines_of_the_grid_strokes_without_progress_end_soon():
+    """On combination 140 s of strokes had followed, none of which touched anything new."""
+    known, here = outlined(height=0.03), np.array([0.0, -0.1, 0.06])
+    over_top(known, 0.0)
+    spent = []
+    for grid_left in (True, False):
+        lines = scheduler(known, 1e-5)
+        lines._grid_left = grid_left
+        while lines._grid_left == grid_left and lines.next(here) is not None:
+            pass
+        spent.append(lines._spent)
+    assert LITTLE_PATIENCE <= spent[1] < 0.6 * spent[0]
+
+
 def test_a_line_of_the_grid_leads_to_what_it_meets_where_the_surface_above_is_known():
     """And then one comes from the other end; a line that met nothing is driven once."""
     known = outlined(height=0.03)

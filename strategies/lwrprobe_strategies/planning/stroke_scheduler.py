@@ -22,7 +22,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
-from lwrprobe_strategies.planning.outward_lines import outward_lines, touched_before
+from lwrprobe_strategies.planning.outward_lines import outward_lines
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
@@ -41,7 +41,8 @@ FEW = 30
 COARSE = 5.0
 """Times the error that is aimed at, below which the lines of the grid come first: strokes remove less and less."""
 LITTLE_PATIENCE = 60.0
-"""s of strokes without progress, after which they come first as well."""
+"""s of strokes without progress, after which they come first as well; and after which nothing more is expected once
+they are done: strokes go where those before them have shown nothing new, and so have the lines."""
 KNOWN = 2.0
 """Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
 UNSEEN = 2.0
@@ -107,7 +108,7 @@ class StrokeScheduler(LineScheduler):
             self._outward.clear()
         if self._outward:  # presses on the top show how stiff the arm is
             self._driven += 1
-            return touched_before(self._outward.popleft(), self._memory.contacts())
+            return self._outward.popleft()
         whole = self._estimate.faces()
         # Where the upright probe cannot come as low as that, no stroke removes any error.
         self._faces = faces = whole.above(self.height)
@@ -183,7 +184,8 @@ class StrokeScheduler(LineScheduler):
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
         mean, p95 = faces.error(self._planner.success(faces))
-        if self._stalled(self.patience(faces)) or (mean <= self._aim and p95 <= P95 * self._aim):
+        patience = self.patience(faces) if self._grid_left else LITTLE_PATIENCE
+        if self._stalled(patience) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
         strokes = self._planner.strokes(faces, self.height, here, self.touched)
         departure = Departure(here, self._task.orientation, self._task.area, self._free, self._speeds)
