@@ -8,6 +8,7 @@ import pytest
 
 from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_planner import LOWER, GapPlanner
 from lwrprobe_strategies.planning.lines import Line
@@ -80,6 +81,13 @@ def test_from_above_two_halves_of_the_first_line_begin_where_something_is_touche
 def test_where_the_tip_has_come_down_beside_the_border_the_first_line_is_a_whole_one():
     lines = grid_alone("middle")
     assert [line.place for line in drain(lines, NEAR)] == list(lines.grid.x)
+
+
+def test_over_a_tall_object_the_first_line_shows_the_space_beside_it():
+    """From the middle a level contour had led in under random:hull:8801, where nothing was known for the body."""
+    where = task()
+    lines = LineScheduler(where, ContactMemory(), CoverageConfig(), BodySpace(where, 0.01))
+    assert (lines.next(ABOVE).begin, lines.next(FAR).begin) == (-BORDER, BORDER)
 
 
 def test_the_second_half_goes_fast_down_to_where_the_first_one_has_touched():

@@ -50,8 +50,9 @@ class LineScheduler:
         self._gaps = GapPlanner(task, memory, options, self.grid.x, self.lowest, body, orientations)
         self._number = self._driven = -1  # of the present line of the grid; of lines done
         self._inserted: Line | None = None
-        # In place of the first line of the grid.
-        self._outward = deque([] if first is None else outward_lines(self._area, self.height, (Y,)))
+        # In place of the first line of the grid, where the body needs no space that lines beside the object show it.
+        outward = [] if first is None or body is not None else outward_lines(self._area, self.height, (Y,))
+        self._outward = deque(outward)
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
         self._postponed: deque[Line] = deque()  # not reached from where the tip was
