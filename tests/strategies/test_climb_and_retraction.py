@@ -9,7 +9,7 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.coverage import BACK, MAX_DETOURS
+from lwrprobe_strategies.coverage import BACK, IN_VAIN, MAX_DETOURS
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
@@ -315,12 +315,16 @@ def test_a_tip_that_was_led_aside_comes_back_to_its_line(aside):
     assert goal[1] == pytest.approx(BACK * abs(aside) if aside else BORDER)
 
 
-def driven(strategy, lines):
-    """The program of a strategy whose lines take no time, up to its end; what it ends with, and the lines."""
+def driven(strategy, lines, where=lambda number: 0.003 * number, ended=None):
+    """The program of a strategy whose lines take no time, up to its end; what it ends with, and the lines.
+
+    After each line the tip is `where` its number says, x in m, and the skill that ended last is `ended`.
+    """
 
     def drive(line):
         lines.append(line)
-        strategy.tip.observe(seen([0.003 * len(lines), -0.1, 0.06], 1.0))
+        strategy.tip.observe(seen([where(len(lines)), -0.1, 0.06], 1.0))
+        strategy.tip.trace.ended = ended
         return iter(())
 
     strategy.drive_line = drive
@@ -358,6 +362,17 @@ def test_the_area_is_raised_over_an_object_that_reaches_its_upper_end_or_the_run
         assert ends[-1] != ends[0]
         top = float(strategy.task.area.upper[2])
         assert strategy.tip.free.clear_down_to(0.05, 0.05) == top, "above where it came down something may be"
+
+
+@pytest.mark.parametrize(("apart", "complete"), [(0.002, False), (0.03, True)])
+def test_a_run_whose_last_lines_no_path_has_reached_from_one_place_is_not_complete(apart, complete):
+    """random:boolean:8805 had ended as done with half of it untouched: the tip was caught inside a ring."""
+    strategy, lines = GridVersion(), []
+    strategy.start(task(approach=0.03))
+    done = driven(strategy, lines, lambda number: apart * (number % 2), transit)
+    assert len(lines) > IN_VAIN
+    assert done.complete == complete
+    assert ("cannot leave its place" in done.reason) == (not complete)
 
 
 @pytest.mark.parametrize(("moved", "ended", "stays"), [(0.0015, transit, True), (0.0015, follow_contour, False)])
