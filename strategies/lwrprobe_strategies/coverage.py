@@ -2,8 +2,6 @@
 
 Rau 2017, sections 4.2 and 5.3. Deviations, each because the thesis's way loses surface or risks the arm:
 
-- The first line begins in the middle of the area, on what is touched there from above, once towards each side; over
-  what may be taller than the stick is long at the border, as in the thesis.
 - Lines are driven at the lowest height at which the wide part of the probe stays above everything the area may
   hold; the thesis leaves that height to the operator.
 - A lost contact is sought on an arc around the point last touched (`skills.reapproach`).

@@ -20,7 +20,7 @@ class CoverageConfig:
     ----------
     step : m, between two lines
     first_line : `border` starts at the area's end in -x; `middle` as in the thesis's figure 4.6, with a return to
-        the first contact for the other side, and for a low object from above the middle
+        the first contact for the other side
     reapproach : m, path along which a lost contact is sought before the grid takes over
     retreat : m, motion off a collision threat
     climb : leave a wall that leads down and come up it from the line's other end, where that is quicker

@@ -42,7 +42,6 @@ class SurfaceContour(Coverage):
         line, level = self.frame.line, self.frame.level
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
         # Beside the foot of a near side nothing is known of what the body would meet on its path around.
-        near_side = line.on_surface and not line.free_end
-        if self.threats > MAX_THREATS or around_the_end or line.axis != Y or near_side:
+        if self.threats > MAX_THREATS or around_the_end or line.axis != Y or line.on_surface:
             return self.give_up()
         return self.contour_upright() if level else self.contour_level()

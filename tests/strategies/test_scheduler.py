@@ -8,7 +8,6 @@ import pytest
 
 from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_planner import LOWER, GapPlanner
 from lwrprobe_strategies.planning.lines import Line
@@ -62,40 +61,6 @@ def test_from_the_middle_one_side_is_done_before_the_other():
     turn = next(i for i in range(1, len(places)) if places[i] < 0.0)
     assert all(p >= 0.0 for p in places[:turn])
     assert all(p < 0.0 for p in places[turn:])
-
-
-ABOVE = np.array([0.0, -BORDER, float(AREA.upper[2])])
-
-
-def test_from_above_two_halves_of_the_first_line_begin_where_something_is_touched_in_the_middle():
-    """Down beside the border, and level from there, the stick may meet anything: 14 s on the block."""
-    lines = grid_alone("middle")
-    halves = [lines.next(ABOVE), lines.next(FAR)]
-    assert [(line.place, line.begin, line.end) for line in halves] == [(0.0, 0.0, BORDER), (0.0, 0.0, -BORDER)]
-    assert all(line.on_surface and line.free_end and line.free_to == AREA.upper[2] for line in halves)
-    rest = drain(lines, NEAR)
-    assert [0.0, *(line.place for line in rest)] == list(lines.grid.x)
-    assert all(line.begin == -BORDER and not line.on_surface for line in rest)
-
-
-def test_where_the_tip_has_come_down_beside_the_border_the_first_line_is_a_whole_one():
-    lines = grid_alone("middle")
-    assert [line.place for line in drain(lines, NEAR)] == list(lines.grid.x)
-
-
-def test_over_a_tall_object_the_first_line_shows_the_space_beside_it():
-    """From the middle a level contour had led in under random:hull:8801, where nothing was known for the body."""
-    where = task()
-    lines = LineScheduler(where, ContactMemory(), CoverageConfig(), BodySpace(where, 0.01))
-    assert (lines.next(ABOVE).begin, lines.next(FAR).begin) == (-BORDER, BORDER)
-
-
-def test_the_second_half_goes_fast_down_to_where_the_first_one_has_touched():
-    memory = ContactMemory()
-    lines = LineScheduler(task(), memory, CoverageConfig(near_sides=False, across=False, find_ends=False))
-    lines.next(ABOVE)
-    touch_block(memory, [0.0])
-    assert lines.next(FAR).free_to == pytest.approx(0.035 + RADIUS)
 
 
 def test_an_inserted_line_comes_next_and_is_none_of_the_grid():

@@ -7,12 +7,9 @@ it may be met anywhere; on a surface that is touched from above the sphere is me
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-
-import numpy as np
 
 from lwrprobe.contracts import Area
-from lwrprobe_strategies.planning.lines import ON_LINE, Line, Z
+from lwrprobe_strategies.planning.lines import Line, Z
 
 
 def outward_lines(area: Area, low: float, axes: Iterable[int]) -> list[Line]:
@@ -31,12 +28,3 @@ def outward_lines(area: Area, low: float, axes: Iterable[int]) -> list[Line]:
         for axis in axes
         for side in (area.upper, area.lower)
     ]
-
-
-def touched_before(line: Line, contacts: np.ndarray) -> Line:
-    """The line, with its beginning known to be free down to where the sphere has touched there.
-
-    `contacts` (n, 10) are rows of the contact memory.
-    """
-    near = np.hypot(*(contacts[:, :Z] - line.start[:Z]).T) < ON_LINE
-    return replace(line, free_to=float(contacts[near, Z].max())) if near.any() else line

@@ -14,13 +14,10 @@ from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
 from lwrprobe_strategies.planning.gap_planner import GapPlanner
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import HIGHER, SideOrientations
-from lwrprobe_strategies.planning.outward_lines import outward_lines, touched_before
 from lwrprobe_strategies.planning.upright_body import line_height, lowest_beside
 
 HALF = 0.25
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
-FROM_ABOVE = 0.01
-"""m below the top of the area, down to which the tip has come from above: lower than that it knows a way down."""
 
 
 class LineScheduler:
@@ -50,9 +47,6 @@ class LineScheduler:
         self._gaps = GapPlanner(task, memory, options, self.grid.x, self.lowest, body, orientations)
         self._number = self._driven = -1  # of the present line of the grid; of lines done
         self._inserted: Line | None = None
-        # In place of the first line of the grid, where the body needs no space that lines beside the object show it.
-        outward = [] if first is None or body is not None else outward_lines(self._area, self.height, (Y,))
-        self._outward = deque(outward)
         self._coming: deque[Line] = deque()
         self._given_up: list[Line] = []
         self._postponed: deque[Line] = deque()  # not reached from where the tip was
@@ -65,12 +59,6 @@ class LineScheduler:
             line, self._inserted = self._inserted, None
             return line if line.axis == Y else self._above(line)  # along y even the free part has to be driven
         self._driven += 1
-        if self._number < 0 and here[Z] < self._area.upper[Z] - FROM_ABOVE:
-            self._outward.clear()
-        if self._outward:
-            self._number = 0
-            line = replace(self._outward.popleft(), place=float(self.grid.x[0]), free_end=True)
-            return touched_before(line, self._memory.contacts())
         self._number += 1
         if self._number < len(self.grid):
             return self._grid_line(here)
