@@ -357,9 +357,8 @@ def test_the_area_is_raised_over_an_object_that_reaches_its_upper_end_or_the_run
     assert strategy.task.area.upper[2] == strategy.tip.task.area.upper[2] == pytest.approx(0.06 + strategy.raised)
     if raised:
         again = round(raised / 0.005)
-        ends = [(line.place, line.end) for line in lines[: again + 2]]
-        assert ends[:-1] == ends[:1] * (again + 1)
-        assert ends[-1] != ends[0]
+        assert [line.place for line in lines[: again + 2]] == [lines[0].place] * (again + 1) + [lines[again + 1].place]
+        assert lines[again + 1].place != lines[0].place
         top = float(strategy.task.area.upper[2])
         assert strategy.tip.free.clear_down_to(0.05, 0.05) == top, "above where it came down something may be"
 

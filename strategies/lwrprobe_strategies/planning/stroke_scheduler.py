@@ -20,7 +20,7 @@ from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.outward_lines import outward_lines
 from lwrprobe_strategies.planning.paths import Speeds, seconds
@@ -85,7 +85,7 @@ class StrokeScheduler(LineScheduler):
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
         """The present stroke begins there, in contact."""
-        self._outward = deque(outward_lines(task.area, self.height, (Y, X)))
+        self._outward = deque(outward_lines(task.area, self.height))
         self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
         self._tall = body is not None  # the object may go on below what strokes touch
         self._grid_left = True  # its lines, and those that close its gaps, are still to be driven
