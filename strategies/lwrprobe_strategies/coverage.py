@@ -133,9 +133,10 @@ class Coverage(SkillStrategy):
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)
-            if tip.trace.ended is not transit or np.abs(tip.here - since).max() > AROUND:
+            reached = tip.trace.ended is not transit
+            if reached or np.abs(tip.here - since).max() > AROUND:
                 in_vain, since = 0, tip.here
-            in_vain += 1
+            in_vain += not reached
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
                     yield from transit(tip, self.retractions.path(), self.line_rotation)
@@ -149,10 +150,10 @@ class Coverage(SkillStrategy):
                 return Done("the probe cannot leave its place: no path off the contact is free", complete=False)
             if dropped:
                 self.retractions.line_dropped()
-                unreached += 1
+                unreached, in_vain = unreached + 1, 0
             elif self.retractions.stays:
                 self.lines.insert(line)
-        if in_vain > IN_VAIN:
+        if in_vain >= IN_VAIN:
             return Done(f"the probe cannot leave its place: {in_vain} lines in a row were not reached", complete=False)
         if not dropped:
             with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is

@@ -315,15 +315,16 @@ def test_a_tip_that_was_led_aside_comes_back_to_its_line(aside):
     assert goal[1] == pytest.approx(BACK * abs(aside) if aside else BORDER)
 
 
-def driven(strategy, lines, where=lambda number: 0.003 * number, ended=None):
+def driven(strategy, lines, where=lambda number: 0.003 * number, ended=None, touching=1.0):
     """The program of a strategy whose lines take no time, up to its end; what it ends with, and the lines.
 
-    After each line the tip is `where` its number says, x in m, and the skill that ended last is `ended`.
+    After each line the tip is `where` its number says, x in m, `touching` with a confidence or nothing, and the skill
+    that ended last is `ended`.
     """
 
     def drive(line):
         lines.append(line)
-        strategy.tip.observe(seen([where(len(lines)), -0.1, 0.06], 1.0))
+        strategy.tip.observe(seen([where(len(lines)), -0.1, 0.06], touching))
         strategy.tip.trace.ended = ended
         return iter(())
 
@@ -372,6 +373,14 @@ def test_a_run_whose_last_lines_no_path_has_reached_from_one_place_is_not_comple
     assert len(lines) > IN_VAIN
     assert done.complete == complete
     assert ("cannot leave its place" in done.reason) == (not complete)
+
+
+def test_lines_that_the_arm_cannot_reach_are_no_narrow_place():
+    strategy, lines = GridVersion(), []
+    strategy.start(task(approach=0.03))
+    done = driven(strategy, lines, lambda number: 0.0, transit, touching=None)
+    assert len(lines) > 2 * IN_VAIN
+    assert "lines that the arm cannot reach" in done.reason
 
 
 @pytest.mark.parametrize(("moved", "ended", "stays"), [(0.0015, transit, True), (0.0015, follow_contour, False)])
