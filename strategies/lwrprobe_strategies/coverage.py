@@ -452,7 +452,7 @@ class Coverage(SkillStrategy):
         met = tip.trace.ended is guarded_move and not self.frame.level
         wall = met and float(tip.control.normal @ line.ahead) < NEAR_SIDE
         above = bool(tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT)
-        return line.raised and not self.foot_followed and wall and above
+        return (line.raised or line.low) and not self.foot_followed and wall and above
 
     def _beside_the_line(self) -> bool:
         """Whether what is touched stands beside the line, on the path to its beginning."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from itertools import product
 
 import numpy as np
 
@@ -245,20 +246,20 @@ def in_window(window, shape):
     return [(row, column) for row in range(i, min(end_i, shape[0])) for column in range(j, min(end_j, shape[1]))]
 
 
-def bridged(heights, known, beside, apart):
+def bridged(heights, known, touched, hidden):
     """The heights where known, and between two known squares in a row the tallest beside either; square by square."""
-    found = np.full(heights.shape, np.inf)
-    for i, j in np.ndindex(heights.shape):
-        if known[i, j]:
-            found[i, j] = heights[i, j]
-            continue
-        for flip in (False, True):
-            seen, good, at, across = (heights.T, known.T, j, i) if flip else (heights, known, i, j)
+    found = np.where(known, heights, np.inf)
+    for flip in (False, True):
+        seen, good, met, out = (array.T if flip else array for array in (heights, known, touched, found))
+        for at, across in np.ndindex(out.shape):
             rows = np.flatnonzero(good[:, across])
-            if not ((rows < at).any() and (rows > at).any()):
-                continue
-            ends = rows[rows < at].max(), rows[rows > at].min()
-            if ends[1] - ends[0] <= apart:
-                near = np.s_[list(ends), max(across - beside, 0) : across + beside + 1]
-                found[i, j] = min(found[i, j], max(seen[near][good[near]], default=-np.inf))
+            for begin, end in product(rows[rows < at], rows[rows > at]):
+                gap = int(end - begin)
+                if gap >= len(hidden) or met[begin + 1 : end, across].any():
+                    continue
+                half = (gap + 1) // 2
+                near = np.s_[[begin, end], max(across - half, 0) : across + half + 1]
+                tall = max(seen[near][good[near]])
+                tall += hidden[gap] if met[[begin, end], across].any() else 0.0
+                out[at, across] = min(out[at, across], tall)
     return found

@@ -132,8 +132,9 @@ def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():
         view.heights[stood] = chance.uniform(0.0, TOP, stood.sum())
         view.heights[0], view.heights[:, -1] = -np.inf, -np.inf
         known = view.heights < 0.8 * TOP
-        found = view.bridged(known, 2, 6)
-        np.testing.assert_array_equal(found, naive.bridged(view.heights, known, 2, 6))
+        touched, hidden = known & (chance.random(known.shape) < 0.3), 1e-3 * np.arange(7.0)
+        found = view.bridged(known, touched, hidden)
+        np.testing.assert_array_equal(found, naive.bridged(view.heights, known, touched, hidden))
         assert (found < np.inf).sum() > known.sum() + 20
         assert np.isinf(found).any()
 

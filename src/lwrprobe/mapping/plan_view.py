@@ -28,15 +28,20 @@ class PlanView:
     heights : (n, m) m; may be written to in place
     """
 
-    __slots__ = ("_bridge", "_lower", "_lowest_facing", "_tallest", "heights")
+    __slots__ = ("_bridge", "_lower", "_lower_below", "_lowest_facing", "_tallest", "heights")
 
     def __init__(self, shape: tuple[int, int], height: float) -> None:
         self.heights = np.full(shape, height)
-        self._tallest, self._lowest_facing, self._bridge, self._lower = _entries()
+        self._tallest, self._lowest_facing, self._bridge, self._lower, self._lower_below = _entries()
 
     def lower(self, i: int, j: int, around: int, height: float) -> None:
         """Lower a square and so many to all sides of it to a height [m] where they are higher."""
         self._lower(self.heights, i, j, around, height)
+
+    def lower_below(self, i: int, j: int, below: np.ndarray, height: float) -> None:
+        """Lower squares around one, which may lie outside, to what is `below` (2 k + 1, 2 k + 1) m under a height [m];
+        a square that has -inf below stays as it is."""
+        self._lower_below(self.heights, i, j, below, height)
 
     def tallest(self, window: Window) -> float:
         """m, largest height in a window; -inf where that is empty."""
@@ -54,16 +59,18 @@ class PlanView:
         normals = np.ascontiguousarray(normals, dtype=np.float64)
         return float(self._lowest_facing(self.heights, normals, *window, *along, -share * hypot(*along)))
 
-    def bridged(self, known: np.ndarray, beside: int, apart: int) -> np.ndarray:
+    def bridged(self, known: np.ndarray, touched: np.ndarray, hidden: np.ndarray) -> np.ndarray:
         """(n, m) m, the heights where they are `known` (n, m), and what is assumed between; elsewhere inf.
 
-        Between two known squares in a row along x or along y, at most `apart` squares apart, that is the tallest height
-        within `beside` squares across of either.
+        Between two known squares in a row along x or along y that is the tallest height of either and of those beside
+        it, across the row, half as far as both are apart. Where one of both is `touched` (n, m) it is taller by what
+        may be `hidden` (k,) m between squares that are 0 to k - 1 squares apart; nothing is assumed between others.
+        Known squares in between do not matter unless they are touched: the sphere may have passed higher there.
         """
-        known = np.ascontiguousarray(known, dtype=np.bool_)
+        known, touched = (np.ascontiguousarray(mask, dtype=np.bool_) for mask in (known, touched))
         found = np.where(known, self.heights, np.inf)
         for along_x in (True, False):
-            self._bridge(self.heights, known, beside, apart, along_x, found)
+            self._bridge(self.heights, known, touched, hidden, along_x, found)
         return found
 
 
@@ -74,6 +81,7 @@ def _entries() -> tuple[Callable, ...]:
     return (
         entry(kernels.tallest, plane, *window),
         entry(kernels.lowest_facing, plane, normals, *window, 0.0, 0.0, 0.0),
-        entry(kernels.bridge, plane, plane > 0.0, 0, 0, True, plane),
+        entry(kernels.bridge, plane, plane > 0.0, plane > 0.0, np.zeros(1), True, plane),
         entry(kernels.lower, plane, 0, 0, 0, 0.0),
+        entry(kernels.lower_below, plane, 0, 0, plane, 0.0),
     )

@@ -157,31 +157,40 @@ def lowest_facing(heights, normals, first_i, end_i, first_j, end_j, x, y, share)
 
 
 @kernel
-def bridge(heights, known, half, farthest, along_x, out):
-    """Lower `out` (n, m) between two known squares along one axis that are at most `farthest` squares apart.
+def bridge(heights, known, touched, hidden, along_x, out):
+    """Lower `out` (n, m) between two known squares along one axis that are fewer than `hidden` (k,) has squares apart.
 
-    It becomes no taller than the taller of both, each with `half` squares to both sides of it, where those are known.
-    A height that is known is finite or -inf.
+    It becomes no taller than the taller of both, each with half as many squares to both sides of it as they are apart,
+    where those are known; and where one of both is `touched`, by the m that are `hidden` between squares so far apart.
+    No touched square lies in between. A height that is known is finite or -inf.
     """
     lines, length = (out.shape[1], out.shape[0]) if along_x else (out.shape[0], out.shape[1])
     for line in range(lines):
-        first, last = max(line - half, 0), min(line + half, lines - 1)
-        begin, before = -1, 0.0
-        for place in range(length):
-            if not (known[place, line] if along_x else known[line, place]):
+        for begin in range(length):
+            if not _at(known, begin, line, along_x):
                 continue
-            tallest = -np.inf
-            for beside in range(first, last + 1):
-                if known[place, beside] if along_x else known[beside, place]:
-                    tallest = max(tallest, heights[place, beside] if along_x else heights[beside, place])
-            between = max(before, tallest)
-            if begin >= 0 and place - begin <= farthest:
-                for inside in range(begin + 1, place):
-                    if along_x:
-                        out[inside, line] = min(out[inside, line], between)
-                    else:
-                        out[line, inside] = min(out[line, inside], between)
-            begin, before = place, tallest
+            for end in range(begin + 1, min(begin + len(hidden), length)):
+                if _at(known, end, line, along_x):
+                    half, between = (end - begin + 1) // 2, -np.inf
+                    for beside in range(max(line - half, 0), min(line + half, lines - 1) + 1):
+                        for place in (begin, end):
+                            if _at(known, place, beside, along_x):
+                                between = max(between, _at(heights, place, beside, along_x))
+                    if _at(touched, begin, line, along_x) or _at(touched, end, line, along_x):
+                        between += hidden[end - begin]
+                    for inside in range(begin + 1, end):
+                        if along_x:
+                            out[inside, line] = min(out[inside, line], between)
+                        else:
+                            out[line, inside] = min(out[line, inside], between)
+                if _at(touched, end, line, along_x):
+                    break
+
+
+@kernel
+def _at(values, place, line, along_x):
+    """The value at a place along one axis, on a line across it."""
+    return values[place, line] if along_x else values[line, place]
 
 
 @kernel
@@ -190,6 +199,16 @@ def lower(heights, i, j, around, height):
     for row in range(max(i - around, 0), min(i + around + 1, heights.shape[0])):
         for column in range(max(j - around, 0), min(j + around + 1, heights.shape[1])):
             heights[row, column] = min(heights[row, column], height)
+
+
+@kernel
+def lower_below(heights, i, j, below, height):
+    """Lower the squares around one to what is `below` (2k + 1, 2k + 1) m under a height [m]; the heights are (n, m)."""
+    around = below.shape[0] // 2
+    for row in range(max(i - around, 0), min(i + around + 1, heights.shape[0])):
+        for column in range(max(j - around, 0), min(j + around + 1, heights.shape[1])):
+            under = height - below[row - i + around, column - j + around]
+            heights[row, column] = min(heights[row, column], under)
 
 
 @kernel

@@ -1,9 +1,12 @@
 """Where the body behind the stick may go: it senses no contact, so it goes only where nothing can be.
 
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
-touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere.
-Between two lines, no farther apart than the spacing, the object is taken to be no taller than on either of them, half a
-spacing to both sides. Where the body itself has been it may come back. All else counts as full up to the tallest.
+touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere, and
+nothing is as high as the sphere's underside, there or right beside: a sphere on a steep side has its centre far above
+the surface in the same column. Between two lines, no farther apart than the spacing, the object is taken to be no
+taller than on either of them, half the distance to both sides; and where it was touched, than by what a sphere that
+passes on both may leave between. Where the body itself has been it may come back. All else counts as full up to the
+tallest.
 """
 
 from __future__ import annotations
@@ -22,8 +25,11 @@ GRAIN = 0.003
 """m between two points of a link's surface that are looked at."""
 STEP = 0.002
 """m between two places of a line that are looked at."""
-BELOW = 0.8
-"""Of the sphere's radius, as far below its centre nothing is in the squares around, where it touches nothing."""
+SUNK = 0.2
+"""Of the sphere's radius, by which something may be above its underside: contacts and the probe's place err."""
+THROUGH = 3.0
+"""Times the sphere's radius, by which its underside may pass below where the stick stood, in the same column, for
+nothing to be in between: on a side of 70 degrees both are as far apart."""
 WORSE = 0.001
 """m by which the body may be deeper than it may go: a surface is left with a motion that is not quite level."""
 WIDER = 2
@@ -56,7 +62,11 @@ class BodySpace:
         self._stood = PlanView(shape, np.inf)
         self._top = tallest_possible(task)
         self._task, self._spacing = task, spacing
-        self._below = BELOW * task.probe.radius
+        self._radius = task.probe.radius
+        self._underside = PlanView(shape, np.inf)
+        self._below = _below(self._radius)
+        gaps = 0.5 * CELL * np.arange(round((spacing + WIDE) / CELL) + 1)
+        self._hidden = self._radius - np.sqrt(np.maximum(self._radius**2 - gaps**2, 0.0))
         self.under = task.probe.radius - task.probe.stick_radius
         behind = [link for link in task.probe.links if link.name != "stick"]
         points = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
@@ -85,7 +95,6 @@ class BodySpace:
         if -pose.item(2, 2) <= UPRIGHT:
             return
         x, y, z = pose[:3, 3].tolist()
-        z -= 0.0 if touches else self._below
         i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
         if touches:
             met = self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
@@ -95,6 +104,7 @@ class BodySpace:
             return
         self._column, self._changed = (i, j, z), True
         self._stood.lower(i, j, 1, z)
+        self._underside.lower_below(i, j, self._below, z)
 
     def survey(self) -> None:
         """Take what was noted since the last call into account."""
@@ -102,9 +112,11 @@ class BodySpace:
             return
         self._changed = False
         stood = PlanView(self._met.shape, np.inf)
-        stood.heights[:] = np.where(self._border & ~self._met, -np.inf, self._stood.heights)
-        half, farthest = round(0.5 * self._spacing / CELL), round((self._spacing + WIDE) / CELL)
-        heights = np.minimum(stood.bridged(stood.heights < self._top, half, farthest), self._top)
+        stick, under = self._stood.heights, self._underside.heights
+        own = stick - (1.0 - SUNK) * self._radius
+        heights = np.where(under > stick - THROUGH * self._radius, np.minimum(under, own), own)
+        stood.heights[:] = np.where(self._border & ~self._met, -np.inf, heights)
+        heights = np.minimum(stood.bridged(stood.heights < self._top, self._met, self._hidden), self._top)
         self._body.lower(heights, WIDER, WORSE)
         self._body.heights = heights
 
@@ -144,6 +156,16 @@ class BodySpace:
         poses[..., :3, :3], poses[..., line.axis, 3], poses[..., Z, 3] = rotation, places, LOW
         poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
         return places, self.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
+
+
+def _below(radius: float) -> np.ndarray:
+    """(2 k + 1, 2 k + 1) m, by which the sphere's underside is below its centre, in the squares around; -inf where that
+    is not below.
+    """
+    ticks = CELL * np.arange(-int(radius / CELL), int(radius / CELL) + 1)
+    apart = np.hypot(ticks[:, None], ticks)
+    below = np.sqrt(np.maximum(radius**2 - apart**2, 0.0)) - SUNK * radius
+    return np.where(below > 0.0, below, -np.inf)
 
 
 def _surface(link: LinkShape) -> np.ndarray:

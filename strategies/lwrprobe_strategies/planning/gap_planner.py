@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.floor_lines import floor_lines
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_LINE, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
 from lwrprobe_strategies.planning.outer_parts import outer_parts
@@ -26,9 +26,14 @@ from lwrprobe_strategies.planning.upright_body import line_height
 ONWARD = 0.3
 """Share of a normal along a line, from which on a contact is on the far side of the object."""
 
+FLOOR = 2.0
+"""Line spacings beside a line on the floor, up to which it shows whether a plate is there: one that carries the object
+is wide."""
 BETWEEN = 0.75
 """Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
 
+SAME = 0.4
+"""Line spacings across two lines up one side, below which one of them is enough."""
 LOWER = 6
 """Times in a row that sides are tried lower: below what overhangs each time shows a little more, and takes as long."""
 
@@ -180,7 +185,7 @@ class GapPlanner:
     def _floor_lines(self) -> list[Line]:
         """On the floor, where a plate may lie below all lines so far."""
         self._before_floor = len(self._memory)
-        return self._on_floor(NEIGHBOUR * self._spacing)
+        return self._on_floor(FLOOR * self._spacing)
 
     def _floor_lines_between(self) -> list[Line]:
         """Those in between as well, where the first ones have met a plate."""
@@ -241,13 +246,10 @@ class GapPlanner:
         return new
 
     def _no_lower(self, line: Line, other: Line) -> bool:
-        """Whether a line leads up the same side as another, no lower, and the side was touched no lower since then.
-
-        The other one may have been given up where the side was expected: from what was touched higher up.
-        """
-        same = (line.axis, line.sign) == (other.axis, other.sign) and abs(line.place - other.place) < ON_LINE
-        same &= abs(line.end - other.end) < self._spacing
-        return same and line.height >= other.height - HIGHER and line.ceiling >= other.ceiling - HIGHER
+        """Whether a line leads up the same side as another, as good as beside it, and begins no lower."""
+        same = (line.axis, line.sign) == (other.axis, other.sign) and abs(line.end - other.end) < self._spacing
+        same &= abs(line.place - other.place) < SAME * self._spacing
+        return same and line.height >= other.height - HIGHER
 
     def _reachable(self, line: Line) -> bool:
         """Whether the arm can go over the line's beginning, and down and along it."""

@@ -41,6 +41,8 @@ WORTH = 0.4
 
 RECEDES = -0.05
 """Share of the normal along z over that along the line, up to which a side recedes below."""
+TOUCHED = 0.0015
+"""m beyond half a pitch below a touch of a side, down to which its foot counts as touched."""
 LEAST = 0.5
 """Pitches in height that a line up a side must add, where no foot may be below it."""
 
@@ -79,7 +81,7 @@ def low_sides(
     lines: list[Line] = []
     for side in touched_sides(contacts, axis, places, area):
         low = side.lowest
-        if low[Z] - floor <= 0.5 * pitch:
+        if low[Z] - floor <= 0.5 * pitch + TOUCHED:
             continue
         end = float(low[axis])
         whole = Line(axis, side.place, side.begin, end - side.sign * SPARE, floor, low=True)

@@ -16,7 +16,7 @@ from lwrprobe_strategies.planning.lines import NEIGHBOUR, Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import HIGHER, SideOrientations
 from lwrprobe_strategies.planning.upright_body import line_height, lowest_beside
 
-HALF = 0.25
+HALF = 0.5
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
 
 
@@ -146,7 +146,7 @@ class LineScheduler:
         """Whether one like it had to be given up beside it."""
         return any(
             other.axis == line.axis
-            and abs(other.begin - line.begin) < self._spacing
+            and abs(other.begin - line.begin) < NEIGHBOUR * self._spacing
             and abs(other.place - line.place) < NEIGHBOUR * self._spacing
             for other in self._given_up
         )
