@@ -358,6 +358,8 @@ class Coverage(SkillStrategy):
             return Ended.TABLE
         if tip.rotation is self.upright and under(tip.control, frame):
             return Ended.UNDERSIDE
+        if frame.backward and tip.body is not None and not tip.body.keeps_clear(tip.seen.pose):
+            return Ended.LINE_END
         return Ended.DESCENT if self._climbs_from_other_end(descent) else None
 
     def contour_level(self) -> Procedure:
@@ -444,9 +446,9 @@ class Coverage(SkillStrategy):
         return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
 
     def _begins_above_a_foot(self) -> bool:
-        """Whether a line that had to be raised meets a wall above its foot.
+        """Whether a line that had to be raised, or leads up a side, meets a wall above its foot.
 
-        There the sphere goes in under what the stick met, as far as both fit.
+        There the sphere goes in under what the stick met or may meet, as far as both fit.
         """
         tip, line = self.tip, self.frame.line
         met = tip.trace.ended is guarded_move and not self.frame.level

@@ -246,6 +246,16 @@ def in_window(window, shape):
     return [(row, column) for row in range(i, min(end_i, shape[0])) for column in range(j, min(end_j, shape[1]))]
 
 
+def lowered(heights, at, below, height):
+    """The heights, lowered around a square to what is below a height; square by square."""
+    found, around = heights.copy(), len(below) // 2
+    for i, j in np.ndindex(heights.shape):
+        row, column = i - at[0] + around, j - at[1] + around
+        if 0 <= row < len(below) and 0 <= column < len(below):
+            found[i, j] = min(found[i, j], height - below[row, column])
+    return found
+
+
 def bridged(heights, known, touched, hidden):
     """The heights where known, and between two known squares in a row the tallest beside either; square by square."""
     found = np.where(known, heights, np.inf)

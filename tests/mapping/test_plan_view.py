@@ -124,6 +124,19 @@ def test_a_window_is_looked_through_up_to_the_last_square():
         assert view.lowest_facing(normals, window, (0.6, -0.8), 0.5) == min(facing, default=np.inf)
 
 
+def test_squares_around_one_are_lowered_to_what_is_below_it():
+    chance = np.random.default_rng(9)
+    view = PlanView(SHAPE, 0.05)
+    for _ in range(100):
+        below = chance.uniform(0.0, 0.005, (7, 7))
+        below[chance.random((7, 7)) < 0.3] = -np.inf
+        at, height = tuple(map(int, chance.integers(-4, np.array(SHAPE) + 4))), chance.uniform(0.0, 0.06)
+        expected = naive.lowered(view.heights, at, below, height)
+        view.lower_below(*at, below, height)
+        np.testing.assert_array_equal(view.heights, expected)
+    assert (view.heights < 0.05).mean() > 0.5
+
+
 def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():
     chance = np.random.default_rng(8)
     for _ in range(20):

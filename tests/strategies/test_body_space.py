@@ -99,6 +99,44 @@ def test_a_flight_above_all_there_is_hides_nothing_that_lines_have_shown():
     np.testing.assert_array_equal(crossed.depth(np.array(beside)), found.depth(np.array(beside)))
 
 
+@pytest.mark.parametrize("touches", [False, True])
+def test_a_place_between_two_lines_counts_if_it_was_touched_and_not_if_the_probe_flew_over_it(touches):
+    found = space(np.arange(-0.075, 0.0751, PITCH))
+    there = np.array([pose(0.0075, -0.048, 0.012)])
+    assert found.depth(there)[0] < 0.0
+    for y in np.arange(-0.055, -0.0399, 0.0005):
+        found.note(pose(0.0075, y, 0.09), touches)
+    found.survey()
+    assert bool(found.depth(there)[0] > 0.02) is touches
+
+
+def touched_plane(slope):
+    """A plane that falls along y, touched all the way along one line; and heights (n,) m of it at some y."""
+    found, normal = space(), np.array([0.0, -slope, 1.0]) / np.hypot(slope, 1.0)
+    for y in np.arange(-0.02, 0.0051, 0.0001):
+        found.note(pose(*(np.array([0.0, y, 0.06 + slope * y]) + 0.005 * normal)), True)
+    found.survey()
+    return found, [(y, 0.06 + slope * y) for y in (-0.012, -0.010, -0.008)]
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 2.7])
+def test_on_a_line_the_surface_is_known_and_not_only_that_the_centre_was_above_it(slope):
+    found, surface = touched_plane(slope)
+    for y, height in surface:
+        known = found._body.heights[round((0.0 - AREA.lower[0]) / 0.001), round((y - AREA.lower[1]) / 0.001)]
+        assert height - 1e-9 <= known <= height + 0.0011 + slope * 0.0016
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 2.7])
+def test_a_line_keeps_the_body_as_far_from_what_was_touched_as_it_has_to(slope):
+    found, surface = touched_plane(slope)
+    (y, height), normal = surface[1], np.array([0.0, -slope, 1.0]) / np.hypot(slope, 1.0)
+    i, j = round((0.0 - AREA.lower[0]) / 0.001), round((y - AREA.lower[1]) / 0.001)
+    keep = found._task.clearance_threshold
+    above = (found._clear.heights[i, j] - height) * normal[2]
+    assert keep <= above < keep + 0.0035
+
+
 def test_what_stands_on_one_of_two_lines_may_reach_the_other():
     found = space([-0.075, -0.06, -0.045, -0.03, -0.015, 0.0, 0.015, 0.03, 0.045, 0.06, 0.075], half=(0.02, 0.025))
     # The block ends somewhere between the lines at 15 and 30 mm.

@@ -226,6 +226,24 @@ def test_under_something_the_probe_goes_back_the_way_it_came():
     assert short[-1].place == pytest.approx([0.0, 0.01 - LIFT, 0.02], abs=0.0015)
 
 
+@pytest.mark.parametrize(("over", "lean", "end"), [(True, 0.0, 0.016), (False, 0.0, -0.05), (True, 0.5, -0.05)])
+def test_the_way_back_ends_on_top_of_what_was_followed_down_since_then(over, lean, end):
+    """Up a wall, over the top, and down behind it, to under an edge: up from the top, and not back over all of it."""
+    free, rotation = FreeSpace(AREA), turned(UP, np.array([0.0, -1.0, 0.0]), lean) @ DOWN
+    stand(free, *([0.0, -0.05, z] for z in np.arange(0.06, 0.0059, -0.0012)))
+    stand(free, *([0.0, y, 0.006] for y in np.arange(-0.05, -0.0101, 0.0012)), rotation=rotation)
+    wall = [[0.0, -0.01, z] for z in np.arange(0.006, 0.0301, 0.0012)]
+    stand(free, *wall, normal=np.array([0.0, -1.0, 0.0]), rotation=rotation)
+    top = [[0.0, y, 0.03] for y in np.arange(-0.01, 0.0161, 0.0012)]
+    stand(free, *top, normal=UP, rotation=rotation)
+    if over:
+        down = [[0.0, 0.018 + 0.3 * d, 0.03 - d] for d in np.arange(0.0, 0.03, 0.0012)]
+        stand(free, *down, normal=np.array([0.0, 0.9578, 0.2873]), rotation=rotation)
+    last = return_path(free)[-1].place
+    assert last[1] == pytest.approx(end, abs=0.012 if over and not lean else 0.003)
+    assert (last[2] > 0.025) == (over and not lean)
+
+
 def test_the_way_back_ends_where_the_sphere_came_down_and_not_beside_that():
     """On the way up it would meet with its flank what stands above its way in, as fast as the probe can go."""
     free = FreeSpace(AREA)

@@ -335,6 +335,18 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     assert strategy.lines.next(tip.here).foot_followed
 
 
+@pytest.mark.parametrize(("height", "down"), [(0.02, True), (LOW, False)])
+def test_a_line_up_a_side_that_meets_it_above_its_foot_follows_it_down_before_it_goes_up(height, down):
+    strategy = GridVersion()
+    strategy.start(task())
+    strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, height]), np.zeros(3), np.zeros(3)))
+    strategy.approach(Line(1, 0.0, -0.05, 0.05, height, low=True)).close()
+    strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
+    strategy.tip.trace.ended = guarded_move
+    strategy.along_surface().close()
+    assert strategy.frame.backward is down
+
+
 def going_in_under(strategy):
     """A strategy on the way down to the foot of a line that was raised."""
     strategy.start(task())

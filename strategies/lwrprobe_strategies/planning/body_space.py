@@ -38,6 +38,9 @@ STILL = 1e-5
 """m of depth that is no change."""
 LOW = -1.0
 """m, height at which the body would be below all that may be there."""
+EDGE = 0.0005
+"""m beyond the distance that the body has to keep from what was touched, to which lines keep it: the map has cubes.
+Squares beside a touch count as well, which makes it more beside a steep side."""
 WIDE = 0.001
 """m by which the distance of two neighbouring lines may exceed the spacing."""
 
@@ -76,6 +79,8 @@ class BodySpace:
         self._border[1:-1, 1:-1] = False
         heights = np.where(self._border, -np.inf, self._top)
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
+        self._clear = BodyOverHeights(points, low, CELL, heights, self._top)  # with what the body keeps from touches
+        self._around = _around(task.clearance_threshold + EDGE)
 
     @staticmethod
     def needed(task: Task) -> bool:
@@ -87,6 +92,7 @@ class BodySpace:
         """The object may be taller than was known: as tall as a task says."""
         self._task, self._top, self._changed = task, tallest_possible(task), True
         self._body.raise_top(self._top)
+        self._clear.raise_top(self._top)
         self.survey()
 
     def note(self, pose: np.ndarray, touches: bool) -> None:
@@ -119,6 +125,18 @@ class BodySpace:
         heights = np.minimum(stood.bridged(stood.heights < self._top, self._met, self._hidden), self._top)
         self._body.lower(heights, WIDER, WORSE)
         self._body.heights = heights
+        self._clear.heights = np.maximum(heights, self._kept(np.where(self._met, heights, -np.inf)))
+
+    def _kept(self, touched: np.ndarray) -> np.ndarray:
+        """(n, m) m, up to which the body keeps its distance from what was `touched` (n, m) m; -inf beside that."""
+        rows, columns = touched.shape
+        wide = len(self._around) // 2
+        kept, padded = np.full(touched.shape, -np.inf), np.pad(touched, wide, constant_values=-np.inf)
+        for i in range(len(self._around)):
+            for j in range(len(self._around)):
+                if self._around[i, j] > 0.0:
+                    np.maximum(kept, padded[i : i + rows, j : j + columns] + self._around[i, j], out=kept)
+        return kept
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
         """(n,) m, how far the body is at tip poses (n, 4, 4) in what is not known to be free; negative above it."""
@@ -138,6 +156,10 @@ class BodySpace:
         depths = self._body.depth_on_path(begin, end)
         return bool(depths.max() <= max(float(depths[0]) + STILL, WORSE))
 
+    def keeps_clear(self, pose: np.ndarray) -> bool:
+        """Whether the body keeps its distance from what was touched, as of the last survey, at a tip pose (4, 4)."""
+        return bool(self._clear.depth(pose[None])[0] <= 0.0)
+
     def knows(self, pose: np.ndarray) -> bool:
         """Whether all of the body is where it may be, at a tip pose (4, 4)."""
         return bool(self.depth(pose[None])[0] <= WORSE)
@@ -149,13 +171,13 @@ class BodySpace:
 
     def lowest_at(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n,) m on a line's axis, and the least heights (n,) m of the sphere's centre at which the body may be
-        at each, with the tip held by `rotation` (3, 3), up to a square beside the line.
+        at each, with the tip held by `rotation` (3, 3), up to a square beside the line. It keeps its distance there.
         """
         count = max(int(np.ceil(abs(line.end - line.begin) / STEP)), 1) + 1
         poses, places = np.tile(np.eye(4), (3, count, 1, 1)), np.linspace(line.begin, line.end, count)
         poses[..., :3, :3], poses[..., line.axis, 3], poses[..., Z, 3] = rotation, places, LOW
         poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
-        return places, self.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
+        return places, self._clear.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
 
 
 def _below(radius: float) -> np.ndarray:
@@ -166,6 +188,12 @@ def _below(radius: float) -> np.ndarray:
     apart = np.hypot(ticks[:, None], ticks)
     below = np.sqrt(np.maximum(radius**2 - apart**2, 0.0)) - SUNK * radius
     return np.where(below > 0.0, below, -np.inf)
+
+
+def _around(distance: float) -> np.ndarray:
+    """(2 k + 1, 2 k + 1) m, how far above a point a ball around it reaches in the squares around; 0 beside it."""
+    ticks = CELL * np.arange(-int(distance / CELL), int(distance / CELL) + 1)
+    return np.sqrt(np.maximum(distance**2 - ticks[:, None] ** 2 - ticks**2, 0.0))
 
 
 def _surface(link: LinkShape) -> np.ndarray:

@@ -26,6 +26,9 @@ COLUMN = 0.0005
 far as a return path leads that ends in going up as fast as the probe can."""
 STEEP = 0.5
 """Share of a normal along z, up to which a surface counts as a wall."""
+NO_OVERHANG, AROUND_TOP = 0.0, 0.008
+"""The same, from which on a surface does not overhang; and m sideways from a top, within which nothing was touched
+higher up, and beyond which the surface was followed down."""
 LOWER = 1e-4
 """m by which a path may lead lower than where the sphere has been: a surface below presses along the stick, where the
 probe is stiff, and 0.1 mm makes 2 N. Sideways it gives way."""
@@ -247,10 +250,11 @@ class FreeSpace:
         return bool(len(places) and steps.max() <= GAP)
 
     def return_path(self, distance: float = np.inf) -> list[Pose] | None:
-        """Back on the probe's path: for `distance` m, or to where it came down; None where that is too far.
+        """Back on the probe's path: for `distance` m, to where it came down, or to a top that it passed over; None
+        where that is too far.
 
         Along a surface it leads a little off it, and a detour on it is left out. The probe fits in all of it, as fast
-        as it likes.
+        as it likes. From a top the upright probe may go up in the column of its stick.
         """
         rows, all_back = self._places.rows(), not np.isfinite(distance)
         if len(rows) < 2:
@@ -260,6 +264,7 @@ class FreeSpace:
         if not open_places:
             return None
         end, k, left = open_places[-1], len(rows) - 1, distance
+        end += self._top_passed(rows[end:]) if all_back else 0
         places = [k]
         while k > end and left > 0.0:
             if len(places) == FARTHEST_BACK:
@@ -271,6 +276,27 @@ class FreeSpace:
             left -= float(np.abs(rows[k, OFF_SURFACE] - rows[places[-1], OFF_SURFACE]).max())
             places.append(k)
         return self._along(places)
+
+    def _top_passed(self, rows: np.ndarray) -> int:
+        """Index of the last of the rows (n, 13) at which the upright probe was on top of what it followed; else 0.
+
+        It does not overhang there, nothing was touched higher around, and the probe has followed it down since then.
+        """
+        before, touching = len(self._places) - len(rows), np.flatnonzero(_touching(rows))
+        for k in touching[::-1].tolist():
+            away = np.abs(rows[touching, :2] - rows[k, :2]).max(axis=1) > AROUND_TOP
+            lowest = rows[touching[away & (touching > k)], 2].min(initial=np.inf)
+            rise = (rows[k, OFF_SURFACE][2] - rows[k, 2]) / LIFT
+            if (
+                lowest > rows[k, 2] - GAP
+                or rise < NO_OVERHANG
+                or not rows[k, STOOD]
+                or before + k in self._next_to_touch
+            ):
+                continue
+            if rows[touching[~away], 2].max() <= rows[k, 2] + GAP:
+                return k
+        return 0
 
     def _first_at(self, k: int, end: int) -> int:
         """Index from `end` on of the first place where the probe was held as at place `k`, and was as good as there."""

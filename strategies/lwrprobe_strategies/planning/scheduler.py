@@ -159,7 +159,7 @@ class LineScheduler:
         """m, height at which a line may be driven beside what was touched."""
         if self._body is not None:
             self._body.survey()
-            needed = float(self._body.lowest(line, self._task.orientation)[1][-1]) + self._task.clearance_threshold
+            needed = float(self._body.lowest(line, self._task.orientation)[1][-1])
             return min(max(needed, float(self._area.lower[Z])), float(self._area.upper[Z]))
         return lowest_beside(line, self._memory.contacts()[:, POINT], self._task)
 

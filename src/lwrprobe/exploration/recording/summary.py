@@ -261,7 +261,7 @@ def _untouched(
         return []
     pose = Pose(rpy_deg=scene.arm.tip_rpy_deg).matrix()
     keeps = scene.clearance.threshold, scene.clearance.stick_threshold
-    stage = ClearanceStage(pipeline.probe.links, pipeline.voxels, pipeline.surface, *keeps)
+    stage = ClearanceStage(pipeline.probe.links, pipeline.surface, *keeps)
 
     def hindrance(centre: np.ndarray, facing: np.ndarray) -> str:
         pose[:3, 3] = centre

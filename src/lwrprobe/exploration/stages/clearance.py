@@ -27,29 +27,25 @@ class ClearanceStage:
     Parameters
     ----------
     links : of the probe
-    voxels : what was touched, for the body; what an edge of its cubes adds covers a little of what lies between lines
-    surface : the same in finer cubes, for the stick, which is near to what the sphere touches
-    body, stick : m, what the stick keeps, and what the rest of the links
+    surface : what was touched, in fine cubes: both are near to it, the stick beside the sphere, the body over a top
+    body, stick : m, what the links behind the stick keep, and what the stick keeps
     """
 
-    def __init__(
-        self, links: Sequence[LinkShape], voxels: VoxelMap, surface: VoxelMap, body: float, stick: float
-    ) -> None:
+    def __init__(self, links: Sequence[LinkShape], surface: VoxelMap, body: float, stick: float) -> None:
         behind = [link for link in links if link.name != STICK]
         sticks = [link for link in links if link.name == STICK]
-        groups = [(group, at, keep) for group, at, keep in ((behind, voxels, body), (sticks, surface, stick)) if group]
-        self._watches = [ClearanceWatch([LinkGroup(group, keep)], at) for group, at, keep in groups]
-        self._queries = [(ClearanceQuery(group, at), keep) for group, at, keep in groups]
+        groups = [(group, keep) for group, keep in ((behind, body), (sticks, stick)) if group]
+        self._watch = ClearanceWatch([LinkGroup(group, keep) for group, keep in groups], surface)
+        self._queries = [(ClearanceQuery(group, surface), keep) for group, keep in groups]
 
     @property
     def smallest(self) -> float:
         """m, the smallest distance so far."""
-        return min(watch.smallest for watch in self._watches)
+        return self._watch.smallest
 
     def nearest(self, pose: np.ndarray, q: np.ndarray) -> Clearance:
         """The most urgent pair at a tip pose (4, 4), held by joints q (n,); `required` says how far that link keeps."""
-        near = [watch.nearest(pose) for watch in self._watches]
-        return min(near, key=lambda one: one.distance - one.required)
+        return self._watch.nearest(pose)
 
     def threatens(self, pose: np.ndarray) -> bool:
         """Whether a link is nearer than it may be at a tip pose (4, 4), wherever the tip is now."""

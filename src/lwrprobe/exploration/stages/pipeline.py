@@ -52,7 +52,7 @@ CLOSE = 1.0 + 2.0 * cos(0.1)
 UNNOTICED = 0.001
 """s by which the loop may be slower than stated: the reserve of the force limit covers it."""
 SURFACE = 0.0005
-"""m, edge of the cubes from which the stick keeps its distance; the contacts of a contour are 0.2 mm apart."""
+"""m, edge of the cubes from which the probe's links keep their distance; the contacts of a contour are 0.2 mm apart."""
 SENSITIVITY = 0.8
 """Share of the acceleration and of the jerk that a joint may have, which those of the tip may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
@@ -77,7 +77,7 @@ class Pipeline:
     object_motion: ObjectMotionMonitor | None
     voxels: VoxelMap
     surface: VoxelMap
-    """What the stick keeps its distance from; finer than the map, whose cubes reach beyond the surface."""
+    """What the probe's links keep their distance from; finer than the map, whose cubes reach beyond the surface."""
     sweep: SweptSphere | None
     clearance: ClearanceStage | ArmClearanceStage | None
     strategy: Strategy
@@ -306,7 +306,7 @@ def _clearance(
         return ArmClearanceStage(probe, robot, solver, voxels, keep, stick, scene.table.plane()), ""
     if not probe.links:
         return None, "the probe has no link shapes"
-    return ClearanceStage(probe.links, voxels, surface, keep, stick), ""
+    return ClearanceStage(probe.links, surface, keep, stick), ""
 
 
 def _object_motion(scene: Scene, radius: float, rate: float) -> ObjectMotionMonitor | None:
