@@ -77,8 +77,6 @@ ROUNDING = 1e-9
 """m, of sums of lengths."""
 MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
-IN_VAIN, AROUND = 10, 0.02
-"""Lines in a row that no path has reached, while the tip stays within so many metres: it does not get out of there."""
 ASLANT = 0.8
 """Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
 ABOVE_FOOT = 0.002
@@ -129,14 +127,10 @@ class Coverage(SkillStrategy):
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
         dropped, unreached = False, 0
-        in_vain, since = 0, tip.here
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)
-            reached = tip.trace.ended is not transit
-            if reached or np.abs(tip.here - since).max() > AROUND:
-                in_vain, since = 0, tip.here
-            in_vain += not reached
+            self.retractions.line_driven()
             if self._reaches_the_top():
                 with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
                     yield from transit(tip, self.retractions.path(), self.line_rotation)
@@ -150,11 +144,12 @@ class Coverage(SkillStrategy):
                 return Done("the probe cannot leave its place: no path off the contact is free", complete=False)
             if dropped:
                 self.retractions.line_dropped()
-                unreached, in_vain = unreached + 1, 0
+                unreached += 1
             elif self.retractions.stays:
                 self.lines.insert(line)
-        if in_vain >= IN_VAIN:
-            return Done(f"the probe cannot leave its place: {in_vain} lines in a row were not reached", complete=False)
+        if self.retractions.caught:
+            vain = self.retractions.in_vain
+            return Done(f"the probe cannot leave its place: {vain} lines in a row were not reached", complete=False)
         if not dropped:
             with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
                 yield from transit(tip, self.retractions.path(), self.line_rotation)

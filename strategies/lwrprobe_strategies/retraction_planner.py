@@ -14,6 +14,8 @@ from lwrprobe_strategies.tip import Tip
 
 FALLBACKS = 3
 """Other paths off a place that are tried, one after the other, where the planned one has not moved the tip."""
+IN_VAIN, WITHIN = 10, 0.02
+"""Lines in a row that no path has reached, while the tip stays within so many metres: it does not get out of there."""
 AWAY = 1.5
 """Retractions from where a line began, from which on the tip has left that place."""
 
@@ -31,12 +33,14 @@ class RetractionPlanner:
     ----------
     line : the present one; None before the first
     back : m, that the next path leads back on the probe's own one; inf where what is touched decides
+    in_vain : lines in a row, up to the last one, that no path has reached from about where the tip is
     """
 
     def __init__(self, tip: Tip, upright: np.ndarray, distance: float) -> None:
         self._tip, self._upright, self._distance = tip, upright, distance
         self.line: Line | None = None
         self.back, self._stays = np.inf, 0
+        self.in_vain, self._since = 0, tip.here
 
     def go_back(self) -> None:
         """The next path leads back on the probe's own one: the stick has met something."""
@@ -47,8 +51,16 @@ class RetractionPlanner:
         tip = self._tip
         self._begin, self._known = tip.here, (len(tip.memory.trail()), len(tip.free))
 
+    def line_driven(self) -> None:
+        """The line has been driven or was given up, and the tip is where it ended."""
+        tip = self._tip
+        reached = tip.trace.ended is not transit
+        if reached or np.abs(tip.here - self._since).max() > WITHIN:
+            self.in_vain, self._since = 0, tip.here
+        self.in_vain += not reached
+
     def line_ends(self) -> None:
-        """The line has been driven or was given up."""
+        """The tip is where the path to the next line begins."""
         self._stays = self._stays + 1 if self._stayed() else 0
 
     @property
@@ -62,6 +74,11 @@ class RetractionPlanner:
         return self._stays > FALLBACKS
 
     @property
+    def caught(self) -> bool:
+        """So many lines in a row were not reached that the tip does not get out of where it is."""
+        return self.in_vain >= IN_VAIN
+
+    @property
     def free(self) -> bool:
         """Nothing presses on the tip: what keeps it where it is, is that the next line is out of the arm's reach."""
         seen = self._tip.seen
@@ -69,7 +86,7 @@ class RetractionPlanner:
 
     def line_dropped(self) -> None:
         """The line is not begun again; the next one may be within reach."""
-        self._stays = 0
+        self._stays = self.in_vain = 0
 
     def _stayed(self) -> bool:
         """Whether the tip is about where it was when the line began, and in between no farther than a retraction leads.

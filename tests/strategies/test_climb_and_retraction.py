@@ -9,7 +9,7 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.coverage import BACK, IN_VAIN, MAX_DETOURS
+from lwrprobe_strategies.coverage import BACK, MAX_DETOURS
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
@@ -22,7 +22,7 @@ from lwrprobe_strategies.planning.paths import OFF, SpeedLimit
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.retraction_planner import RetractionPlanner
+from lwrprobe_strategies.retraction_planner import IN_VAIN, RetractionPlanner
 from lwrprobe_strategies.skills import follow_contour, transit
 from strategy_task import AREA, DOWN, task
 

@@ -12,7 +12,7 @@ from lwrprobe.contracts.samples import Vector
 from lwrprobe.kinematics import straight_line
 from lwrprobe.mapping import plan_view_kernels as kernels
 
-STEP, TURN = 0.002, 0.05
+STEP, TURN = 0.001, 0.05
 """m and rad between two poses of a motion that are looked at."""
 
 

@@ -67,7 +67,8 @@ class BodySpace:
         self._task, self._spacing = task, spacing
         self._radius = task.probe.radius
         self._underside = PlanView(shape, np.inf)
-        self._below = _below(self._radius)
+        below = _cap(self._radius) - SUNK * self._radius
+        self._below = np.where(below > 0.0, below, -np.inf)
         gaps = 0.5 * CELL * np.arange(round((spacing + WIDE) / CELL) + 1)
         self._hidden = self._radius - np.sqrt(np.maximum(self._radius**2 - gaps**2, 0.0))
         self.under = task.probe.radius - task.probe.stick_radius
@@ -80,7 +81,7 @@ class BodySpace:
         heights = np.where(self._border, -np.inf, self._top)
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
         self._clear = BodyOverHeights(points, low, CELL, heights, self._top)  # with what the body keeps from touches
-        self._around = _around(task.clearance_threshold + EDGE)
+        self._keep = _cap(task.clearance_threshold + EDGE)
 
     @staticmethod
     def needed(task: Task) -> bool:
@@ -129,13 +130,11 @@ class BodySpace:
 
     def _kept(self, touched: np.ndarray) -> np.ndarray:
         """(n, m) m, up to which the body keeps its distance from what was `touched` (n, m) m; -inf beside that."""
-        rows, columns = touched.shape
-        wide = len(self._around) // 2
-        kept, padded = np.full(touched.shape, -np.inf), np.pad(touched, wide, constant_values=-np.inf)
-        for i in range(len(self._around)):
-            for j in range(len(self._around)):
-                if self._around[i, j] > 0.0:
-                    np.maximum(kept, padded[i : i + rows, j : j + columns] + self._around[i, j], out=kept)
+        from scipy.ndimage import grey_dilation
+
+        kept: np.ndarray = grey_dilation(
+            touched, footprint=self._keep > 0.0, structure=self._keep, mode="constant", cval=-np.inf
+        )
         return kept
 
     def depth(self, poses: np.ndarray) -> np.ndarray:
@@ -180,20 +179,10 @@ class BodySpace:
         return places, self._clear.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
 
 
-def _below(radius: float) -> np.ndarray:
-    """(2 k + 1, 2 k + 1) m, by which the sphere's underside is below its centre, in the squares around; -inf where that
-    is not below.
-    """
+def _cap(radius: float) -> np.ndarray:
+    """(2 k + 1, 2 k + 1) m, how far above its middle a ball reaches in the squares around; 0 beside it."""
     ticks = CELL * np.arange(-int(radius / CELL), int(radius / CELL) + 1)
-    apart = np.hypot(ticks[:, None], ticks)
-    below = np.sqrt(np.maximum(radius**2 - apart**2, 0.0)) - SUNK * radius
-    return np.where(below > 0.0, below, -np.inf)
-
-
-def _around(distance: float) -> np.ndarray:
-    """(2 k + 1, 2 k + 1) m, how far above a point a ball around it reaches in the squares around; 0 beside it."""
-    ticks = CELL * np.arange(-int(distance / CELL), int(distance / CELL) + 1)
-    return np.sqrt(np.maximum(distance**2 - ticks[:, None] ** 2 - ticks**2, 0.0))
+    return np.sqrt(np.maximum(radius**2 - ticks[:, None] ** 2 - ticks**2, 0.0))
 
 
 def _surface(link: LinkShape) -> np.ndarray:

@@ -283,19 +283,14 @@ class FreeSpace:
         It does not overhang there, nothing was touched higher around, and the probe has followed it down since then.
         """
         before, touching = len(self._places) - len(rows), np.flatnonzero(_touching(rows))
-        for k in touching[::-1].tolist():
-            away = np.abs(rows[touching, :2] - rows[k, :2]).max(axis=1) > AROUND_TOP
-            lowest = rows[touching[away & (touching > k)], 2].min(initial=np.inf)
-            rise = (rows[k, OFF_SURFACE][2] - rows[k, 2]) / LIFT
-            if (
-                lowest > rows[k, 2] - GAP
-                or rise < NO_OVERHANG
-                or not rows[k, STOOD]
-                or before + k in self._next_to_touch
-            ):
-                continue
-            if rows[touching[~away], 2].max() <= rows[k, 2] + GAP:
-                return k
+        places, rise = rows[touching, :3], (rows[touching, OFF_SURFACE] - rows[touching, :3])[:, 2]
+        good = (rise >= NO_OVERHANG * LIFT) & (rows[touching, STOOD] > 0.0)
+        for k in np.flatnonzero(good)[::-1].tolist():
+            away = np.abs(places[:, :2] - places[k, :2]).max(axis=1) > AROUND_TOP
+            followed_down = places[k:, 2][away[k:]].min(initial=np.inf) <= places[k, 2] - GAP
+            highest = places[~away, 2].max() <= places[k, 2] + GAP
+            if followed_down and highest and before + int(touching[k]) not in self._next_to_touch:
+                return int(touching[k])
         return 0
 
     def _first_at(self, k: int, end: int) -> int:

@@ -26,9 +26,6 @@ from lwrprobe_strategies.planning.upright_body import line_height
 ONWARD = 0.3
 """Share of a normal along a line, from which on a contact is on the far side of the object."""
 
-FLOOR = 2.0
-"""Line spacings beside a line on the floor, up to which it shows whether a plate is there: one that carries the object
-is wide."""
 BETWEEN = 0.75
 """Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
 
@@ -185,7 +182,7 @@ class GapPlanner:
     def _floor_lines(self) -> list[Line]:
         """On the floor, where a plate may lie below all lines so far."""
         self._before_floor = len(self._memory)
-        return self._on_floor(FLOOR * self._spacing)
+        return self._on_floor(NEIGHBOUR * self._spacing)
 
     def _floor_lines_between(self) -> list[Line]:
         """Those in between as well, where the first ones have met a plate."""
