@@ -18,7 +18,7 @@ from lwrprobe.reconstruction.convex_hull import convex_hull
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import line_pitch, prepare, regular_lines
-from lwrprobe.reconstruction.undersides import find_undersides
+from lwrprobe.reconstruction.undersides import _parallel, find_undersides
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.mesh_distance import MeshDistance
 from lwrprobe.scene.shape import Box
@@ -412,6 +412,37 @@ def test_an_underside_between_two_rims_is_not_a_straight_wall(scenes):
     low = (result.mesh.vertices[:, 2] < 0.012) & (result.mesh.vertices[:, 2] > ABOVE)
     between = low & (np.abs(result.mesh.vertices[:, 1]) < 0.015)
     assert np.mean(result.unreachable[between]) > 0.7, "nobody was there"
+
+
+def test_ends_that_match_by_chance_say_nothing_of_what_lies_between():
+    """Edges of one ruled face are joined by parallel chords, those of a polyhedron by chords in all directions."""
+
+    def level(degrees):
+        angle = np.deg2rad(degrees)
+        return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
+
+    rng = np.random.default_rng(1)
+    ruled = rng.uniform(20.0, 28.0, 40)
+    assert _parallel(level(ruled)).all()
+    assert _parallel(level(np.concatenate([ruled, ruled + 180.0]))).all(), "there and back is one direction"
+    few = np.array([80.0, 120.0, 150.0])
+    assert _parallel(level(np.concatenate([ruled, few]))).tolist() == [True] * 40 + [False] * 3
+    assert not _parallel(level(np.concatenate([ruled, ruled[:20] + 60.0]))).any()
+    assert not _parallel(level(rng.uniform(0.0, 180.0, 60))).any()
+    assert not len(_parallel(np.empty((0, 3))))
+
+
+@pytest.mark.parametrize(("name", "most"), [("random:organic:3", 2e-4), ("random:hull:1", 3e-4)])
+def test_a_hole_in_a_side_that_recedes_is_closed_as_the_contacts_around_it_say(name, most):
+    """The column below a contact counts as solid: guesses between that and free space stood out by some millimetres."""
+    record = sample_lines(load_scene(name).solid(), 0.01, 0.25)
+    leaning = np.flatnonzero((record.normals[:, 2] < -0.08) & (record.normals[:, 2] > -0.3))
+    middle = record.points[leaning[len(leaning) // 2]]
+    hole = np.linalg.norm(record.points - middle, axis=1) < 0.010
+    part = replace(record, points=record.points[~hole], normals=record.normals[~hole])
+    mesh = surface(part, compare=False).mesh
+    assert hole.sum() > 10
+    assert MeshDistance(mesh).distance(record.points[hole]).mean() < most
 
 
 def field_of(touches, clusters):

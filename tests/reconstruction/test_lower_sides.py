@@ -10,7 +10,8 @@ from lwrprobe.contracts import TouchRecord
 from lwrprobe.evaluation import mesh_error
 from lwrprobe.reconstruction.clusters import cluster
 from lwrprobe.reconstruction.contact_surface import ContactSurface
-from lwrprobe.reconstruction.lower_sides import find_lower_sides
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
+from lwrprobe.reconstruction.lower_sides import find_lower_sides, moved_to_field
 from lwrprobe.reconstruction.touches import prepare
 from lwrprobe.scene.shape import Box, Sphere
 from lwrprobe.scene.solid import Solid
@@ -52,6 +53,35 @@ def test_the_places_lie_below_the_contacts_with_a_deviation_that_grows():
     order = np.argsort(walls.points[:, 2])
     assert common[order[0]] > 3.0 * common[order[-1]]
     assert walls.value_sd.max() < 0.3 * common.max(), "what is wrong of a wall is so everywhere"
+
+
+def test_a_side_that_bends_is_moved_to_where_contacts_beside_it_have_it():
+    """The more, the less certain it is beside them; an upright wall stays."""
+    angles = np.deg2rad(np.arange(0.0, 360.0, 10.0))
+    rings = [
+        np.column_stack([np.cos(up) * np.cos(angles), np.cos(up) * np.sin(angles), np.full(len(angles), np.sin(up))])
+        for up in np.deg2rad([0.0, 10.0, 20.0])
+    ]
+    normals = np.vstack(rings)
+    sd = np.full(len(normals), 3e-5)
+    touched = HermiteField(HermiteData(0.04 * normals, normals, sd, np.full(len(normals), 0.03)), 0.02)
+    down = np.deg2rad([-5.0, -10.0, -20.0])
+    facing = np.column_stack([np.cos(down), np.zeros(3), np.sin(down)])
+    off = 2e-3 * facing
+    sure, unsure = np.full(3, 1e-5), np.array([0.5e-3, 1e-3, 3e-3])
+
+    def beside(value_sd, common):
+        lower = HermiteData(0.04 * facing + off, facing, value_sd, np.full(3, 0.1))
+        moved = moved_to_field(lower, common, touched)
+        assert np.array_equal(moved.normals, facing)
+        return np.einsum("ij,ij->i", moved.points, facing) - 0.04
+
+    left = beside(unsure, np.zeros(3))
+    assert (np.diff(left) > 0.0).all()
+    assert 0.0 < left[0] < 0.7e-3
+    assert left[2] < 1.9e-3
+    assert np.allclose(beside(sure, np.zeros(3)), 2e-3, atol=5e-5)
+    assert np.allclose(beside(unsure, np.full(3, 1e-3)), 2e-3, atol=1e-12)
 
 
 def test_between_lines_that_went_lower_a_side_is_not_carried_on():

@@ -35,7 +35,7 @@ from lwrprobe.reconstruction.grid import Grid, affordable
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
-from lwrprobe.reconstruction.lower_sides import find_lower_sides
+from lwrprobe.reconstruction.lower_sides import find_lower_sides, moved_to_field
 from lwrprobe.reconstruction.rulings import find_rulings, upright_walls
 from lwrprobe.reconstruction.settling import predicted_better, settled
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
@@ -147,6 +147,7 @@ class ContactSurface:
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
         upright = None if lines else upright_walls(touches)
         lower, common = work.run("lower sides", lambda: find_lower_sides(touches, clusters, apart, upright))
+        lower = moved_to_field(lower, common, touched)
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
         inferred, known = below + lower, touched.data
         if not lines:

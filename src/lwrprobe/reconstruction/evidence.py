@@ -5,10 +5,12 @@ that did not. There the surface is bounded on both sides. Without any other hint
 last line's normals lean towards the gap, the drop of the surface since the line before shows whether a sharp
 edge (the sphere rolls over it: an arc of its own radius) or a rounding has begun, and where it will end.
 
-Such a guess is worth less than contacts on both sides of it that face the same way. Where they say with a deviation
-not much larger than the guess's that the surface passes between solid and free, the guess is dropped; where they say
-that it passes where the sphere has been, the guess goes to the border of that space. Beside contacts whose normals lean
-down the surface goes on inwards, below what the stick lets the sphere reach: there each guess is dropped.
+Such a guess is worth less than contacts near it, and than those on both sides of it that face the same way. Where they
+say, in the second case with a deviation not much larger than the guess's, that the surface passes between solid and
+free, the guess is dropped; where they say that it passes where the sphere has been, the guess goes to the border of
+that space. Contacts near it also count against solid evidence: below a contact whose normal leans down a little the
+column is taken to be solid, and the surface recedes. Beside contacts whose normals lean down more it goes on inwards,
+below what the stick lets the sphere reach: there each guess is dropped.
 """
 
 from __future__ import annotations
@@ -41,6 +43,8 @@ _ALIKE = 0.8  # cosine between a guess's direction and the normals of contacts t
 LEANING = -0.15  # z of the normals of contacts under which the surface goes on inwards; less is noise
 _FAR_BELOW = 1.5  # of the reach: how far under such contacts
 _TOWARDS = 0.3  # cosine between such a normal and the direction of a guess that it makes needless
+_CERTAIN = 0.3
+"""Share of the field's deviation without contacts, up to which these say where the surface is: a pitch beside them."""
 _TRUSTED = 4.0
 """Times a guess's deviation that the contacts' own may have: the guesses beside one another err the same way."""
 
@@ -144,12 +148,14 @@ def _bound(
 
     `place` (n, 3) and `deviation` (n,) are changed in place.
     """
-    trusted = known.deviations(place) < _TRUSTED * deviation
+    own = known.deviations(place)
+    certain, trusted = own < _CERTAIN * np.sqrt(known.variance), own < _TRUSTED * deviation
+    certain &= _beside(known, place, direction)
     # However sure the arcs of lines far above are of a guess: they know of no overhang.
     kept = ~_under(known, place, direction)
-    sure = np.flatnonzero(trusted & kept & _between(known, place, direction))
+    sure = np.flatnonzero(kept & (certain | trusted & _between(known, place, direction)))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
-    kept[sure[(at_start <= 0.0) & (at_end >= 0.0)]] = False
+    kept[sure[(at_end >= 0.0) & ((at_start <= 0.0) | certain[sure])]] = False
     beyond = sure[(at_start <= 0.0) & (at_end < 0.0)]
     place[beyond] = end[beyond]
     deviation[beyond] = np.minimum(deviation[beyond], _EVIDENCE_FLOOR)
@@ -164,6 +170,16 @@ def _under(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.
     normals = known.data.normals[nearest]
     towards = np.einsum("ij,ij->i", normals, direction) > _TOWARDS
     return (normals[:, 2] < LEANING) & towards & (distance < _FAR_BELOW * known.reach)
+
+
+def _beside(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(n,) bool: the contacts nearest to places (n, 3) face the way of `direction` (n, 3), not that of a face before an
+    edge.
+    """
+    from scipy.spatial import cKDTree
+
+    nearest = known.data.normals[cKDTree(known.data.points).query(place)[1]]
+    return np.asarray(np.einsum("ij,ij->i", nearest, direction) > _ALIKE)
 
 
 def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -8,12 +8,12 @@ far beside the object.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lwrprobe.reconstruction.clusters import Clusters
-from lwrprobe.reconstruction.hermite_field import HermiteData
+from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches
 
 _OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a top
@@ -40,6 +40,7 @@ _GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an 
 _APIECE = 0.005  # the same of the wall's places beside each other: what was wrong of it is so everywhere
 _GROWTH_BENT = 0.15  # the same of a side that leans or bends, seen on random solids
 _NORMAL_SD = 0.1  # rad
+_OWN = 0.5  # of the deviation of the field of the contacts: what it is off below these on smooth random solids
 _FINE = 1e-3  # m, steps in which a bend is followed
 _PLANE = 14.0  # radii: so far along it a wall may be plane
 _IN_PLANE = 0.07  # rad between the normals of places in one plane, and between that of an upright wall and the level
@@ -131,6 +132,22 @@ def find_lower_sides(
         apiece.append(np.hypot(touches.noise, growth * down[kept]))
         common.append(shared * down[kept])
     return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(apiece)), np.concatenate(common)
+
+
+def moved_to_field(lower: HermiteData, common: np.ndarray, touched: HermiteField) -> HermiteData:
+    """The sides with those that lean or bend moved towards where the field of the contacts has them.
+
+    `lower` and `common` (n,) are those of `find_lower_sides`. A side is seen along one line; contacts beside that, and
+    how they bend, are in the field. Each counts by its deviation.
+    """
+    bent = np.flatnonzero(common == 0.0)
+    if not len(bent):
+        return lower
+    places, points = lower.points[bent], lower.points.copy()
+    off, own = touched.values_near(places, places[:, None])[:, 0], (_OWN * touched.deviations(places)) ** 2
+    guessed = lower.value_sd[bent] ** 2
+    points[bent] -= (guessed / (guessed + own) * off)[:, None] * lower.normals[bent]
+    return replace(lower, points=points)
 
 
 def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:

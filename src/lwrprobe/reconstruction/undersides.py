@@ -4,6 +4,9 @@ Where the sphere rolls over the lower edges of two faces that look apart, what l
 overhang as they do: a lying cylinder is touched at the rims of its two end faces and nowhere else below its axis.
 Without this, the walls above go straight down. A surface that bends away smoothly says nothing about what it bends to.
 
+What lies so between two edges is ruled: its chords are parallel. Where they lead in many directions the ends match by
+chance, and nothing is said.
+
 Between two edges of a convex solid all lies within it. A chord is left out where the surface that goes on from the
 contacts nearest to it leaves it inside.
 
@@ -28,6 +31,8 @@ _SHARP_LOWEST = 0.5  # the same, where nothing was touched lower
 _LOWER = 1.0  # radii below the edges, from which on something was
 _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degrees
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
+_PARALLEL = 0.985  # cosine between two chords that are: 10 degrees
+_SHARED = 0.75  # of the chords that are parallel: ends that match by chance give chords in many directions
 _GROWTH = 0.03  # m of standard deviation a metre from the nearer end
 _NORMAL_SD = 0.1  # rad
 _BESIDE = 1.0  # of the pitch, across a chord, within which a wall that was touched goes on below it: to the next line
@@ -139,8 +144,10 @@ def _chords(
     slant = 0.5 * (across[0] + across[1])[..., 2] - alike
     cost = np.where(fits, miss / np.maximum(length, 1e-12) + slant, np.inf)
     partner = cost.argmin(axis=1)
+    matched = np.flatnonzero(np.isfinite(cost.min(axis=1, initial=np.inf)))
+    matched = matched[_parallel(unit[matched, partner[matched]])]
     places, facing, deviation = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
-    for i in np.flatnonzero(np.isfinite(cost.min(axis=1, initial=np.inf))):
+    for i in matched:
         j = partner[i]
         steps = int(np.ceil(length[i, j] / (0.5 * pitch)))
         share = (np.arange(1, steps) / steps)[:, None]
@@ -158,6 +165,15 @@ def _chords(
                 found[-1] = found[-1][kept]
     chord = np.repeat(np.arange(len(places)), [len(rows) for rows in places])
     return np.concatenate(places), np.concatenate(facing), np.concatenate(deviation), chord
+
+
+def _parallel(unit: np.ndarray) -> np.ndarray:
+    """(n,) bool: directions (n, 3) that are parallel to that which most share; none where too few share one."""
+    if not len(unit):
+        return np.zeros(0, dtype=bool)
+    alike = np.abs(unit @ unit.T) > _PARALLEL
+    most = alike[alike.sum(axis=1).argmax()]
+    return most & (most.mean() >= _SHARED)
 
 
 def _to_wall(
