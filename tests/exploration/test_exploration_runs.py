@@ -52,6 +52,8 @@ def test_block_is_touched_on_all_sides_in_little_more_than_twice_the_least_time(
     assert max(map(abs, summary["end_errors_mm"])) <= 0.3
     assert summary["sim_time_s"] <= 2.65 * summary["lower_bound_time_s"]
     assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_descending_s"]
+    assert summary["lower_bound_descending_s"] < summary["lower_bound_unknown_s"]
+    assert summary["sim_time_s"] <= 1.9 * summary["lower_bound_unknown_s"]
     assert summary["true_peak_force_n"] >= summary["peak_force_n"]
     assert summary["rejected_share"] <= 0.05
     assert summary["warnings"] == []

@@ -14,7 +14,7 @@ from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, Fr
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Speeds, seconds
-from lwrprobe_strategies.planning.upright_body import RISE, clear_of, line_height, lowest_beside
+from lwrprobe_strategies.planning.upright_body import DEEP, RISE, clear_of, line_height, lowest_beside
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
@@ -247,6 +247,25 @@ def test_a_way_is_clear_where_neither_stick_nor_body_passes_what_was_touched():
     assert not clear(0.01, 0.0, 0.08), "in the body's way"
     assert clear(0.02, 0.0, 0.08)
     assert clear(0.01, -0.05, 0.08), "near already"
+    assert not clear(0.0, 0.0, 0.007), "the sphere goes through it"
+    assert not clear(0.0035, 0.0, 0.01), "beside the stick as well"
+    assert clear(0.0, 0.0, 0.0055), "it rests on it"
+    assert clear(0.002, -0.05, 0.0095), "it is there already"
+
+
+def test_the_sphere_goes_through_nothing_that_was_touched():
+    """Against the distance of each place on the path, of a probe that has a sphere and no body."""
+    t = task()
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        begin, end = rng.uniform(-0.02, 0.02, (2, 3))
+        point = rng.uniform(-0.02, 0.02, 3)
+        path = begin + np.linspace(0.0, 1.0, 4001)[:, None] * (end - begin)
+        near, first = np.linalg.norm(path - point, axis=1).min(), float(np.linalg.norm(point - begin))
+        deep = t.probe.radius - DEEP
+        if abs(near - deep) < 1e-5 or abs(first - deep) < 1e-5 or point[2] > min(begin[2], end[2]) + RISE:
+            continue
+        assert clear_of(point[None], t)(begin, end) == (near > deep or first < deep)
 
 
 def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():

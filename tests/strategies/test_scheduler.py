@@ -207,6 +207,22 @@ def test_what_had_to_be_given_up_beside_is_not_tried_again():
     assert not lines.blocked_before(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
 
 
+def test_a_wall_that_was_climbed_to_its_top_is_not_descended_as_well():
+    """The line went on over the top and was given up there: the way down the same wall shows nothing new."""
+    down = Line(0, 0.0, 0.03, -0.03, 0.03, on_surface=True)
+    for height, instead in ((0.03, None), (0.022, None), (0.015, down)):
+        memory = ContactMemory()
+        memory.add(down.start, down.start - [0.0, 0.0, 0.005], np.array([0.0, 0.0, 1.0]), 0.03)  # by the grid
+        lines = LineScheduler(task(), memory, CoverageConfig())
+        lines.next(NEAR)
+        line = Line(0, 0.0, -0.03, 0.03, 0.006, fallback=down)
+        place = np.array([0.03, 0.0, height])
+        memory.add(place, place - [0.005, 0.0, 0.0], np.array([1.0, 0.0, 0.0]), np.nan)
+        lines.give_up(line)
+        assert (lines.next(NEAR) is down) == (instead is down)
+        assert lines.blocked_before(line) == (instead is down)
+
+
 def test_a_line_beside_a_raised_one_is_raised_as_high():
     lines = grid_alone()
     lines.next(NEAR)

@@ -95,6 +95,7 @@ MEDIANS = (
     Criterion("contact error, median <= 0.05 mm", "contact", lambda v: v <= 0.05, 0.5),
     Criterion("mesh error of what is reachable, median <= 0.15 mm", "mesh_reachable", lambda v: v <= 0.15, 0.5),
     Criterion("robot time, median <= 2.5 times the bound", "ratio", lambda v: v <= 2.5, 0.5),
+    Criterion("robot time, median <= 2.5 times the bound in unknown space", "ratio_unknown", lambda v: v <= 2.5, 0.5),
 )
 
 COLUMNS = {
@@ -107,6 +108,7 @@ COLUMNS = {
     "coverage": "coverage",
     "peak N": "peak",
     "times bound": "ratio",
+    "times bound, unknown": "ratio_unknown",
     "what went wrong": "wrong",
     "fails": "fails",
     "contact mm": "contact",
@@ -215,7 +217,7 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, al
     from lwrprobe.reconstruction.meshes import read_mesh
     from lwrprobe.scene.actual_scene import actual_scene
 
-    bound = summary["lower_bound_time_s"]
+    bound, unknown = summary["lower_bound_time_s"], summary["lower_bound_unknown_s"]
     found: dict[str, Any] = {
         "status": summary["status"],
         "reason": summary["reason"],
@@ -224,6 +226,7 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, al
         "time": summary["sim_time_s"],
         "bound": bound,
         "ratio": summary["sim_time_s"] / bound if bound else None,
+        "ratio_unknown": summary["sim_time_s"] / unknown if unknown else None,
         "method": (summary["mesh_error_mm"] or {}).get("method"),
     }
     left = read_run(folder)

@@ -169,6 +169,9 @@ class Summary:
     """s, no exploration of this object at this line spacing and speed is faster; free space counts at free speed."""
     lower_bound_descending_s: float | None = None
     """s, the same where the path down to an edge has to be slow enough for the force limit."""
+    lower_bound_unknown_s: float | None = None
+    """s, as `lower_bound_descending_s`, with free space at the approach speed: no strategy knows before that it is
+    free."""
     truth: Table | None = None
     """How the simulated world differed from the scene: `profile`, and the numbers drawn; None on a real arm."""
     cycle_us: float | None = None

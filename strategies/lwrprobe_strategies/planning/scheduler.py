@@ -52,9 +52,11 @@ class LineScheduler:
         self._postponed: deque[Line] = deque()  # not reached from where the tip was
         self._tried: list[Line] = []  # those that were postponed before
         self._missed: list[Line] = []  # up sides, on which nothing was touched
+        self._before = 0  # contacts, before the present line
 
     def next(self, here: np.ndarray) -> Line | None:
         """The next line from `here` (3,) m, where the tip is; None when nothing is left out."""
+        self._before = len(self._memory)
         if self._inserted is not None:
             line, self._inserted = self._inserted, None
             return line if line.axis == Y else self._above(line)  # along y even the free part has to be driven
@@ -93,7 +95,7 @@ class LineScheduler:
         self.insert(replace(line, height=self.height) if line.height == before else line)
 
     def give_up(self, line: Line, touched: bool = True, lost: bool = False, met: bool = False) -> None:
-        """The line cannot be driven to its end: its fallback comes next, where it has one.
+        """The line cannot be driven to its end: its fallback comes next, unless it was touched to where that begins.
 
         A line up a side that has not `touched` it comes again, from half of the way up to where the side was touched
         before: what overhangs may let nothing be touched farther down. Where the side recedes, it comes again once,
@@ -107,8 +109,11 @@ class LineScheduler:
             if higher is not None:
                 self.insert(higher)
                 return
-        self.insert(line.fallback)
-        if line.fallback is not None:
+        instead = line.fallback
+        if instead is not None and self._touched_at(instead.start):
+            instead = None
+        self.insert(instead)
+        if instead is not None:
             self._given_up.append(line)
         elif self._number < len(self.grid) and line.axis == Y and line.free_end and touched and not lost:
             self._gaps.stopped.append(line)
@@ -132,6 +137,11 @@ class LineScheduler:
         if met and up <= least:
             up = 0.5 * whole
         return replace(line, height=line.height + up) if least < up < whole - least else None
+
+    def _touched_at(self, place: np.ndarray) -> bool:
+        """Whether the present line has touched something within a line spacing of a place (3,) m."""
+        centres = self._memory.contacts()[self._before :, : Z + 1]
+        return bool((np.linalg.norm(centres - place, axis=1) < self._spacing).any())
 
     def _missed_beside(self, line: Line) -> bool:
         """Whether the line beside one up a side, as low as that, touched nothing, and this side recedes as well."""

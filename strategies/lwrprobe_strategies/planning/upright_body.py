@@ -15,6 +15,9 @@ RISE = 0.0021
 """m by which something may reach further than what was touched of it: an edge of the cubes in the map, which the
 clearance looks at, and the error of a contact."""
 
+DEEP = 0.001
+"""m within the sphere, from which on a touched place stands in its path: less is the error of a contact."""
+
 Clear = Callable[[np.ndarray, np.ndarray], bool]
 """Whether the straight path may be taken from one place (3,) to another, or from one tip pose (4, 4) to another."""
 
@@ -63,13 +66,20 @@ def lowest_beside(line: Line, points: np.ndarray, task: Task) -> float:
 
 
 def clear_of(points: np.ndarray, task: Task) -> Clear:
-    """Whether the upright probe keeps its distance from the points (n, 3), or comes no nearer than at its ends."""
+    """Whether the upright probe keeps its distance from the points (n, 3), or comes no nearer than at its ends.
+
+    The sphere may touch what was touched, but not go through it.
+    """
+    sphere = task.probe.radius - DEEP
     parts = [(float(half.max()), bottom - task.clearance_threshold) for half, bottom in body(task)]
     parts = [(wide + task.clearance_threshold, low) for wide, low in [*parts, (task.probe.stick_radius, RISE)]]
 
     def clear(begin: np.ndarray, end: np.ndarray) -> bool:
         step, there = (end - begin)[:2], points[:, :2] - begin[:2]
         share = np.clip(there @ step / max(float(step @ step), 1e-12), 0.0, 1.0)
+        within = _apart(points, begin, end) < sphere
+        if (within & (np.linalg.norm(points - begin, axis=1) > sphere)).any():
+            return False
         height = points[:, Z] - min(begin[Z], end[Z])
         near = np.hypot(*(there - share[:, None] * step).T)
         ends = np.minimum(np.hypot(*there.T), np.hypot(*(there - step).T))
@@ -80,3 +90,10 @@ def clear_of(points: np.ndarray, task: Task) -> Clear:
         return True
 
     return clear
+
+
+def _apart(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n,) m from points (n, 3) to the straight path from one place (3,) to another."""
+    step, there = end - begin, points - begin
+    share = np.clip(there @ step / max(float(step @ step), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(there - share[:, None] * step, axis=1))

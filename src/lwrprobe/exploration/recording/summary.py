@@ -140,7 +140,7 @@ def _against_truth(
         "contact_error_aligned_mm", "surface_error_mm", "voxel_error_mm", "normal_error_deg", "mesh_error_mm",
         "mesh_error_aligned_mm", "mesh_error_reachable_aligned_mm", "mesh_error_upright_aligned_mm",
         "claims_within_95", "claims_aligned_within_95",
-        "lower_bound_time_s", "lower_bound_descending_s",
+        "lower_bound_time_s", "lower_bound_descending_s", "lower_bound_unknown_s",
     )  # fmt: skip
     found: dict[str, Any] = dict.fromkeys(keys)
     if truth is None or not scene.objects:
@@ -151,10 +151,12 @@ def _against_truth(
     radius = actual.probe.radius
     everywhere = reach(solid, radius, lowest)
     within = everywhere.within(area)
-    found["lower_bound_time_s"] = round(_lower_bound(scene, within, pitch, pipeline.explored), 2)
+    found["lower_bound_time_s"] = _lower_bound(scene, within, pitch, pipeline.explored)
     if "delay_s" in pipeline.force.report():  # else the run ended before the first touch was planned
         descent = _fastest_descent(scene, pipeline)
-        found["lower_bound_descending_s"] = round(_lower_bound(scene, within, pitch, pipeline.explored, descent), 2)
+        found["lower_bound_descending_s"] = _lower_bound(scene, within, pitch, pipeline.explored, descent)
+        guarded = scene.motion.approach_speed
+        found["lower_bound_unknown_s"] = _lower_bound(scene, within, pitch, pipeline.explored, descent, guarded)
     touches = [truth.contact_at(sequence) for sequence in recorder.sequences]
     known = np.array([true is not None for true in touches], dtype=bool)
     true_points = np.array([true.point for true in touches if true is not None]).reshape(-1, 3)
@@ -284,10 +286,16 @@ def _fastest_descent(scene: Scene, pipeline: Pipeline) -> float:
     return approach_speed(margin, report["stiffness_along_stick"], report["delay_s"], scene.motion.acceleration)
 
 
-def _lower_bound(scene: Scene, within: Reach, pitch: float, area: Area, descent_speed: float | None = None) -> float:
+def _lower_bound(
+    scene: Scene,
+    within: Reach,
+    pitch: float,
+    area: Area,
+    descent_speed: float | None = None,
+    free_speed: float | None = None,
+) -> float:
     """s, no exploration of this object at this pitch and speed is faster (see `evaluation.lower_bound_time`)."""
     motion = scene.motion
-    return lower_bound_time(
-        within, pitch, motion.contour_speed, area, motion.free_speed, motion.acceleration,
-        descent_speed,
-    )  # fmt: skip
+    free = motion.free_speed if free_speed is None else free_speed
+    bound = lower_bound_time(within, pitch, motion.contour_speed, area, free, motion.acceleration, descent_speed)
+    return round(bound, 2)
