@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lwrprobe.bench.shapes import CRITERIA, _jobs, _judged, _report
+from lwrprobe.bench.shapes import CRITERIA, MEDIANS, _jobs, _judged, _report
 from lwrprobe.bench.true_mesh import TrueMesh, edges_of_two, link_points, mesh_errors
 from lwrprobe.contracts import InputError, TriangleMesh, UnknownNameError
 from lwrprobe.scene.scene import ProbeTable
@@ -149,7 +149,7 @@ def test_a_report_counts_what_holds_and_puts_the_worst_first():
     good = {
         "object": "random:hull:1", "strategy": "grid_version", "status": "done", "collisions": 0, "peak": 2.0,
         "coverage": 1.0, "over_best": 0.5, "manifold": True, "mesh": 0.1, "contact": 0.03, "ratio": 2.0,
-        "threats": 4, "false_threats": 1, "profile": "ideal",
+        "ratio_unknown": 1.5, "threats": 4, "false_threats": 1, "profile": "ideal",
     }  # fmt: skip
     bad = {**good, "object": "random:thin:2", "status": "ended early", "mesh": None, "manifold": None, "peak": 4.0}
     report = _report([good, bad])
@@ -158,4 +158,4 @@ def test_a_report_counts_what_holds_and_puts_the_worst_first():
     assert held["ideal: done in 98 %"].measured == "1 of 2"
     assert held["ideal: largest force <= 4.5 N in 100 %"].held
     assert not held["false collision threats < 5 %"].held
-    assert len(report.verdicts) == len(CRITERIA) + 5
+    assert len(report.verdicts) == len(CRITERIA) + len(MEDIANS) + 1
