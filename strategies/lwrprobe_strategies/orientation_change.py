@@ -11,9 +11,10 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.skills import Procedure, follow_contour
+from lwrprobe_strategies.skills import Procedure, follow_contour, reorient
 from lwrprobe_strategies.supervisor import Program
 
 MORE = float(np.radians(10.0))
@@ -58,6 +59,7 @@ class OrientationChange(Coverage):
 
     def program(self) -> Program:
         """As the other strategies do."""
+        self._before_turn = self.tip.rotation
         self.planner = LeanPlanner(self.task, self.tip.rotation, float(np.radians(self.options.tilt_deg)))
         return super().program()
 
@@ -78,8 +80,15 @@ class OrientationChange(Coverage):
         rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
         if rotation is None or np.abs(rotation - tip.rotation).max() < SAME:
             return self.give_up()
-        tip.rotation = rotation
+        self._before_turn, tip.rotation = tip.rotation, rotation
         return self.turn()
+
+    def next_skill(self, outcome: Outcome) -> Procedure | None:
+        """As the other strategies do; a turn that has led the stick against something is turned back."""
+        if outcome is Ended.SHAFT_CONTACT and self.tip.trace.ended is reorient:
+            self.tip.rotation = self._before_turn
+            return self.give_up()
+        return super().next_skill(outcome)
 
     def answer_unknown_space(self) -> Procedure | None:
         """Leaning does not help where nothing is known of what is there."""

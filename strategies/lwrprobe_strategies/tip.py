@@ -237,10 +237,25 @@ class Tip:
         """(4, 4) at a place (3,), in the wanted orientation."""
         return tip_pose(place, self.rotation)
 
-    def turn(self) -> np.ndarray | None:
-        """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted."""
+    def turn(self, ahead: float = inf) -> np.ndarray | None:
+        """(4, 4) pose whose orientation a velocity command turns to; None while the tip is held as wanted.
+
+        It is `ahead` rad from the present one, until that is half of the rest.
+        """
         alike = self._wanted.dot(self.seen.pose.ravel())
-        return None if alike > HELD else self.pose_at(self.here)
+        if alike > HELD:
+            return None
+        return self.pose_at(self.here) if ahead == inf else self._turned(ahead)
+
+    def _turned(self, ahead: float) -> np.ndarray:
+        """(4, 4), the present pose turned towards the wanted orientation by `ahead` rad, or by all of the last two."""
+        from scipy.spatial.transform import Rotation
+
+        now = self.seen.pose[:3, :3]
+        turn = Rotation.from_matrix(self._rotation @ now.T).as_rotvec()
+        angle = float(np.linalg.norm(turn))
+        share = ahead / angle if angle > 2.0 * ahead else 1.0
+        return tip_pose(self.here, Rotation.from_rotvec(share * turn).as_matrix() @ now)
 
 
 def _side(task: Task) -> float:

@@ -12,7 +12,7 @@ from lwrprobe.contracts import Clearance, Done, Doubt
 from lwrprobe_strategies.outcomes import CollisionThreat, Ended, Lost
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
-from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint, held
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills import (
     find_edge,
@@ -383,9 +383,39 @@ def test_a_turn_ends_in_the_wanted_orientation_and_keeps_the_contact(touching):
 
     height = 0.02 + RADIUS - TASK.force_target / SOFT if touching else 0.04
     surface = over(plane(), [0.0, 0.0, height])
-    strategy, _ = run(body, surface)
+    strategy, _ = run(body, surface, samples=200)
     assert strategy.end is (Ended.TURNED if touching else Ended.ARRIVED)
-    np.testing.assert_allclose(surface.rotation, wanted)
+    # In contact it turns slowly, and what follows turns on: the turn ends as soon as it counts as held.
+    assert held(surface.look().pose, wanted) if touching else np.allclose(surface.rotation, wanted, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("samples", "end"), [(2, Ended.SHAFT_CONTACT), (1, Ended.TURNED)])
+def test_a_turn_ends_where_it_leads_the_stick_against_something(samples, end):
+    """Between that and what the sphere touches the probe is wedged: 7.8 N on the sphere, while 3 N were measured."""
+    wanted = turned(UP, np.array([1.0, 0.0, 0.0]), 0.2) @ DOWN
+    surface, since = over(plane(), [0.0, 0.0, 0.02 + RADIUS - TASK.force_target / SOFT]), []
+    look, angles = surface.look, []
+
+    def met_by_the_stick():
+        seen = look()
+        angles.append(float(np.arccos(np.clip(surface.rotation[2, 2] * DOWN[2, 2], -1.0, 1.0))))
+        if angles[-1] > 0.1:
+            since.append(seen.time)
+            if len(since) <= samples:
+                seen.contact.reason = Doubt.AXIS_MISSES
+        return seen
+
+    surface.look = met_by_the_stick
+
+    def body(tip):
+        tip.rotation = wanted
+        return (yield from reorient(tip, FRAME, True))
+
+    strategy, _ = run(body, surface, samples=200)
+    assert strategy.end is end
+    assert np.diff(angles).max() < 0.004, "slowly, while the sphere touches"
+    if end is Ended.SHAFT_CONTACT:
+        assert angles[-1] < 0.11
 
 
 def test_an_edge_is_found_and_still_touched():
