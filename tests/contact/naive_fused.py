@@ -144,10 +144,13 @@ def torque_covariance(g, u, p):
     return noise / p.radius**2
 
 
+def consistent_torque(g, cov, m):
+    along = cov @ g.force if g.force @ cov @ g.force > 0.0 else g.force
+    return m - along * (m @ g.force) / (along @ g.force)
+
+
 def check_axis(g, p, m, cov):
-    f = g.force
-    along = cov @ f if f @ cov @ f > 0.0 else f
-    m = m - along * (m @ f) / (along @ f)
+    f, m = g.force, consistent_torque(g, cov, m)
     size, force = np.linalg.norm(m), np.linalg.norm(f)
     sigma = np.sqrt(max(unit(m) @ cov @ unit(m), 0.0) if size > 0.0 else np.trace(cov) / 3.0) / force
     return m, k.AXIS_MISSES if size / force > p.max_sine + 3.0 * sigma else k.GOOD
@@ -237,16 +240,31 @@ def learn_offset(g, p, s, raw, cov, force):
     if s.streak < 4.0 or speed < p.min_speed:
         return
     n, _, _ = sliding_normal(force, g.velocity)
-    innovation = raw - np.cross(-g.rotation.T @ n, g.force) - s.offset
-    precision = inverse(cov + s.speed_var * (np.linalg.norm(g.force) / speed) ** 2 * np.eye(3))
+    measured = raw - contact_torque(g, n)
+    if not wanders_so_far(p, s, cov, measured):
+        return
+    innovation = measured - s.offset
+    precision = inverse_with(cov, s.speed_var * (np.linalg.norm(g.force) / speed) ** 2)
     gain = s.offset_cov @ precision
     offset = s.offset + gain @ innovation
-    if innovation @ precision @ innovation > 16.3 or offset @ inverse(first_offset_cov(p)) @ offset > 16.3:
+    if innovation @ precision @ innovation > 16.3:
         return
     s.offset = offset
     before, s.offset_cov = s.offset_cov, s.offset_cov - gain @ s.offset_cov
     fresh = 1.0 - np.trace(s.offset_cov[:2, :2]) / max(np.trace(before[:2, :2]), 1e-300)
     s.lag_learnt = s.lag_learnt + fresh * (s.lag - s.lag_learnt)
+
+
+def wanders_so_far(p, s, cov, offset):
+    return offset @ inverse(cov - s.offset_cov + first_offset_cov(p)) @ offset <= 16.3
+
+
+def contact_torque(g, n):
+    return np.cross(-g.rotation.T @ n, g.force)
+
+
+def inverse_with(cov, variance):
+    return inverse(cov + variance * np.eye(3))
 
 
 # --- what moves on from sample to sample
@@ -313,7 +331,7 @@ def slip_velocity(g, s, normal, p):
     return (slip / speed if speed > 0.0 else slip), speed
 
 
-def sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
+def sliding_agrees(g, p, s, m, cov, normal, total, force, speed, noise, common):
     if speed < p.min_speed:
         return True
     n, along, size = sliding_normal(force, g.velocity)
@@ -322,14 +340,15 @@ def sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
         return False
     v, d = unit(g.velocity), n - normal
     s.mismatch = 0.85 * s.mismatch + 0.15 * d
-    if chi_squared(d, total, 1.0, v, aim) > GATE:
+    excess = m - contact_torque(g, n)
+    if excess @ inverse_with(cov, aim * (g.force @ g.force)) @ excess > GATE:
         return False
     # an exponential mean of weight a has a / (2 - a) of the variance of one independent sample
     gain = 1.0 / (common + (1.0 - common) * 0.15 / (2.0 - 0.15))
     return chi_squared(s.mismatch, total, gain, v, aim) < GATE
 
 
-def add_sliding(g, p, s, normal, total, force, travel, common):
+def add_sliding(g, p, s, m, cov, normal, total, force, travel, common):
     """(slides, total, slip)."""
     speed, dt = np.linalg.norm(g.velocity), g.time - s.time
     slip, slip_speed = slip_velocity(g, s, normal, p)
@@ -343,7 +362,7 @@ def add_sliding(g, p, s, normal, total, force, travel, common):
     across = np.cross(force / size, slip)
     sine = np.linalg.norm(across)
     noise = np.hypot(np.sqrt(s.speed_var), change / max(dt, 1e-6) * p.hidden_compliance)
-    if sine < 0.4 or not sliding_agrees(g, p, s, normal, total, force, speed, noise, common):
+    if sine < 0.4 or not sliding_agrees(g, p, s, m, cov, normal, total, force, speed, noise, common):
         loosen_offset(p, s, 0.02)
         if s.streak > 0.0:
             s.axis = 0.0
@@ -462,13 +481,14 @@ def fused(g, p, s):
     if reason != k.GOOD:
         return refuse(g, p, reason)
     u = meet_sphere(g, p, m)
-    _, cov, common = add_offset(s, raw, torque_covariance(g, u, p))
+    m, cov, common = add_offset(s, raw, torque_covariance(g, u, p))
     normal, total = to_world(g, u, axis_information(g, u, cov))
     axis, common = tangent_spread(total, normal), common_share(p, total, common)
     force = g.rotation @ g.force
     travel = advance(g, p, s)
     watch_velocity(g, p, s)
-    sliding, total, slip = add_sliding(g, p, s, normal, total, force, travel, common)
+    m = consistent_torque(g, cov, m)
+    sliding, total, slip = add_sliding(g, p, s, m, cov, normal, total, force, travel, common)
     if sliding:
         learn_offset(g, p, s, raw, cov, force)
         doubt_memory(s, axis, common)

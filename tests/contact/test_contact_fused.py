@@ -4,7 +4,7 @@ import naive_contact as naive
 import numpy as np
 import pytest
 
-from lwrprobe.contact import RELIABLE_FROM, Settings, make_estimator
+from lwrprobe.contact import RELIABLE_FROM, Settings, Wrench, make_estimator
 from lwrprobe.contracts import Probe
 
 PROBE = Probe()
@@ -134,6 +134,24 @@ def test_a_slip_that_has_just_begun_need_not_take_all_of_a_known_friction():
     sequence = ((PROBE.radius * Z + 8e-6 * k * X, 1e-3 * X, [(Z, 1.2 * Z)]) for k in range(4))
     errors, _, _ = follow(sequence, estimator=estimator, speed_noise=0.0)
     assert errors[:, 0].max() < 10.0
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.3, 0.5])
+def test_a_stick_that_slides_along_a_rim_just_above_the_sphere_is_not_taken_for_the_sphere(mu):
+    """Sliding explains direction and friction of the force, and a zero that is off by 4 deviations its torque."""
+    rng, step = np.random.default_rng(1), np.repeat([PROBE.force_resolution, PROBE.torque_resolution], 3)
+    settings = Settings(zero_error=0.0085, zero_time=2.0, lag=0.012, lever_error=1.4e-4)
+    estimator, speed, trusted = make_estimator("fused", PROBE, settings), 0.005, 0
+    for k in range(90):
+        height = 0.0052 + max(k - 12, 0) * PERIOD * speed  # of the rim above the centre of the sphere
+        force = min(0.1 * (k + 1), 0.9) * (Y - mu * Z)  # sensor frame: z points down, the stick goes down
+        rim = naive.lever(PROBE, force) - height * Z - PROBE.stick_radius * Y
+        values = np.concatenate([force, np.cross(rim, force)]) + step * rng.normal(size=6)
+        wrench = Wrench(k * PERIOD, values[:3], values[3:], DOWN @ values[:3])
+        velocity = speed * (-Z if k > 8 else Y - Z) + 3e-4 * rng.normal(size=3)
+        contact = estimator.estimate(wrench, -speed * PERIOD * k * Z, DOWN, velocity)
+        trusted += contact.confidence_score >= RELIABLE_FROM
+    assert trusted == 0
 
 
 def test_a_sphere_that_turns_back_after_a_slide_sticks_first():

@@ -91,6 +91,8 @@ class Case:
         self.state = naive.pack(s, naive.MEMORY, fused_kernels.STATE)
         self.total = rng.choice([1.0, 100.0]) * information(rng, n, 2.0, 4.0)
         self.cov = np.cov(rng.normal(size=(3, 12))) * 1e-3
+        raw = (wrench.torque - np.cross(naive.lever(self.given, P), wrench.force)) / PROBE.radius
+        self.m = naive.consistent_torque(self.given, self.cov, raw)
         self.out = np.zeros(kernels.OUTPUT)
         self.out[kernels.O_FORCE : kernels.O_FORCE + 3] = self.force
 
@@ -258,6 +260,30 @@ def test_no_wander_of_the_zero_explains_the_torque_of_another_contact(case):
     assert offset @ np.linalg.inv(prior) @ offset <= 16.3
 
 
+def test_wanders_so_far(case):
+    cov, prior = case.cov + case.memory.offset_cov, naive.first_offset_cov(P)
+    size = np.sqrt(np.trace(case.cov + prior))
+    for share in (0.0, 1.0, 3.0, 10.0):
+        offset = share * size * case.normal
+        found = fused_kernels.wanders_so_far(PARAMS, case.state, cov, offset)
+        assert found == naive.wanders_so_far(P, case.memory, cov, offset)
+        assert found or share >= 3.0
+        assert not found or share <= 3.0
+
+
+def test_contact_torque(case):
+    close(fused_kernels.contact_torque(case.row, case.normal), naive.contact_torque(case.given, case.normal))
+
+
+def test_inverse_with(case):
+    i, j = np.triu_indices(3)
+    for variance in (0.0, 1e-4, 1.0):
+        found = fused_kernels.inverse_with(case.cov, variance)
+        close(found, naive.inverse_with(case.cov, variance)[i, j])
+        d = case.rng.normal(size=3)
+        close(fused_kernels.squared_errors(d, found), d @ naive.inverse_with(case.cov, variance) @ d)
+
+
 # --- from sample to sample
 
 
@@ -319,18 +345,19 @@ def test_slip_velocity(case):
 def test_sliding_agrees(case, noise):
     speed = wrench_size(case.given.velocity)
     found = fused_kernels.sliding_agrees(
-        case.row, PARAMS, case.state, case.normal, case.total, case.out, speed, noise, 0.1
+        case.row, PARAMS, case.state, case.m, case.cov, case.normal, case.total, case.out, speed, noise, 0.1
     )
     assert found == naive.sliding_agrees(
-        case.given, P, case.memory, case.normal, case.total, case.force, speed, noise, 0.1
+        case.given, P, case.memory, case.m, case.cov, case.normal, case.total, case.force, speed, noise, 0.1
     )
     case.check_memory()
 
 
 def test_add_sliding(case):
     slip, total, travel = np.empty(3), case.total.copy(), wrench_size(case.given.centre - case.memory.centre)
-    found = fused_kernels.add_sliding(case.row, PARAMS, case.state, case.normal, total, case.out, slip, travel, 0.1)
-    expected = naive.add_sliding(case.given, P, case.memory, case.normal, case.total, case.force, travel, 0.1)
+    known = case.m, case.cov, case.normal
+    found = fused_kernels.add_sliding(case.row, PARAMS, case.state, *known, total, case.out, slip, travel, 0.1)
+    expected = naive.add_sliding(case.given, P, case.memory, *known, case.total, case.force, travel, 0.1)
     for one, other in zip((found, total, slip), expected, strict=True):
         close(one, other)
     case.check_memory()
@@ -341,7 +368,8 @@ def test_random_samples_take_every_branch_of_sliding():
     for seed in SEEDS:
         case = Case(seed)
         travel = wrench_size(case.given.centre - case.memory.centre)
-        sliding, _, _ = naive.add_sliding(case.given, P, case.memory, case.normal, case.total, case.force, travel, 0.1)
+        known = case.m, case.cov, case.normal
+        sliding, _, _ = naive.add_sliding(case.given, P, case.memory, *known, case.total, case.force, travel, 0.1)
         outcomes.append((sliding, case.memory.streak > 0.0, bool(case.memory.info.any())))
     assert {(True, True, True), (False, False, False), (False, False, True)} <= set(outcomes)
 

@@ -40,6 +40,7 @@ from lwrprobe.contact.kernels import (
     axis_information,
     check_axis,
     confidence_of,
+    consistent_torque,
     cross,
     deliver_world,
     invert,
@@ -153,7 +154,8 @@ def fused(given, params, state, out):
     rotate(given, given, out, O_FORCE)
     travel = advance(given, params, state)
     watch_velocity(given, params, state)
-    sliding = add_sliding(given, params, state, normal, total, out, slip, travel, common)
+    consistent_torque(given, cov, m)
+    sliding = add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, common)
     if sliding:
         learn_offset(given, params, state, raw, cov, out)
         doubt_memory(state, axis, common)
@@ -285,20 +287,12 @@ def learn_offset(given, params, state, raw, cov, out):
         return
     n = np.empty(3)
     sliding_normal(given, out, speed, n)
-    u0, u1, u2 = 0.0, 0.0, 0.0
-    for i in range(3):
-        u0 -= given[I_ROTATION + 3 * i] * n[i]
-        u1 -= given[I_ROTATION + 3 * i + 1] * n[i]
-        u2 -= given[I_ROTATION + 3 * i + 2] * n[i]
-    e0, e1, e2 = cross(u0, u1, u2, given[0], given[1], given[2])
+    e0, e1, e2 = contact_torque(given, n)
+    if not wanders_so_far(params, state, cov, (raw[0] - e0, raw[1] - e1, raw[2] - e2)):
+        return
     seen = (raw[0] - e0 - state[S_OFFSET], raw[1] - e1 - state[S_OFFSET + 1], raw[2] - e2 - state[S_OFFSET + 2])
     # cov is the whole covariance of m, the offset's included; what the speed's error does to the normal comes on top
-    whole = np.empty((3, 3))
-    aim = state[S_SPEED_VAR] * (magnitude(given, I_FORCE) / speed) ** 2
-    for i in range(3):
-        for j in range(3):
-            whole[i, j] = cov[i, j] + (aim if i == j else 0.0)
-    inv = invert(whole)
+    inv = inverse_with(cov, state[S_SPEED_VAR] * (magnitude(given, I_FORCE) / speed) ** 2)
     w0 = inv[0] * seen[0] + inv[1] * seen[1] + inv[2] * seen[2]
     w1 = inv[1] * seen[0] + inv[3] * seen[1] + inv[4] * seen[2]
     w2 = inv[2] * seen[0] + inv[4] * seen[1] + inv[5] * seen[2]
@@ -306,9 +300,7 @@ def learn_offset(given, params, state, raw, cov, out):
     o0 = state[S_OFFSET] + p[0, 0] * w0 + p[0, 1] * w1 + p[0, 2] * w2
     o1 = state[S_OFFSET + 1] + p[1, 0] * w0 + p[1, 1] * w1 + p[1, 2] * w2
     o2 = state[S_OFFSET + 2] + p[2, 0] * w0 + p[2, 1] * w1 + p[2, 2] * w2
-    across, along = params[P_ZERO_ACROSS], params[P_ZERO_ALONG]
-    too_far = (o0 * o0 + o1 * o1) * along + o2 * o2 * across > _OFFSET_GATE * across * along
-    if too_far or w0 * seen[0] + w1 * seen[1] + w2 * seen[2] > _OFFSET_GATE:
+    if squared_errors(seen, inv) > _OFFSET_GATE:
         return
     state[S_OFFSET], state[S_OFFSET + 1], state[S_OFFSET + 2] = o0, o1, o2
     before = p.copy()
@@ -322,6 +314,48 @@ def learn_offset(given, params, state, raw, cov, out):
     fresh = 1.0 - (p[0, 0] + p[1, 1]) / max(before[0, 0] + before[1, 1], 1e-300)
     for i in range(2):
         state[S_LAG_LEARNT + i] += fresh * (state[S_LAG + i] - state[S_LAG_LEARNT + i])
+
+
+@kernel
+def wanders_so_far(params, state, cov, offset):
+    """Whether the zero may be off by an offset of one sample's torque, whatever was learnt of it before."""
+    whole = cov - state[S_OFFSET_COV : S_OFFSET_COV + 9].reshape((3, 3))
+    whole[0, 0] += params[P_ZERO_ACROSS]
+    whole[1, 1] += params[P_ZERO_ACROSS]
+    whole[2, 2] += params[P_ZERO_ALONG]
+    return squared_errors(offset, invert(whole)) <= _OFFSET_GATE
+
+
+@kernel
+def contact_torque(given, n):
+    """The torque m = u x f, sensor frame, of a contact with the normal n = -u, world frame."""
+    u0, u1, u2 = 0.0, 0.0, 0.0
+    for i in range(3):
+        u0 -= given[I_ROTATION + 3 * i] * n[i]
+        u1 -= given[I_ROTATION + 3 * i + 1] * n[i]
+        u2 -= given[I_ROTATION + 3 * i + 2] * n[i]
+    return cross(u0, u1, u2, given[0], given[1], given[2])
+
+
+@kernel
+def inverse_with(cov, variance):
+    """Inverse of a covariance and a variance of all axes on top, as the six numbers of `invert`."""
+    whole = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            whole[i, j] = cov[i, j] + (variance if i == j else 0.0)
+    return invert(whole)
+
+
+@kernel
+def squared_errors(d, inv):
+    """d' C⁻¹ d, with the six numbers of `invert`."""
+    return (
+        inv[0] * d[0] * d[0]
+        + inv[3] * d[1] * d[1]
+        + inv[5] * d[2] * d[2]
+        + 2.0 * (inv[1] * d[0] * d[1] + inv[2] * d[0] * d[2] + inv[4] * d[1] * d[2])
+    )
 
 
 @kernel
@@ -474,7 +508,7 @@ def spread(state, variance):
 
 
 @kernel
-def add_sliding(given, params, state, normal, total, out, slip, travel, common):
+def add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, common):
     """Motion and friction plane, if the wrench axis does not contradict them; `slip` gets the unit slip direction.
 
     Returns whether the sphere slides.
@@ -493,7 +527,9 @@ def add_sliding(given, params, state, normal, total, out, slip, travel, common):
     oblique = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     drift = abs(force - state[S_FORCE]) / max(dt, 1e-6) * params[P_HIDDEN_COMPLIANCE]
     noise = math.sqrt(state[S_SPEED_VAR] + drift * drift)
-    if oblique < _MIN_SINE or not sliding_agrees(given, params, state, normal, total, out, speed, noise, common):
+    if oblique < _MIN_SINE or not sliding_agrees(
+        given, params, state, m, cov, normal, total, out, speed, noise, common
+    ):
         loosen_offset(params, state, _REFUTED_GROWTH)
         if state[S_STREAK] > 0.0:
             forget_normal(state)
@@ -549,10 +585,12 @@ def slip_velocity(given, state, normal, params, slip):
 
 
 @kernel
-def sliding_agrees(given, params, state, normal, total, out, speed, noise, common):
+def sliding_agrees(given, params, state, m, cov, normal, total, out, speed, noise, common):
     """Whether the normal that sliding would have agrees with the wrench axis, now and in the running mean.
 
-    `common` is the share of the axis' variance that is the same in all samples.
+    Of one sample the torques are compared: the axis of a force on the stick, beside the sphere, has no normal there.
+    `m`, perpendicular to the force, and `cov` are the torque and its whole covariance, `common` is the share of that
+    variance that is the same in all samples.
     """
     if speed < params[P_MIN_SPEED]:
         return True
@@ -562,11 +600,13 @@ def sliding_agrees(given, params, state, normal, total, out, speed, noise, commo
     # friction opposes the slip
     if size <= 0.0 or along > 3.0 * (params[P_FORCE_NOISE] + size * math.sqrt(aim)):
         return False
+    expected = contact_torque(given, guess)
+    seen = (m[0] - expected[0], m[1] - expected[1], m[2] - expected[2])
     for i in range(3):
         v[i] = given[I_VELOCITY + i] / speed
         guess[i] -= normal[i]
         state[S_MISMATCH + i] += _RUN * (guess[i] - state[S_MISMATCH + i])
-    if chi_squared(guess, total, 1.0, v, aim) > _GATE:
+    if squared_errors(seen, inverse_with(cov, aim * magnitude(given, I_FORCE) ** 2)) > _GATE:
         return False
     # the running mean averages the sensor's noise, not what all samples have in common
     gain = 1.0 / (common + (1.0 - common) * _RUN / (2.0 - _RUN))
