@@ -64,6 +64,13 @@ def test_what_leans_above_the_sphere_is_one_all_around_what_is_known_there(overh
     assert not overhangs.ahead(np.array([0.01, -0.012, HIGH + 0.006]), ALONG), "it is below"
 
 
+@pytest.mark.parametrize(("up", "confidence", "found"), [(-0.16, 0.55, False), (-0.25, 0.55, True), (-0.16, 0.9, True)])
+def test_touches_that_lean_by_no_more_than_their_normals_may_be_wrong_are_no_overhang(overhangs, up, confidence, found):
+    """Four touches in a row at the foot of a plain wall, all 9 degrees off, slowed all lines after them."""
+    touch(overhangs, [0.0, -0.01, HIGH], [0.0, -np.sqrt(1.0 - up * up), up], MIN_LEANING, confidence)
+    assert overhangs.found is found
+
+
 @pytest.mark.parametrize(("confidence", "reach"), [(1.0, 0.02 - LOW), (0.2, HIGH - LOW)])
 def test_below_where_the_sphere_has_touched_a_wall_the_stick_meets_nothing_up_there(confidence, reach):
     """An outline below another one was as slow as if the stick could be met by what stands out above."""

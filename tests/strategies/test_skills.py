@@ -178,6 +178,21 @@ def test_a_guarded_move_ends_where_the_gears_keep_the_tip_from_its_end():
     assert surface.place[1] == pytest.approx(0.05, abs=1e-5)
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.02])
+def test_a_line_that_is_come_back_to_aslant_is_as_slow_as_the_stick_may_be_met_there(aside):
+    """On the way back to a line only what stood ahead along that had counted."""
+    asked = []
+
+    def body(tip):
+        tip.control.stick_speed = lambda reach, along: asked.append(along.copy()) or 0.02
+        end = np.array([0.0, 0.05, 0.05])
+        return (yield from guarded_move(tip, end, np.array([0.0, 1.0, 0.0]), lambda here: (end, 1.0)))
+
+    strategy, _ = run(body, over(lambda place: 1.0, [aside, 0.0, 0.05]))
+    assert strategy.end is Ended.NO_CONTACT
+    assert asked[0] == pytest.approx(np.array([-aside, 0.05, 0.0]) / np.hypot(aside, 0.05))
+
+
 @pytest.mark.parametrize("above", [0.0, 5e-5])
 def test_a_spiral_ends_after_one_turn_where_the_gears_keep_the_tip_a_little_above_its_bottom(above):
     surface = over(lambda place: 1.0, [0.02, 0.0, 0.05 + above])

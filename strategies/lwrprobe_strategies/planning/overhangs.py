@@ -8,7 +8,7 @@ It is not where the upright stick itself has stood.
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -27,6 +27,9 @@ LEANS_OUT = -0.03
 side stands out by 1 mm, and the stick is met before the sphere soon after (2 degrees)."""
 MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
+DOUBTED, ERRORS = 0.1, 2.0
+"""rad, error of a normal at which the confidence score is one half; and so many errors must be left for a touch that
+leans to be no plain wall: at a foot the errors of a few touches in a row are one and the same."""
 TWICE = 2
 """Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
@@ -100,7 +103,7 @@ class Overhangs:
             if pz > self._touched.heights.item(k, m):
                 self._raise(k, m, pz)
             if up < LEANS:
-                self._leaning += 1
+                self._leaning += up + ERRORS * _error(contact.confidence_score) < LEANS_OUT
                 if self._leaning >= MIN_LEANING:
                     self._add(k, m, pz)
             else:
@@ -277,6 +280,11 @@ class Overhangs:
         if 0 <= i <= self._last_i and 0 <= j <= self._last_j:
             return i, j
         return min(max(i, 0), self._last_i), min(max(j, 0), self._last_j)
+
+
+def _error(score: float) -> float:
+    """rad, of a normal with a confidence score above 0."""
+    return DOUBTED * sqrt(max(1.0 / score - 1.0, 0.0))
 
 
 def _window(i: int, j: int, cells: int) -> Window:

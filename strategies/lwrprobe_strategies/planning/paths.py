@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
-from math import cos, inf
+from math import cos, inf, sqrt
 
 import numpy as np
+
+from lwrprobe_strategies.planning.lines import DOWN
 
 THERE = 2e-4
 """m, within which a place is reached."""
@@ -102,3 +104,10 @@ def seconds(path: list[Waypoint], here: np.ndarray, speeds: Speeds) -> float:
             time += length / speeds.at(waypoint.speed_limit, step / length) + STOP
         here = waypoint.place
     return time
+
+
+def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(3,) unit, from one place (3,) to another; downwards where they are the same."""
+    motion = there - here
+    size = sqrt(motion.dot(motion))
+    return motion / size if size > 1e-9 else DOWN

@@ -29,8 +29,9 @@ def stretch(
 ) -> tuple[float, float]:
     """m on the line's axis up to which it may be driven in one piece from a place (3,), and how fast at most.
 
-    That is in times the speed at which the stick may be met: 1 where it may well be, `UNEXPECTED` where the line beside
-    went over something, and from `before` m in front of the wall that it met; inf where it passed and met nothing.
+    That is in times the speed at which the stick may be met: 1 where it may well be; `UNEXPECTED` where the line beside
+    went over something, from `before` m in front of the wall that it met, and beyond that wall where no line has passed
+    yet; inf where one passed and met nothing.
     `beside` m is the distance across the line, within which what was driven and touched matters.
     """
     reached = line.sign * float(here[line.axis])
@@ -45,17 +46,18 @@ def stretch(
 def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float, float]:
     """The stretch of the line, by the distance along it, that is driven with care.
 
-    And where that ends beyond which the line beside was above this one.
+    And where that ends beyond which the line beside was above this one, or has not been.
     """
     touched = memory.contacts()
     near = np.abs(touched[:, line.aside] - line.place) < beside
     along = line.sign * touched[near, line.axis]
     facing = line.sign * touched[near, NORMAL_X + line.axis] < 0.0
+    begin, end = _not_passed(line, memory.trail(), beside)
     if not facing.any():
-        return *_not_passed(line, memory.trail(), beside), -np.inf
+        return begin, end, -np.inf
     wall = float(along[facing].min()) + BEHIND
     far = float(along[touched[near, Z] > line.height + ABOVE].max(initial=-np.inf))
-    return wall, wall + PASSED, far
+    return wall, wall + PASSED, max(far, end)
 
 
 def _not_passed(line: Line, trail: np.ndarray, beside: float) -> tuple[float, float]:

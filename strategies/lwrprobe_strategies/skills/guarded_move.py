@@ -11,6 +11,7 @@ import numpy as np
 from lwrprobe.contracts import Goal, VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Overload
 from lwrprobe_strategies.planning.lines import AT_END
+from lwrprobe_strategies.planning.paths import direction
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.skills.stick_doubt import StickDoubt
 from lwrprobe_strategies.tip import Tip
@@ -41,7 +42,7 @@ def guarded_move(
     Parameters
     ----------
     end : (3,) m, where the motion ends without a contact
-    ahead : (3,) unit, direction of the motion, None = from here to `end`
+    ahead : (3,) unit, along which `end` lies and what is met blocks the path, None = from here to `end`
     stretch : how far to go in one piece, None = to the end; and how fast, see `Stretch`
     grid_x : m, of the grid line that is driven, for the memory
     rest : stand still for one sample first
@@ -50,9 +51,8 @@ def guarded_move(
     -------
     Ended.CONTACT, Ended.SHAFT_CONTACT where the stick touches and not the sphere, or Ended.NO_CONTACT at the end
     """
-    if ahead is None:
-        motion = end - tip.here
-        ahead = motion / max(float(np.sqrt(motion @ motion)), 1e-9)
+    along = direction(tip.here, end)
+    ahead = along if ahead is None else ahead
     ax, ay, az = ahead.tolist()
     last = float(end @ ahead) - AT_END
     goal: Goal | None = None
@@ -61,10 +61,11 @@ def guarded_move(
     while True:
         if not doubt.found and (goal is None or tip.seen.goal_reached):
             target, times = (end, inf) if stretch is None else stretch(tip.here)
-            speed = tip.control.approach_speed(ahead, tip.seen.pose[:3, :3])
-            goal = Goal(tip.pose_at(target), min(speed, _expected(tip, ahead, times)), guarded_move.name)
+            along = direction(tip.here, target)
+            speed = tip.control.approach_speed(along, tip.seen.pose[:3, :3])
+            goal = Goal(tip.pose_at(target), min(speed, _expected(tip, along, times)), guarded_move.name)
         if goal is not None:
-            goal = slowed(goal, min(speed, _expected(tip, ahead, times), tip.stick_limit(ahead)))
+            goal = slowed(goal, min(speed, _expected(tip, along, times), tip.stick_limit(along)))
         try:
             if doubt.found or goal is None:
                 yield VelocityCommand(doubt.velocity(tip, ahead), reason=guarded_move.name)

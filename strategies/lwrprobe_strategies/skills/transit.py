@@ -9,8 +9,7 @@ import numpy as np
 
 from lwrprobe.contracts import Goal
 from lwrprobe_strategies.outcomes import Blocked, Ended, Overload
-from lwrprobe_strategies.planning.lines import DOWN
-from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint, tip_pose
+from lwrprobe_strategies.planning.paths import SpeedLimit, Waypoint, direction, tip_pose
 from lwrprobe_strategies.skills.guarded_move import slowed
 from lwrprobe_strategies.skills.inner_edge import MAX_FRICTION
 from lwrprobe_strategies.skills.skill import Procedure, skill
@@ -77,13 +76,6 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     """m/s on the path to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
     along = direction(tip.here, waypoint.place)
     return min(tip.speeds(turn).at(waypoint.speed_limit, along) for turn in (tip.seen.pose[:3, :3], rotation))
-
-
-def direction(here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(3,) unit, from one place (3,) to another; downwards where they are the same."""
-    motion = there - here
-    size = sqrt(motion.dot(motion))
-    return motion / size if size > 1e-9 else DOWN
 
 
 def meets(tip: Tip, waypoint: Waypoint) -> bool:
