@@ -130,7 +130,7 @@ def test_a_line_is_driven_with_care_where_the_one_beside_it_has_not_come_to():
 
 def test_a_line_is_driven_with_care_just_behind_the_wall_that_the_one_beside_it_met():
     touched = wall(-0.03, 0.01)
-    first, second, third = pieces(LINE, touched)
+    *_, third = pieces(LINE, touched)
     assert third[1:] == (BORDER, UNEXPECTED), "nobody has passed there yet"
     for y in np.arange(0.026, BORDER, 0.01):
         touched.passed(np.array([0.01, y, 0.006]), 0.01)

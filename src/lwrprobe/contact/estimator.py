@@ -13,7 +13,7 @@ from lwrprobe.compiled import entry
 from lwrprobe.contact import fused_kernels, kernels
 from lwrprobe.contact.wrench import Wrench, WrenchNoise
 from lwrprobe.contracts import Contact, InputError, Probe, UnknownNameError
-from lwrprobe.contracts.contact import Doubt
+from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE, Doubt
 from lwrprobe.contracts.samples import Vector
 
 REASONS: Final = tuple(Doubt)
@@ -46,7 +46,7 @@ class Settings:
     noise: WrenchNoise | None = None
     near_zero: float = 0.05
     max_friction: float = 1.5
-    trusted_error: float = 0.1
+    trusted_error: float = NORMAL_AT_HALF_CONFIDENCE
     lever_error: float = 5e-5
     zero_error: float = 0.003
     zero_time: float = 120.0

@@ -296,13 +296,11 @@ def learn_offset(given, params, state, raw, cov, out):
     w0 = inv[0] * seen[0] + inv[1] * seen[1] + inv[2] * seen[2]
     w1 = inv[1] * seen[0] + inv[3] * seen[1] + inv[4] * seen[2]
     w2 = inv[2] * seen[0] + inv[4] * seen[1] + inv[5] * seen[2]
-    p = state[S_OFFSET_COV : S_OFFSET_COV + 9].reshape((3, 3))
-    o0 = state[S_OFFSET] + p[0, 0] * w0 + p[0, 1] * w1 + p[0, 2] * w2
-    o1 = state[S_OFFSET + 1] + p[1, 0] * w0 + p[1, 1] * w1 + p[1, 2] * w2
-    o2 = state[S_OFFSET + 2] + p[2, 0] * w0 + p[2, 1] * w1 + p[2, 2] * w2
-    if squared_errors(seen, inv) > _OFFSET_GATE:
+    if w0 * seen[0] + w1 * seen[1] + w2 * seen[2] > _OFFSET_GATE:
         return
-    state[S_OFFSET], state[S_OFFSET + 1], state[S_OFFSET + 2] = o0, o1, o2
+    p = state[S_OFFSET_COV : S_OFFSET_COV + 9].reshape((3, 3))
+    for i in range(3):
+        state[S_OFFSET + i] += p[i, 0] * w0 + p[i, 1] * w1 + p[i, 2] * w2
     before = p.copy()
     for j in range(3):
         b0, b1, b2 = before[0, j], before[1, j], before[2, j]

@@ -47,6 +47,9 @@ class Confidence(IntEnum):
 
 RELIABLE_FROM = 0.5
 """Confidence score from which on a contact may enter the map."""
+NORMAL_AT_HALF_CONFIDENCE = 0.1
+"""rad, expected error of a normal whose confidence score is one half, if an estimator is not told otherwise; an error e
+has the score 1 / (1 + (e / it)^2)."""
 DOUBTFUL_TO = 0.1
 """Confidence score up to which the stick may be what touches."""
 

@@ -13,6 +13,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from lwrprobe.contracts import Area, Confidence, Contact, Doubt, Probe
+from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE
 from lwrprobe.mapping import PlanView
 from lwrprobe.mapping.plan_view import Window
 from lwrprobe_strategies.planning.free_space import UPRIGHT
@@ -27,9 +28,9 @@ LEANS_OUT = -0.03
 side stands out by 1 mm, and the stick is met before the sphere soon after (2 degrees)."""
 MIN_LEANING = 4
 """Touches in a row that lean so, from which on it is no noise."""
-DOUBTED, ERRORS = 0.1, 2.0
-"""rad, error of a normal at which the confidence score is one half; and so many errors must be left for a touch that
-leans to be no plain wall: at a foot the errors of a few touches in a row are one and the same."""
+ERRORS = 2.0
+"""Expected errors of its normal, that a touch must lean by more than a plain wall does: at a foot the errors of a few
+touches in a row are one and the same."""
 TWICE = 2
 """Contacts of the stick in a row, from which on it is one: one alone decides where its force is clear."""
 AHEAD = 0.003
@@ -283,8 +284,8 @@ class Overhangs:
 
 
 def _error(score: float) -> float:
-    """rad, of a normal with a confidence score above 0."""
-    return DOUBTED * sqrt(max(1.0 / score - 1.0, 0.0))
+    """rad, expected of a normal with a confidence score above 0."""
+    return NORMAL_AT_HALF_CONFIDENCE * sqrt(max(1.0 / score - 1.0, 0.0))
 
 
 def _window(i: int, j: int, cells: int) -> Window:

@@ -10,13 +10,14 @@ import numpy as np
 from lwrprobe.calibration.model import derivatives_by_table
 from lwrprobe.contact import TorqueAgreement
 from lwrprobe.contracts import Contact
+from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE
 from lwrprobe.exploration.recording.corrections import Corrections
 from lwrprobe.exploration.recording.error_budget import ErrorBudget
 from lwrprobe.exploration.recording.force_error import matrix_errors, shifts_by_force
 from lwrprobe.exploration.recording.gear_waves import GearWaves
 from lwrprobe.exploration.recording.give import Give, softer
 from lwrprobe.exploration.recording.neighbour_normals import NeighbourTurn
-from lwrprobe.exploration.recording.path_normals import NORMAL_AT_HALF_CONFIDENCE, REACHES, PathTurn
+from lwrprobe.exploration.recording.path_normals import REACHES, PathTurn
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.exploration.stages.sensor_errors import friction_turn, lag, zero_errors, zero_torque

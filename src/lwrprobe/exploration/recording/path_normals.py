@@ -17,6 +17,7 @@ from math import sqrt
 
 import numpy as np
 
+from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE
 from lwrprobe.exploration.recording.recorder import Recorder
 
 REACHES = (5e-4, 3e-4)
@@ -38,8 +39,6 @@ LARGEST = 0.6
 """The same angle, from which on normal and path have nothing to do with each other: more than friction turns it."""
 PLANE = 0.025
 """rad, standard deviation of a normal in the plane of force and path, aside of the path."""
-NORMAL_AT_HALF_CONFIDENCE = 0.1
-"""rad, error of a normal at which the estimators' confidence is one half (`Settings.trusted_error`)."""
 
 
 @dataclass(slots=True, frozen=True)
