@@ -9,6 +9,7 @@ import numpy as np
 from lwrprobe.contact.deflection import Deflection
 from lwrprobe.contact.wrench import Wrench
 from lwrprobe.contracts import Contact
+from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE
 from lwrprobe.contracts.samples import Vector
 
 MIN_CHANGE = 0.02
@@ -17,17 +18,15 @@ GAP = 2.5
 """Periods of the sensor between two samples, from which on they are not compared."""
 ALONG = 0.9
 """Least cosine between normal and stick: across it the stick itself gives way hundreds of times more."""
-BATCH = 10
-"""Changes of the force that make one estimate."""
-UNEXPLAINED = 1e-4
-"""m/N, standard deviation of a batch over the ratio of what the force does not explain of its depths to what it does:
-neighbouring changes share their errors, so that their number takes nothing away."""
+MOVING, SCORED = 0.1, 2.0
+"""rad, least standard deviation of a normal between two samples: with it a move sideways looks like one in depth; and
+how many times the error that its score of confidence stands for is added, as where the sphere chatters."""
+PLACE = 3e-6
+"""m, standard deviation of the change in depth between two samples of a sphere that does not move sideways."""
+BATCH, LEAST = 3e-5, 3
+"""m/N, standard deviation of a batch when it is complete, and how many changes it has at least."""
 LOWEST = 8.0
 """Standard deviations below zero from which on a median is taken as no lower."""
-BATCHES = 3e-5
-"""m/N, standard deviation of a batch in which force and depth agree: on a flat top they scatter by as much."""
-CORRELATION = 0.9
-"""Least correlation of force and depth in a batch: where the sphere slides over an edge, the depth alone changes."""
 FEWEST = 4
 """Batches that have to agree before contacts are corrected."""
 NORMAL = 0.05
@@ -40,9 +39,10 @@ class PressCompliance:
     """Weighted median over batches of changes, each the slope of the sphere's depth over force between neighbouring
     samples.
 
-    Only changes count, so that a slope of the surface and an error of the normal enter as noise. Batches whose
-    correlation is low are dropped; the median over the others does not follow a single one. A batch weighs less the
-    more its changes scatter and the more the stick's give depends on the normal there.
+    Only changes count, so that a slope of the surface and an error of the normal enter as noise. A change weighs less
+    the further the sphere has moved sideways with it: pressing shows the compliance, sliding hardly. A batch weighs
+    less the more its changes scatter and the more the stick's give depends on the normal there; the median does not
+    follow a single one.
 
     Parameters
     ----------
@@ -118,20 +118,23 @@ class PressCompliance:
         if abs(change) < MIN_CHANGE:
             return False
         deeper = sum((a - b) * m for a, b, m in zip(before[1], place, mean)) / length
-        sums = self._squares
-        sums[0], sums[1], sums[2] = sums[0] + change**2, sums[1] + change * deeper, sums[2] + deeper**2
+        far = sum((b - a) ** 2 for a, b in zip(before[1], place)) - deeper**2
+        turned = MOVING**2 + (SCORED * NORMAL_AT_HALF_CONFIDENCE) ** 2 * (1.0 / contact.confidence_score - 1.0)
+        weight, sums = 1.0 / (PLACE**2 + turned * max(far, 0.0)), self._squares
+        sums[0], sums[1] = sums[0] + weight * change**2, sums[1] + weight * change * deeper
+        sums[2] += weight * deeper**2
         self._count += 1
-        return self._count == BATCH and self._close(pose[:3, :3], contact.normal, rise)
+        complete = self._count >= LEAST and sums[0] > BATCH**-2
+        if complete:
+            self._close(pose[:3, :3], contact.normal, rise)
+        return complete
 
-    def _close(self, rotation: np.ndarray, normal: Vector, rise: float) -> bool:
-        """Add the batch where force and depth belong together."""
-        (ff, fd, dd), self._squares, self._count = self._squares, [0.0, 0.0, 0.0], 0
-        if fd <= CORRELATION * sqrt(ff * dd):
-            return False
+    def _close(self, rotation: np.ndarray, normal: Vector, rise: float) -> None:
+        """Add the batch: weighted least squares through zero, and how well its changes agree with it."""
+        (ff, fd, dd), count, self._squares, self._count = self._squares, self._count, [0.0, 0.0, 0.0], 0
         give = self._bend.shift(rotation, normal)
         along = float(np.dot(normal, give))
         self._slopes.append(rise * fd / ff)
-        rest = sqrt(max(ff * dd / fd**2 - 1.0, 0.0))
+        scatter = sqrt(max(1.0, (dd - fd**2 / ff) / (count - 1)))
         turned = 2.0 * NORMAL * float(np.linalg.norm(give - along * normal))  # by a normal that is wrong
-        self._sigmas.append(rise * hypot(UNEXPLAINED * rest, turned, BATCHES))
-        return True
+        self._sigmas.append(rise * hypot(scatter / sqrt(ff), turned))
