@@ -46,7 +46,7 @@ from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
-from lwrprobe_strategies.planning.raised_line import above_what_was_met
+from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
 from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.shaft import stretch
@@ -199,7 +199,7 @@ class Coverage(SkillStrategy):
             case Ended.NEXT_LINE:
                 return self.next_in_passing()
             case Ended.SHAFT_CONTACT if self.frame.level:  # back the way it came: what is above the sphere stands out
-                self.tip.overhangs.stick_met(self.tip.here)
+                self.tip.overhangs.stick_met(self.tip.here, height_met(self.tip.seen))
                 self.retractions.go_back()
                 return self.give_up()
             case Ended.SHAFT_CONTACT:
@@ -418,7 +418,7 @@ class Coverage(SkillStrategy):
     def raise_line(self) -> Procedure | None:
         """Go on along the line from here, but higher: under what the stick touches nothing can be touched."""
         line, here = self.frame.line, self.tip.here
-        self.tip.overhangs.stick_met(here)
+        self.tip.overhangs.stick_met(here, height_met(self.tip.seen))
         if line.fallback is not None or line.low:
             return self.give_up()
         self.retractions.go_back()

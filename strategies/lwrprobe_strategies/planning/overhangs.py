@@ -139,9 +139,14 @@ class Overhangs:
         if last is None or max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) >= CELL:
             self._centres.add((x, y, z, nx, ny))
 
-    def stick_met(self, place: np.ndarray) -> None:
-        """Something touches the stick, at a height that is not known, while the sphere is at a place (3,)."""
-        self._add(*self._cell(place.item(0), place.item(1)), self.reach(place) + place.item(2))
+    def stick_met(self, place: np.ndarray, above: float = 0.0) -> None:
+        """Something touches the stick or is near it, while the sphere is at a place (3,).
+
+        It is `above` m over the sphere's centre; at a height that is not known where that is no more than its radius.
+        """
+        reach, radius = self.reach(place), self._probe.radius
+        height = min(above + radius, reach) if above > radius else reach
+        self._add(*self._cell(place.item(0), place.item(1)), height + place.item(2))
 
     def _add(self, i: int, j: int, height: float) -> None:
         self.found = True

@@ -20,7 +20,7 @@ def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -
     A line that was raised before goes higher than that: its own way down to a foot may lead in under the same again.
     """
     here = seen.pose[:3, 3]
-    height = float(here[Z]) + max(RAISE, _height_met(seen) - BELOW * task.probe.radius)
+    height = float(here[Z]) + max(RAISE, height_met(seen) - BELOW * task.probe.radius)
     if line.raised:
         height = max(height, line.height + RAISE)
     if height > task.area.upper[Z]:
@@ -29,7 +29,7 @@ def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -
     return replace(line, begin=begin, height=height, on_surface=False)
 
 
-def _height_met(seen: Observation) -> float:
+def height_met(seen: Observation) -> float:
     """m above the sphere's centre, of what touches the stick or has come near it."""
     here = seen.pose[:3, 3]
     if seen.contact is not None:

@@ -10,12 +10,14 @@ import numpy as np
 from lwrprobe.contracts import Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
+from lwrprobe_strategies.planning.contact_memory import NORMAL_X, POINT, ContactMemory
 from lwrprobe_strategies.planning.gap_planner import GapPlanner
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, Grid, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import HIGHER, SideOrientations
 from lwrprobe_strategies.planning.upright_body import line_height, lowest_beside
 
+FACES = -0.5
+"""Share of a normal along a line, up to which a touch is one of a wall that the line meets."""
 HALF = 0.5
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
 
@@ -72,7 +74,7 @@ class LineScheduler:
             return None
         line = self._nearest(here)
         if line.fallback is not None and self.blocked_before(line):
-            return line.fallback
+            return self._from_beside(line) or line.fallback
         if line.low and self._missed_beside(line):
             line = self._higher(line) or line
         return self._above(line)
@@ -160,6 +162,22 @@ class LineScheduler:
             and abs(other.place - line.place) < NEIGHBOUR * self._spacing
             for other in self._given_up
         )
+
+    def _from_beside(self, line: Line) -> Line | None:
+        """The line from as low as the wall was touched beside it; None where that is hardly below its upper end.
+
+        From its foot the wall could not be reached there: it had to be followed down from its top.
+        """
+        assert line.fallback is not None
+        touched = self._memory.contacts()
+        along, facing = line.sign * touched[:, line.axis], line.sign * touched[:, NORMAL_X + line.axis]
+        near = np.abs(touched[:, line.aside] - line.place) < NEIGHBOUR * self._spacing
+        wall = near & (facing < FACES) & (along > line.sign * line.begin) & (along < line.sign * line.end)
+        lowest = float(touched[wall, Z].min(initial=np.inf))
+        if lowest > line.fallback.height - HALF * self._spacing:
+            return None
+        self._given_up.append(line)
+        return replace(line, height=max(lowest, line.height), foot_followed=True)
 
     def raise_line(self, line: Line) -> None:
         """Go on with the same line higher up: at least as high as one beside it had to be driven."""
