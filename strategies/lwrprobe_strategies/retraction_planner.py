@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lwrprobe.contracts import Doubt
 from lwrprobe_strategies.planning.lines import UP, Line
 from lwrprobe_strategies.planning.paths import OFF, THERE, SpeedLimit, Waypoint, tip_pose
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
@@ -145,7 +146,10 @@ class RetractionPlanner:
     def _back(self, distance: float = np.inf) -> list[Waypoint]:
         """Back on the probe's path, with care off what is touched where its normal is not reliable."""
         tip = self._tip
-        path = return_path(tip.free, distance)
+        contact = tip.seen.contact
+        # A path that has just met something may have led off one face into another.
+        wedged = tip.trace.ended is transit or (contact is not None and contact.reason is Doubt.AMBIGUOUS)
+        path = return_path(tip.free, distance, wedged)
         if path and tip.leaving and not tip.reliable:
             path[0] = replace(path[0], speed_limit=SpeedLimit.GUARDED)
         return path

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -200,6 +201,20 @@ def test_back_from_a_contact_that_is_not_reliable_the_first_step_is_guarded():
     assert onward
     assert first.speed_limit is SpeedLimit.GUARDED
     assert all(piece.speed_limit is SpeedLimit.FREE for piece in onward)
+
+
+@pytest.mark.parametrize("wedged", [False, True])
+def test_back_out_of_a_groove_the_sphere_does_not_meet_the_other_side_of_it(wedged):
+    """Two rods that come nearer to each other: a millimetre off one of them the sphere met the other."""
+    free, ways = FreeSpace(AREA), np.arange(0.0, 0.02, 0.001)
+    narrow = np.deg2rad(6.0)
+    other = np.array([-np.sin(narrow), np.cos(narrow), 0.0])  # of the side that comes nearer; they meet at x = 0.02
+    stand(free, *([x, 0.0, 0.02] for x in ways), normal=np.array([0.0, -1.0, 0.0]))
+    path = np.array([piece.place for piece in return_path(free, 0.015, wedged)])
+    fine = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise([[0.019, 0.0, 0.02], *path.tolist()])])
+    room = (fine - [0.02, 0.0, 0.0]) @ other
+    assert (room.min() > -1e-4) == wedged
+    assert path[-1][1] == pytest.approx(-LIFT, abs=1e-6), "off both where there is room"
 
 
 def test_the_way_up_is_taken_only_by_an_upright_probe_that_is_under_nothing():

@@ -195,6 +195,21 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "something overhangs up there"
 
 
+def test_up_a_wall_it_goes_slowly_below_a_top_alone_on_an_object_that_overhangs_elsewhere():
+    """A line beside went over a plate on a column: how far that reaches on this side, nobody knows."""
+    tip = Tip(task(approach=0.03))
+    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    up, wall = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+    tip.control.begin(wall)
+    tip.here = np.array([0.0, 0.0, 0.03])
+    touch(tip.overhangs, [0.01, 0.01, 0.06], up)
+    assert tip.climb_limit(up) == np.inf
+    touch(tip.overhangs, [0.08, 0.08, 0.05], np.array([0.0, 0.6, -0.8]), times=MIN_LEANING)
+    assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed)
+    touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
+    assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
+
+
 def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
     """What stands out there by a millimetre stands out further here: it was met from below at sliding speed."""
     tip = Tip(task(approach=0.03))

@@ -48,6 +48,8 @@ AGAIN = 2.0 * LIFT
 """m between two places along an axis, at which the same is touched."""
 AROUND = 5.0 * LIFT
 """m along an axis, within which faces of one inner edge lie."""
+WEDGED = 0.010
+"""m from where the sphere is between two surfaces, from which on the path is as far off them as elsewhere."""
 IN_FRONT, OFF = -0.1 * LIFT, 0.7 * LIFT
 """m in front of a face: from where on another place is on its free side, and how far off it a path leads there."""
 FARTHEST_BACK = 600
@@ -249,12 +251,14 @@ class FreeSpace:
         steps = np.diff(np.concatenate([[-SPACING], places, [length + SPACING]]))
         return bool(len(places) and steps.max() <= GAP)
 
-    def return_path(self, distance: float = np.inf) -> list[Pose] | None:
+    def return_path(self, distance: float = np.inf, wedged: bool = False) -> list[Pose] | None:
         """Back on the probe's path: for `distance` m, to where it came down, or to a top that it passed over; None
         where that is too far.
 
         Along a surface it leads a little off it, and a detour on it is left out. The probe fits in all of it, as fast
-        as it likes. From a top the upright probe may go up in the column of its stick.
+        as it likes. From a top the upright probe may go up in the column of its stick. Where the sphere is `wedged`
+        between two surfaces, what leads off one of them leads into the other: near there the path leaves them by as
+        much more as it is farther from there.
         """
         rows, all_back = self._places.rows(), not np.isfinite(distance)
         if len(rows) < 2:
@@ -275,7 +279,7 @@ class FreeSpace:
             k = before if before < k else k - 1
             left -= float(np.abs(rows[k, OFF_SURFACE] - rows[places[-1], OFF_SURFACE]).max())
             places.append(k)
-        return self._along(places)
+        return self._along(places, wedged)
 
     def _top_passed(self, rows: np.ndarray) -> int:
         """Index of the last of the rows (n, 13) at which the upright probe was on top of what it followed; else 0.
@@ -356,17 +360,22 @@ class FreeSpace:
             border[places[apart < CUT]] = False
         return border | (wanted & (rows[:, came_down] > 0.0))
 
-    def _along(self, places: list[int]) -> list[Pose] | None:
+    def _along(self, places: list[int], wedged: bool = False) -> list[Pose] | None:
         """The places with these indices, in this order; those that lie straight between others are left out.
 
-        None where a light touch is next to all of them.
+        None where a light touch is next to all of them. `wedged` as in `return_path`.
         """
         rows = self._places.rows()
         places = [k for k in places if k not in self._next_to_touch]
         if not places:
             return None
-        kept = path_corners(rows[places, OFF_SURFACE], rows[places, STICK], CHORD, TURN)
-        return [(rows[places[i], OFF_SURFACE].copy(), self._turns[places[i]]) for i in kept]
+        off = rows[places, OFF_SURFACE]
+        if wedged:
+            at = rows[places, :3]
+            share = np.minimum(np.linalg.norm(at - at[0], axis=1) / WEDGED, 1.0)
+            off = at + share[:, None] * (off - at)
+        kept = path_corners(off, rows[places, STICK], CHORD, TURN)
+        return [(off[i].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
         """Whether a place is on the area's border, or beyond it."""

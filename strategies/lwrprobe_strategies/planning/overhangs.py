@@ -222,9 +222,10 @@ class Overhangs:
         """Whether the sphere may meet one when it goes up a surface with a normal (3,), from a place (3,).
 
         It may where something overhangs near, higher up; where the sphere has touched nothing near from as high, since
-        what is above is not known then; and where on a surface that faces alike it was further out there than this one
-        is, by no more than the sphere's radius: the stick shows that nothing above stands out further here. A surface
-        that faces somewhat alike stands out if it does so where it is touched, and if it goes on as it does there.
+        what is above is not known then, or, on an object that overhangs somewhere, a top alone: nobody knows how far
+        that reaches; and where on a surface that faces alike it was further out there than this one is, by no more than
+        the sphere's radius: the stick shows that nothing above stands out further here. A surface that faces somewhat
+        alike stands out if it does so where it is touched, and if it goes on as it does there.
         """
         x, y, z = place.tolist()
         if self.found and self._overhang.tallest(_window(*self._cell(x, y), self._cells)) > z:
@@ -244,7 +245,7 @@ class Overhangs:
             return True
         alike = higher[facing > FACING]
         if not len(alike):
-            return False
+            return self.found and not len(askew)
         lowest = alike[alike[:, 2] < alike[:, 2].min() + HIGHER]
         apart = lowest[:, :2] - place[:2]
         nearest = int(np.argmin((apart * apart).sum(axis=1)))

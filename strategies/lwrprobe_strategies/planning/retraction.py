@@ -36,9 +36,9 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[
     return [Waypoint(here + distance * normal, SpeedLimit.GUARDED)]
 
 
-def return_path(free: FreeSpace, distance: float = np.inf) -> list[Waypoint]:
-    """Back on the probe's path: for `distance` m, or to where the path up is free."""
-    return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance) or []]
+def return_path(free: FreeSpace, distance: float = np.inf, wedged: bool = False) -> list[Waypoint]:
+    """Back on the probe's path: for `distance` m, or to where the path up is free; `wedged` between two surfaces."""
+    return [Waypoint(place, rotation=turn) for place, turn in free.return_path(distance, wedged) or []]
 
 
 def out_from_under(seen: Observation, normal: np.ndarray, radius: float) -> list[Waypoint]:
