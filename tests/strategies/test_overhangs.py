@@ -121,6 +121,15 @@ def test_where_the_stick_has_stood_nothing_is(overhangs):
     assert overhangs.ahead(np.array([0.0, -0.008, LOW - 0.002]), ALONG), "nor lower"
 
 
+@pytest.mark.parametrize(("above", "top"), [(0.0, np.inf), (0.004, np.inf), (0.010, 0.015)])
+def test_what_the_stick_has_met_reaches_as_high_as_it_was_met(overhangs, above, top):
+    """And a radius higher, as the height follows from a torque; over all of the stick where it is not known."""
+    touch(overhangs, [0.0, 0.0, 0.06], [0.0, 0.0, 1.0])
+    overhangs.stick_met(np.array([0.0, 0.0, LOW]), above)
+    for z in (0.012, 0.02, 0.04):
+        assert overhangs.ahead(np.array([0.0, -0.008, LOW + z]), ALONG) == (z < top)
+
+
 def test_where_an_object_overhangs_elsewhere_an_unknown_place_is_no_free_way():
     tip, there = Tip(task(approach=0.03)), np.array([0.0, 0.0, LOW])
     tip.observe(Observation(0.0, pose_at(there), np.zeros(3), np.zeros(3)))

@@ -207,6 +207,26 @@ def test_what_had_to_be_given_up_beside_is_not_tried_again():
     assert not lines.blocked_before(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
 
 
+@pytest.mark.parametrize(("lowest", "foot"), [(0.013, 0.013), (0.047, None)])
+def test_beside_a_wall_that_was_followed_down_a_line_begins_where_that_ended(lowest, foot):
+    """The foot of a wall that overhangs is not reached from below; up it is three times as fast as down."""
+    memory = ContactMemory()
+    lines = LineScheduler(task(), memory, CoverageConfig(first_line="border"))
+    drain(lines)
+    along, top = (-1.0, 0.0, 0.0), 0.05
+    ways = [Line(0, y, 0.05, 0.015, 0.006, fallback=Line(0, y, 0.02, 0.05, top, on_surface=True)) for y in (0.0, 0.01)]
+    lines.give_up(ways[0])
+    assert lines.next(NEAR) is ways[0].fallback
+    for z in np.arange(top, lowest - 1e-9, -0.001):
+        place = np.array([0.026, 0.0, z])
+        memory.add(place, place + 0.005 * np.array(along), -np.array(along), np.nan)
+    lines._coming.append(ways[1])
+    beside = lines.next(NEAR)
+    assert beside == (ways[1].fallback if foot is None else replace(ways[1], height=beside.height, foot_followed=True))
+    assert foot is None or beside.height == pytest.approx(foot, abs=1e-6)
+    assert lines.blocked_before(replace(ways[1], place=0.02)) == (foot is not None), "nor beside that one"
+
+
 def test_a_wall_that_was_climbed_to_its_top_is_not_descended_as_well():
     """The line went on over the top and was given up there: the way down the same wall shows nothing new."""
     down = Line(0, 0.0, 0.03, -0.03, 0.03, on_surface=True)
