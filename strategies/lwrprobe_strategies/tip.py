@@ -33,9 +33,10 @@ SIDEWAYS = 0.1
 """Share of a motion across the stick, up to which the stick goes where it has been."""
 UPWARDS = 0.7
 """Share of a motion along z, from which on it leads up a wall, and under what stands out from it."""
-NEAR = 0.0015
+NEAR, NEAR_IN_FREE_SPACE = 0.0015, 0.003
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which
-reaches 3 mm further out, would have met a plain wall before."""
+reaches 3 mm further out, would have met a plain wall before. Where it touches nothing it has not met one: what is near
+then stands out, and where it was not touched it may do so by a little more."""
 CLEAR = 1.25
 """Times the wanted force, from which on one contact of the stick is certain."""
 TOWARDS = 0.3
@@ -147,7 +148,8 @@ class Tip:
     @property
     def _stick_is_near(self) -> bool:
         near = self.seen.clearance
-        return near is not None and near.link == STICK and near.distance - near.required < NEAR
+        least = NEAR if self.touches else NEAR_IN_FREE_SPACE
+        return near is not None and near.link == STICK and near.distance - near.required < least
 
     def stick_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) at which the stick may meet something before the sphere; inf where it cannot.

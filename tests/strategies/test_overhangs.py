@@ -183,6 +183,19 @@ def test_towards_what_is_known_beside_the_stick_it_goes_slowly():
     assert tip.stick_limit(np.array([0.0, 0.0, 1.0])) == np.inf, "the stick follows its own column"
 
 
+@pytest.mark.parametrize(
+    ("distance", "touched", "slow"), [(0.002, False, True), (0.002, True, False), (0.004, False, False)]
+)
+def test_in_free_space_it_goes_slowly_towards_what_the_sphere_would_have_met_if_it_were_a_wall(distance, touched, slow):
+    """A lobe 32 mm above the sphere stood out beside where it was touched: the stick met it at 28 mm/s, with 3.6 N."""
+    tip, here = Tip(task()), np.array([0.0, 0.0, LOW])
+    edge = here + np.array([0.0, 0.002 + distance, 0.03])
+    near = Clearance(distance, edge - [0.0, distance, 0.0], edge, "stick", required=0.0001)
+    touch = contact(here + 0.005 * ALONG, -ALONG) if touched else None
+    tip.observe(Observation(0.0, pose_at(here), np.zeros(3), np.zeros(3), touch, near))
+    assert tip.near_limit(ALONG) == (pytest.approx(tip.control.stick_speed(0.03)) if slow else np.inf)
+
+
 def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_something_overhangs():
     tip = Tip(task(approach=0.03))
     tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
