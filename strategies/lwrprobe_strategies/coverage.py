@@ -61,7 +61,9 @@ from lwrprobe_strategies.skills import (
     release,
     reorient,
     retract,
+    slide_out,
     transit,
+    tried,
 )
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
@@ -147,6 +149,9 @@ class Coverage(SkillStrategy):
                 unreached += 1
             elif self.retractions.stays:
                 self.lines.insert(line)
+                begin = tip.here
+                yield from tried(slide_out(tip, self.retractions.back_out()))
+                self.retractions.slid_out(begin)
         if self.retractions.caught:
             vain = self.retractions.in_vain
             return Done(f"the probe cannot leave its place: {vain} lines in a row were not reached", complete=False)

@@ -17,6 +17,8 @@ FALLBACKS = 3
 """Other paths off a place that are tried, one after the other, where the planned one has not moved the tip."""
 IN_VAIN, WITHIN = 10, 0.02
 """Lines in a row that no path has reached, while the tip stays within so many metres: it does not get out of there."""
+SOME_WAY = 0.03
+"""m back on the probe's path, where all of it is too long."""
 AWAY = 1.5
 """Retractions from where a line began, from which on the tip has left that place."""
 
@@ -89,6 +91,16 @@ class RetractionPlanner:
         """The line is not begun again; the next one may be within reach."""
         self._stays = self.in_vain = 0
 
+    def back_out(self) -> list[Waypoint]:
+        """Back on the probe's own path, right along what it touched, to where the path up is free or for some way."""
+        free = self._tip.free
+        return return_path(free, wedged=True) or return_path(free, SOME_WAY, wedged=True)
+
+    def slid_out(self, begin: np.ndarray) -> None:
+        """The tip has tried to slide out of a place (3,): the next line begins where it is now, if that is off it."""
+        if np.abs(self._tip.here - begin).max() > self._distance:
+            self._stays = 0
+
     def _stayed(self) -> bool:
         """Whether the tip is about where it was when the line began, and in between no farther than a retraction leads.
 
@@ -147,9 +159,7 @@ class RetractionPlanner:
         """Back on the probe's path, with care off what is touched where its normal is not reliable."""
         tip = self._tip
         contact = tip.seen.contact
-        # A path that has just met something may have led off one face into another.
-        wedged = tip.trace.ended is transit or (contact is not None and contact.reason is Doubt.AMBIGUOUS)
-        path = return_path(tip.free, distance, wedged)
+        path = return_path(tip.free, distance, contact is not None and contact.reason is Doubt.AMBIGUOUS)
         if path and tip.leaving and not tip.reliable:
             path[0] = replace(path[0], speed_limit=SpeedLimit.GUARDED)
         return path

@@ -44,7 +44,7 @@ def test_a_slow_sensor_shows_it_as_well():
 
 
 def test_one_batch_says_nothing_certain():
-    watch = pressed(5e-5, samples=6)
+    watch = pressed(5e-5, samples=14)
     assert watch.batches == 1
     assert watch.value > 0.0
     assert watch.sigma == float("inf")

@@ -23,9 +23,11 @@ from lwrprobe_strategies.skills import (
     reorient,
     retract,
     search,
+    slide_out,
     spiral_down,
     transit,
 )
+from lwrprobe_strategies.skills.release import RELEASED
 from lwrprobe_strategies.supervisor import SkillStrategy
 from strategy_task import AREA, DOWN, task
 
@@ -386,6 +388,20 @@ def test_a_retraction_covers_its_distance():
     assert strategy.end is Ended.RETRACTED
     moved = surface.place - [0.0, 0.0, 0.03]
     assert np.linalg.norm(moved) == pytest.approx(0.01, abs=5e-4)
+
+
+@pytest.mark.parametrize(("to", "end"), [(-0.03, Ended.ARRIVED), (0.03, Ended.CONTACT)])
+def test_out_of_an_inner_edge_the_sphere_slides_along_what_a_rigid_path_would_press_on(to, end):
+    """The path leads half a millimetre into the floor, or through the wall."""
+    surface = over(step(), [0.0, -RADIUS, 0.02 + RADIUS - 0.0002])
+    path = [Waypoint(np.array([0.0, to, 0.02 + RADIUS - 0.0005]))]
+    strategy, _ = run(lambda tip: slide_out(tip, path), surface)
+    assert strategy.end is end
+    assert surface.peak <= RELEASED * TASK.force_target
+    assert (np.linalg.norm(surface.place - path[0].place) < 0.0015) == (end is Ended.ARRIVED)
+    surface = over(step(), [0.0, -RADIUS, 0.02 + RADIUS - 0.0002])
+    strategy, _ = run(lambda tip: transit(tip, path), surface)
+    assert strategy.end is Ended.CONTACT, "a rigid path ends there"
 
 
 @pytest.mark.parametrize("touching", [True, False])

@@ -23,7 +23,7 @@ MOVING, SCORED = 0.1, 2.0
 how many times the error that its score of confidence stands for is added, as where the sphere chatters."""
 PLACE = 3e-6
 """m, standard deviation of the change in depth between two samples of a sphere that does not move sideways."""
-BATCH, LEAST = 3e-5, 3
+BATCH, LEAST = 3e-5, 10
 """m/N, standard deviation of a batch when it is complete, and how many changes it has at least."""
 LOWEST = 8.0
 """Standard deviations below zero from which on a median is taken as no lower."""

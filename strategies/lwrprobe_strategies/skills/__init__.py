@@ -12,6 +12,7 @@ from lwrprobe_strategies.skills.reorient import reorient
 from lwrprobe_strategies.skills.retract import retract
 from lwrprobe_strategies.skills.search import search
 from lwrprobe_strategies.skills.skill import Procedure, Skill, skill, tried
+from lwrprobe_strategies.skills.slide_out import slide_out
 from lwrprobe_strategies.skills.spiral_down import spiral_down
 from lwrprobe_strategies.skills.transit import transit
 
@@ -33,6 +34,7 @@ __all__ = [
     "retract",
     "search",
     "skill",
+    "slide_out",
     "spiral_down",
     "transit",
     "tried",
