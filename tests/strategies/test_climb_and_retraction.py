@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -494,14 +494,14 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
     strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
     strategy.drive_line = lambda line: tried.append((line, strategy.retractions.path())) or iter(())
-    program, motions = strategy.program(), []
-    with pytest.raises(StopIteration) as stop:
-        for _ in range(3000):
-            motions.append(next(program))
-    assert stop.value.value.reason == "the probe cannot leave its place: no path off the contact is free"
-    assert {motion.reason for motion in motions} == {"slide out"}, (
-        "before each other path, which ends in the same place"
-    )
+    ends = []
+
+    def whole():
+        ends.append((yield from strategy.program()))
+
+    motions = list(islice(whole(), 3000))
+    assert [end.reason for end in ends] == ["the probe cannot leave its place: no path off the contact is free"]
+    assert {motion.reason for motion in motions} == {"slide out"}, "before each other path, and to the same place"
     assert len({line.place for line, _ in tried}) == 1, "no line is lost"
     _, along_force, back, up = (path[0].place - strategy.tip.here if path else None for _, path in tried)
     assert along_force == pytest.approx([0.0, -0.01, 0.0])
