@@ -150,7 +150,7 @@ class Coverage(SkillStrategy):
             elif self.retractions.stays:
                 self.lines.insert(line)
                 begin = tip.here
-                yield from tried(slide_out(tip, self.retractions.back_out()))
+                yield from tried(slide_out(tip, self.frame, self.retractions.back_out()))
                 self.retractions.slid_out(begin)
         if self.retractions.caught:
             vain = self.retractions.in_vain

@@ -395,7 +395,7 @@ def test_out_of_an_inner_edge_the_sphere_slides_along_what_a_rigid_path_would_pr
     """The path leads half a millimetre into the floor, or through the wall."""
     surface = over(step(), [0.0, -RADIUS, 0.02 + RADIUS - 0.0002])
     path = [Waypoint(np.array([0.0, to, 0.02 + RADIUS - 0.0005]))]
-    strategy, _ = run(lambda tip: slide_out(tip, path), surface)
+    strategy, _ = run(lambda tip: slide_out(tip, FRAME, path), surface)
     assert strategy.end is end
     assert surface.peak <= RELEASED * TASK.force_target
     assert (np.linalg.norm(surface.place - path[0].place) < 0.0015) == (end is Ended.ARRIVED)

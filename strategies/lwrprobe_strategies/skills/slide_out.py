@@ -9,6 +9,7 @@ import numpy as np
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe_strategies.outcomes import Blocked, Ended
 from lwrprobe_strategies.planning.paths import Waypoint, direction, held
+from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.skills.skill import Procedure, skill
 from lwrprobe_strategies.tip import Tip
 
@@ -19,11 +20,16 @@ STUCK, MOVED = 1.0, 3e-4
 
 
 @skill(Blocked)
-def slide_out(tip: Tip, path: Sequence[Waypoint]) -> Procedure:
+def slide_out(tip: Tip, frame: TrackingFrame, path: Sequence[Waypoint]) -> Procedure:
     """Go through the waypoints and give way to all that presses: a rigid path ends between two surfaces.
 
     What leads into the force is left out of the motion, and a force above the wanted one is released. It is as slow as
     a first touch, and ends where the probe would have to turn.
+
+    Parameters
+    ----------
+    frame : the motion stays in its area
+    path : where to go
 
     Returns
     -------
@@ -46,7 +52,7 @@ def slide_out(tip: Tip, path: Sequence[Waypoint]) -> Procedure:
             if float(force @ force) > tip.task.force_target**2:
                 velocity = velocity + tip.control.release_velocity(force, rotation)
             tip.leave()
-            yield VelocityCommand(velocity, reason=slide_out.name)
+            yield VelocityCommand(frame.bounded(here, velocity), reason=slide_out.name)
     return Ended.ARRIVED
 
 
