@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lwrprobe.contracts import DeviceRefused, MotionInterrupted, RestartableArm
+from lwrprobe.contracts import DeviceRefused, Goal, MotionInterrupted, RestartableArm
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.sample_step import SampleStep
 from lwrprobe.exploration.procedures.explore import Exploration, RunOptions
@@ -14,6 +14,7 @@ from lwrprobe.exploration.safety.reaction import MAX_LATE, ReactionExcess
 from lwrprobe.exploration.safety.silence_guard import Silence, SilenceGuard
 from lwrprobe.exploration.stages.force import ForceStage
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.grid_version import GridVersion
 
 SMALL = [
     "truth.profile='ideal'",
@@ -166,6 +167,42 @@ def test_operator_is_asked_before_an_arm_that_was_switched_off_moves_again(monke
     assert_replayed(tmp_path)
     if answer:
         assert "the operator said 'n'" in summary.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 6])
+def test_after_a_pause_the_strategy_is_told_of_its_own_goal_and_not_of_the_way_back(monkeypatch, seed):
+    """A waypoint had counted as reached where a pause began: the next one lay behind the object, which took 136 N."""
+    told, step = [], GridVersion.step
+
+    def watched(strategy, seen):
+        if seen.goal_reached and isinstance(strategy.asked, Goal):
+            told.append(float(np.abs(seen.pose[:3, 3] - strategy.asked.pose[:3, 3]).max()))
+        strategy.asked = step(strategy, seen)
+        return strategy.asked
+
+    monkeypatch.setattr(GridVersion, "asked", None, raising=False)
+    monkeypatch.setattr(GridVersion, "step", watched)
+    bursts = ["truth.loss_burst_ms=300", "truth.loss_bursts_per_min=10", f"run.seed={seed}"]
+    with Exploration(load_scene("cylinder_vertical", [*SMALL, *bursts])) as exploration:
+        for _ in exploration:
+            pass
+    summary = exploration.finish()
+    assert summary.status == "done"
+    assert len(summary.interruptions) > 3
+    assert summary.true_peak_force_n < 3.0
+    assert told
+    assert max(told) < 5e-4
+
+
+@pytest.mark.slow
+def test_samples_that_stay_away_before_the_first_one_are_waited_for():
+    """A burst in the first tenth of a second had ended in a traceback."""
+    bursts = ["truth.loss_burst_ms=300", "truth.loss_bursts_per_min=10", "run.seed=16", "run.until.time=5"]
+    with Exploration(load_scene("cylinder_vertical", [*SMALL, *bursts])) as exploration:
+        for _ in exploration:
+            pass
+    assert exploration.finish().interruptions[0]["time_s"] < 2.0
 
 
 @pytest.mark.slow

@@ -105,8 +105,8 @@ class Recovery:
                 cause = again
 
     def _after_stop(self, cause: MotionInterrupted, begin: float) -> None:
-        device = self._devices.arm
-        if not isinstance(device, RestartableArm) or self._sample.observation is None:
+        device, seen = self._devices.arm, self._sample.observation
+        if not isinstance(device, RestartableArm) or seen is None:
             raise cause
         if self._confirm is None and not cause.unasked:
             raise cause
@@ -122,11 +122,13 @@ class Recovery:
             self._arm.rest(device.read())
         except DriverError as error:
             raise DriverError(f"{cause}; not re-entered: {error}") from error
-        self._go_on(cause, "arm", begin)
+        self._go_on(cause, "arm", begin, seen.pose)
 
     def after_silence(self, cause: SensorSilent) -> None:
         """Retreat without a sensor and wait for it; raises SensorSilent where it stays silent."""
-        begin = self._arm.time
+        begin, seen = self._arm.time, self._sample.observation
+        # Before the strategy has seen anything, the arm is where it started.
+        back = self._pipeline.trajectory.pose.copy() if seen is None else seen.pose
         self._received = begin - self._silence.silent
         self._message(f"interrupted: {cause}")
         self._paused.interrupt(str(cause))
@@ -142,7 +144,7 @@ class Recovery:
             self._arm.hold()
             for sample in self._samples():
                 in_a_row = in_a_row + 1 if self._watch(sample).usable else 0
-        self._go_on(cause, "sensor", begin)
+        self._go_on(cause, "sensor", begin, back)
 
     def _asked(self, cause: MotionInterrupted) -> bool:
         """Whether the operator has allowed it; waits for that where there is one. Raises SafetyStop on a no."""
@@ -156,13 +158,11 @@ class Recovery:
                 sleep(_PAUSE)  # nothing comes from an arm that has been left alone
         return True
 
-    def _go_on(self, cause: Exception, device: str, begin: float) -> None:
-        """From where the arm rests to where it was, over a place that is free."""
-        seen = self._sample.observation
-        assert seen is not None
+    def _go_on(self, cause: Exception, device: str, begin: float, pose: np.ndarray) -> None:
+        """From where the arm rests to the pose (4, 4) in which it was, over a place that is free."""
         self._release()
         self._check_zero()
-        self._return(seen.pose)
+        self._return(pose)
         self._sample.retreat.note(self._tip, self._sample.retreat.normal)
         pause = self._arm.time - begin
         self._paused.resume(pause)

@@ -46,6 +46,7 @@ class SampleStep:
         self.retreat = Retreat(scene.safety.lift, float(scene.area.lower[2]))
         self.zero_time = 0.0
         self.observation: Observation | None = None
+        self._resumed = False  # and the strategy has not answered since
 
     def process(self, sample: WrenchSample) -> Observation:
         """Process one sample; returns the observation that the strategy was shown.
@@ -71,10 +72,11 @@ class SampleStep:
             force=wrench.world_force,
             contact=contact,
             clearance=near,
-            goal_reached=pipeline.trajectory.arrived,
+            goal_reached=self._goal_reached,
             blocked=arm.blocked,
         )
         self._answer.answer(seen, wrench, confirmed)
+        self._resumed = False
         self._note(seen, place, wrench)
         self.observation = seen
         return seen
@@ -98,8 +100,14 @@ class SampleStep:
             command = replace(command, velocity=way * (speed / length), hold=min(length, MOST_WAY) / speed)
         self._request.adopt(command, urgent=True)
 
+    @property
+    def _goal_reached(self) -> bool:
+        """Whether the strategy's goal is reached: after a pause what the generator has reached is the way back."""
+        return self._pipeline.trajectory.arrived and not self._resumed
+
     def resume(self, pause: float) -> None:
         """The strategy goes on after a pause [s] that it is not shown."""
+        self._resumed = True
         self.zero_time += pause
         self._contact.resume(pause)
         self.force_guard.forget()
@@ -112,7 +120,7 @@ class SampleStep:
         arm, bag = self._arm, self._bag
         pose, velocity = arm.history.tip_at(sample.time)
         if bag is not None:
-            bag.sample(sample, arm, self._pipeline.trajectory.arrived, pose, velocity, shown)
+            bag.sample(sample, arm, self._goal_reached, pose, velocity, shown)
             if shown:
                 self._clock.lap("bag")
         return pose, velocity
