@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import lwrprobe as lp
-from lwrprobe.contracts.contact import NORMAL_AT_HALF_CONFIDENCE
 from lwrprobe.exploration.procedures.explore import explore
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import read_cloud
@@ -76,6 +75,11 @@ def test_summary_holds_what_it_promises(block):
     assert sum(stage["share"] for stage in summary["stages"]) == pytest.approx(1.0, abs=0.01)
 
 
+def angle(normals, others):
+    """Degrees between unit vectors (N, 3) and (N, 3)."""
+    return np.degrees(np.arccos(np.einsum("ni,ni->n", normals, others).clip(-1.0, 1.0)))
+
+
 def test_run_folder_can_be_read_back(block):
     summary, folder = block
     for name in FILES:
@@ -87,12 +91,18 @@ def test_run_folder_can_be_read_back(block):
     assert len(read_cloud(folder / "cloud.pcd").points) == summary["voxels"]
     cloud, radius = read_cloud(folder / "contacts.ply"), load_scene(folder / "scene.toml").probe.radius
     # In the cloud normals are turned towards the path, about the sphere's centre, and what gave way by all touches is
-    # taken off; the table has both as measured. A turn is a correction of the normal's error, so the error that its
-    # score of confidence stands for bounds it.
+    # taken off; the table has both as measured.
     assert np.allclose(cloud.points + radius * cloud.normals, rows[:, 1:4] + radius * rows[:, 4:7], atol=1e-4)
-    turned = np.arccos(np.einsum("ni,ni->n", cloud.normals, rows[:, 4:7]).clip(-1.0, 1.0))
-    assert np.all(turned < 4.0 * NORMAL_AT_HALF_CONFIDENCE * np.sqrt(1.0 / rows[:, 8] - 1.0))
-    assert np.degrees(np.percentile(turned, 99.0)) < 2.0
+    (box,) = load_scene("block").objects
+    centers, half = cloud.points + radius * cloud.normals - box.at.xyz, 0.5 * np.array(box.size)
+    outward = centers - centers.clip(-half, half)
+    true = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    turned, before, after = (angle(cloud.normals, rows[:, 4:7]), angle(rows[:, 4:7], true), angle(cloud.normals, true))
+    large = turned > 4.0
+    assert np.any(large)
+    assert np.all(after[large] < before[large])
+    assert np.percentile(after, 99.0) < np.percentile(before, 99.0)
+    assert np.percentile(turned, 99.0) < 2.0
     assert len(read_mesh(folder / "mesh.stl").faces) > 4
 
 
