@@ -31,7 +31,7 @@ STICK = "stick"
 """Name of the stick among the probe's links."""
 SIDEWAYS = 0.1
 """Share of a motion across the stick, up to which the stick goes where it has been."""
-UPWARDS = 0.7
+UPWARDS = 0.6
 """Share of a motion along z, from which on it leads up a wall, and under what stands out from it."""
 NEAR, NEAR_IN_FREE_SPACE = 0.0015, 0.003
 """m between the stick and what was touched, from which on a motion towards that is slow: braking, and the sphere, which

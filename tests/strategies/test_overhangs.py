@@ -205,6 +205,8 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     touch(tip.overhangs, place, wall)
     assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "nothing as high was touched"
     assert tip.climb_limit(slope) == np.inf
+    steep = np.array([0.0, 0.76, 0.65])
+    assert tip.climb_limit(steep) == pytest.approx(tip.control.climb_speed / 0.65), "an eave over it was met with 3.2 N"
     touch(tip.overhangs, [0.01, 0.0, 0.05], wall)
     assert tip.climb_limit(up) == np.inf, "the line beside goes on up this wall"
     edge = np.array([0.0, 0.0, 0.05])

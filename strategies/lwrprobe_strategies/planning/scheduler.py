@@ -74,7 +74,11 @@ class LineScheduler:
             return None
         line = self._nearest(here)
         if line.fallback is not None and self.blocked_before(line):
-            return self._from_beside(line) or line.fallback
+            beside = self._from_beside(line)
+            if beside is None:
+                return line.fallback
+            self._given_up.append(line)
+            return beside
         if line.low and self._missed_beside(line):
             line = self._higher(line) or line
         return self._above(line)
@@ -176,7 +180,6 @@ class LineScheduler:
         lowest = float(touched[wall, Z].min(initial=np.inf))
         if lowest > line.fallback.height - HALF * self._spacing:
             return None
-        self._given_up.append(line)
         return replace(line, height=max(lowest, line.height), foot_followed=True)
 
     def raise_line(self, line: Line) -> None:

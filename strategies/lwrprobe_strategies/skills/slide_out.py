@@ -24,7 +24,7 @@ def slide_out(tip: Tip, frame: TrackingFrame, path: Sequence[Waypoint]) -> Proce
     """Go through the waypoints and give way to all that presses: a rigid path ends between two surfaces.
 
     What leads into the force is left out of the motion, and a force above the wanted one is released. It is as slow as
-    a first touch, and ends where the probe would have to turn.
+    a first touch, and the probe does not turn.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ def slide_out(tip: Tip, frame: TrackingFrame, path: Sequence[Waypoint]) -> Proce
 
     Returns
     -------
-    Ended.ARRIVED, or Ended.CONTACT where the tip gets no farther
+    Ended.ARRIVED, or Ended.CONTACT where the tip gets no farther, or would have to turn
     """
     for waypoint in path:
         if waypoint.rotation is not None and not held(tip.seen.pose, waypoint.rotation):
-            return Ended.ARRIVED
+            return Ended.CONTACT
         nearest, rests = np.inf, 0.0
         while True:
             here, rotation, force = tip.here, tip.seen.pose[:3, :3], tip.seen.force
