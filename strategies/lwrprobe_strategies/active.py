@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.stroke_scheduler import StrokeScheduler
-from lwrprobe_strategies.skills import Procedure, along_stick, follow_contour, press
+from lwrprobe_strategies.skills import Procedure, follow_contour
 from lwrprobe_strategies.supervisor import Program
 
 SPACING = 5.0 / 3.0
@@ -73,7 +73,6 @@ class Active(GridVersion):
         for place in self.untouched_heights():
             self.estimate.passed(place)
         self.outline = OutlineWatch()
-        self._pressed = self.bounds is not None
         done = yield from super().program()
         expected = self.strokes.expected
         if not done.complete or not self.options.aim < expected < np.inf:
@@ -138,17 +137,6 @@ class Active(GridVersion):
             return super().approach(line)
         self.begin_line(line)
         return self.contour()
-
-    def along_surface(self) -> Procedure:
-        """The first one that is touched along the stick shows how stiff the arm is."""
-        if self._pressed or not along_stick(self.tip, self.tip.normal()):
-            return super().along_surface()
-        self._pressed = True
-        return self._press_first(super().along_surface())
-
-    def _press_first(self, onward: Procedure) -> Procedure:
-        yield from press(self.tip, self.tip.normal())
-        return (yield from onward)
 
     def raise_area(self, line: Line) -> bool:
         """The estimate of the surface ends where the area does."""

@@ -55,8 +55,10 @@ from lwrprobe_strategies.planning.upright_body import clear_of
 from lwrprobe_strategies.retraction_planner import RetractionPlanner
 from lwrprobe_strategies.skills import (
     Procedure,
+    along_stick,
     follow_contour,
     guarded_move,
+    press,
     reapproach,
     release,
     reorient,
@@ -125,6 +127,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
+        self._pressed = self.bounds is not None  # the arm's stiffness is known from the search
         self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
@@ -326,7 +329,16 @@ class Coverage(SkillStrategy):
         elif line.outline:
             sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
             self.frame = self.frame.horizontal(sense, line.height)
-        return self.contour()
+        return self.contour() if not self._shows_stiffness() else self._press_first()
+
+    def _shows_stiffness(self) -> bool:
+        """Whether a press shows for the first time how stiff the arm is."""
+        return not self._pressed and self.tip.reliable and along_stick(self.tip, self.tip.normal())
+
+    def _press_first(self) -> Procedure:
+        self._pressed = True
+        yield from press(self.tip, self.tip.normal())
+        return (yield from self.contour())
 
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
@@ -341,6 +353,8 @@ class Coverage(SkillStrategy):
             return Ended.CIRCLING
         if line.outline:
             return Ended.END_FOUND if self.end_found() else None
+        if self._shows_stiffness():
+            return Ended.CONTACT
         return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
 
     def _level_contour_end(self) -> Outcome | None:
