@@ -101,6 +101,7 @@ class Active(GridVersion):
             self.estimate,
             tip.free,
             speeds,
+            tip.control.descent_speed(tip.rotation),
             tip.control.stick_speed,
             options.aim,
             tip.body,

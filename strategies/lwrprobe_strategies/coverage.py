@@ -498,7 +498,10 @@ class Coverage(SkillStrategy):
         if not self.leaves_descents(frame.line):
             return False
         up = descent.climb(self.tip.seen, frame, self.upright)
-        if up is None or self.lines.blocked_before(up):
+        if up is None:
+            return False
+        if self.lines.blocked_before(up):
+            self.lines.leave_out(up)
             return False
         self.lines.insert(up)
         return True

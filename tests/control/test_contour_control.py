@@ -127,6 +127,7 @@ def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffne
     control.begin(wall)
     down = -float(control.velocity(wall, t.force_target, (-1.0, 0.0, 0.0), 1.0, DOWN, 0.008)[2])
     assert down > 0.0
+    assert control.descent_speed(DOWN) == pytest.approx(down, rel=0.02), "what planning reckons with"
     up = stiffness_along(t, (0.0, 0.0, 1.0))
     foot = t.force_threshold + up * (down * t.delay + down**2 / (2.0 * t.acceleration))
     assert np.hypot(foot + 0.5 * t.force_target, t.force_target) <= FORCE_RESERVE * t.force_limit * 1.001

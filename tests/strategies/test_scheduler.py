@@ -205,6 +205,8 @@ def test_what_had_to_be_given_up_beside_is_not_tried_again():
     assert not lines.blocked_before(Line(1, 0.02, BORDER, 0.02, 0.006)), "two lines on"
     assert not lines.blocked_before(Line(1, 0.01, -BORDER, -0.02, 0.006)), "the other side"
     assert not lines.blocked_before(Line(0, 0.01, BORDER, 0.02, 0.006)), "along the other axis"
+    lines.leave_out(Line(1, 0.01, BORDER, 0.02, 0.006))
+    assert lines.blocked_before(Line(1, 0.02, BORDER, 0.02, 0.006)), "nor beside one that was left out for it"
 
 
 @pytest.mark.parametrize(("lowest", "foot"), [(0.013, 0.013), (0.047, None)])

@@ -16,6 +16,7 @@ from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import X, Y, Z
 from lwrprobe_strategies.planning.outline_watch import OutlineWatch
 from lwrprobe_strategies.planning.paths import Speeds
+from lwrprobe_strategies.planning.stroke_profile import StrokeProfile
 from lwrprobe_strategies.planning.stroke_scheduler import LITTLE_PATIENCE, PATIENCE, SHORTLIST, StrokeScheduler
 from lwrprobe_strategies.planning.strokes import SHORTEST, StrokePlanner
 from strategy_task import AREA, DOWN, task
@@ -71,7 +72,7 @@ def scheduler(known, aim=2e-4, body=None, passed=True):
         for x in np.arange(AREA.lower[X], AREA.upper[X], 0.02):
             for y in np.arange(AREA.lower[Y], AREA.upper[Y], 0.02):
                 memory.passed(np.array([x, y, LOW]), np.nan)
-    return StrokeScheduler(wanted, memory, 0.015, known, free, speeds, beneath, aim, body)
+    return StrokeScheduler(wanted, memory, 0.015, known, free, speeds, 0.007, beneath, aim, body)
 
 
 def test_every_stroke_stays_in_the_area_and_is_long():
@@ -169,6 +170,28 @@ def test_a_line_over_the_top_tells_little_of_a_wall_below_it():
     low = (faces.axes == X) & (faces.centres[:, Z] < TOP - 0.03)
     assert low.any()
     assert profile(faces, np.where(low, faces.expected(), 0.0), Y, place).removed.sum() == 0.0
+
+
+def test_a_stroke_through_a_hole_takes_the_time_of_its_descent():
+    """Descents into a hole had counted as nothing, and one of 50 mm took 11 s."""
+    above, low = np.arange(-0.03, 0.0301, 0.003), np.arange(0.015, 0.0451, 0.003)
+    hole = StrokeProfile(
+        along=np.concatenate([above, np.full(11, -0.0085), np.full(11, 0.0085)]),
+        removed=np.ones(len(above) + 22),
+        wall=np.concatenate([np.zeros(len(above), np.int64), np.full(11, 1), np.full(11, -1)]),
+        path_along=np.concatenate([above, np.full(11, -0.0085), np.full(11, 0.0085)]),
+        lengths=np.full(len(above) + 22, 0.003),
+        path_wall=np.concatenate([np.zeros(len(above), np.int64), np.full(11, 1), np.full(11, -1)]),
+    )
+    for begin, end in ((-0.02, 0.02), (0.02, -0.02)):
+        gain, onward, down = hole.between(begin, end)
+        passed = np.abs(above) <= 0.02
+        assert gain == np.count_nonzero(passed) + 2 * len(low)
+        assert onward == pytest.approx(0.003 * (np.count_nonzero(passed) + len(low)))
+        assert down == pytest.approx(0.003 * len(low))
+    assert hole.between(0.0, 0.02)[2] == 0.0, "out of the hole it only climbs"
+    assert hole.beyond(0.02, 1) == (0.0, 0.0), "a hole's walls are no sides of the object"
+    assert hole.beyond(-0.02, 1) == pytest.approx((len(low), 0.003 * len(low)))
 
 
 def test_it_ends_when_the_expected_error_is_as_small_as_wanted():

@@ -186,6 +186,10 @@ class ContourControl:
         """
         return self._by_direction(self._safe, float(rotation[:, 2] @ direction))
 
+    def descent_speed(self, rotation: np.ndarray) -> float:
+        """m/s down a wall in contact, towards a foot that has not been touched; `rotation` (3, 3) is the tip's."""
+        return float(self._law[kernels.FOOT_SHARE]) * self._by_direction(self._safe, float(rotation[2, 2]))
+
     def stick_speed(self, reach: float, along: np.ndarray | None = None, share: float = STICK_SHARE) -> float:
         """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
 

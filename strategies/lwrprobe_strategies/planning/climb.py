@@ -18,7 +18,7 @@ from lwrprobe.contracts import Observation, Task
 from lwrprobe.control import ContourControl
 from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import OFF, Speeds, Waypoint, seconds
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 
@@ -86,4 +86,4 @@ class DescentWatch:
         over = np.array([up.start[X], up.start[Y], top])
         back = [Waypoint(np.array([here[X], here[Y], top])), Waypoint(over), Waypoint(up.start)]
         climb = height / task.contour_speed + seconds(departure.path_to(up), here, speeds) + seconds(back, here, speeds)
-        return climb < height / min(speed(DOWN), task.contour_speed)
+        return climb < height / min(self._control.descent_speed(held), task.contour_speed)

@@ -77,7 +77,7 @@ class LineScheduler:
             beside = self._from_beside(line)
             if beside is None:
                 return line.fallback
-            self._given_up.append(line)
+            self.leave_out(line)
             return beside
         if line.low and self._missed_beside(line):
             line = self._higher(line) or line
@@ -166,6 +166,10 @@ class LineScheduler:
             and abs(other.place - line.place) < NEIGHBOUR * self._spacing
             for other in self._given_up
         )
+
+    def leave_out(self, line: Line) -> None:
+        """Not driven, because one beside it was blocked: neither is the next one beside it."""
+        self._given_up.append(line)
 
     def _from_beside(self, line: Line) -> Line | None:
         """The line from as low as the wall was touched beside it; None where that is hardly below its upper end.

@@ -30,16 +30,20 @@ class StrokeProfile:
     lengths: np.ndarray
     path_wall: np.ndarray
 
-    def walled(self, sign: int) -> tuple[float, float]:
-        """m^3 and m, of the walls that look towards a sign of the axis."""
-        return float(self.removed[self.wall == sign].sum()), float(self.lengths[self.path_wall == sign].sum())
-
-    def between(self, begin: float, end: float) -> tuple[float, float]:
-        """m^3 and m, of all but the walls from `begin` to `end` m on the axis."""
-        low, high = min(begin, end), max(begin, end)
-        gained = (self.along >= low) & (self.along <= high) & (self.wall == 0)
-        passed = (self.path_along >= low) & (self.path_along <= high) & (self.path_wall == 0)
+    def beyond(self, end: float, sign: int) -> tuple[float, float]:
+        """m^3 and m, of the walls that look towards a sign of the axis, on that side of `end` m."""
+        gained = (self.wall == sign) & (sign * (self.along - end) > 0.0)
+        passed = (self.path_wall == sign) & (sign * (self.path_along - end) > 0.0)
         return float(self.removed[gained].sum()), float(self.lengths[passed].sum())
+
+    def between(self, begin: float, end: float) -> tuple[float, float, float]:
+        """m^3 from `begin` to `end` m on the axis; m of the path level or up; m down walls on the way."""
+        low, high = min(begin, end), max(begin, end)
+        gained = (self.along >= low) & (self.along <= high)
+        passed = (self.path_along >= low) & (self.path_along <= high)
+        down = passed & (self.path_wall == (1 if begin <= end else -1))
+        descended = float(self.lengths[down].sum())
+        return float(self.removed[gained].sum()), float(self.lengths[passed].sum()) - descended, descended
 
     def top(self) -> tuple[float, float] | None:
         """m, from where to where on the axis there is more than walls under the line; None where there is not."""

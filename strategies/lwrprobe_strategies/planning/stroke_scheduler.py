@@ -20,7 +20,7 @@ from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import DOWN, OVERLAP, Line, Z
+from lwrprobe_strategies.planning.lines import OVERLAP, Line, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.outward_lines import outward_lines
 from lwrprobe_strategies.planning.paths import Speeds, seconds
@@ -60,6 +60,7 @@ class StrokeScheduler(LineScheduler):
     estimate : of the surface and its error
     free : what the probe has shown to be free
     speeds : how fast a motion of the upright probe may be
+    descent : m/s, down a wall in contact
     beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     aim : m, mean expected error at which nothing is left to do
     body, orientations : as of `LineScheduler`
@@ -73,6 +74,7 @@ class StrokeScheduler(LineScheduler):
         estimate: SurfaceEstimate,
         free: FreeSpace,
         speeds: Speeds,
+        descent: float,
         beneath: Callable[[float], float],
         aim: float,
         body: BodySpace | None = None,
@@ -80,7 +82,7 @@ class StrokeScheduler(LineScheduler):
     ) -> None:
         super().__init__(task, memory, CoverageConfig(spacing, find_ends=False), body, orientations)
         self._estimate, self._free, self._speeds, self._aim = estimate, free, speeds, aim
-        self._planner = StrokePlanner(task, estimate.edge, speeds.guarded(DOWN), speeds.guarded(ASIDE), beneath)
+        self._planner = StrokePlanner(task, estimate.edge, descent, speeds.guarded(ASIDE), beneath)
         self.touched: np.ndarray | None = None
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False

@@ -73,7 +73,7 @@ class StrokePlanner:
     ----------
     task : area, probe and speeds
     edge : m, of the estimate's grid
-    down : m/s, of a descent through unknown space
+    down : m/s, of a descent along a wall
     across : m/s, at which something may be met from the side
     beneath : m/s, at which the stick may be met as far above the sphere's centre as is given, m
     """
@@ -185,19 +185,19 @@ class StrokePlanner:
         sides = float(task.area.lower[axis]), float(task.area.upper[axis])
         for sign in (1, -1):
             (start, finish), (first, last) = (sides, top) if sign > 0 else (sides[::-1], top[::-1])
-            up, climbed = profile.walled(-sign)
-            down, descended = profile.walled(sign)
-            over, length = profile.between(first, last)
-            climb = LIFT + abs(first - start) / self.across + (climbed + length) / speed + 3.0 * STOP
+            up, climbed = profile.beyond(first, -sign)
+            down, descended = profile.beyond(last, sign)
+            over, length, into = profile.between(first, last)
+            climb = LIFT + abs(first - start) / self.across + (climbed + length) / speed + into / self.down + 3.0 * STOP
             descent = min(descended / self.down, descended / speed + CLIMB_BACK) + abs(finish - last) / self.across
             yield Stroke(Line(axis, place, start, finish, low), up + over + down, climb + descent)
             end = last - sign * OVER_EDGE
             yield Stroke(Line(axis, place, start, end, low), up + over, climb)
             begin, stop = profile.clipped(first + sign * INSIDE, end)
             if (stop - begin) * sign >= SHORTEST:
-                gain, length = profile.between(begin, stop)
+                gain, length, into = profile.between(begin, stop)
                 line = Line(axis, place, begin, stop, low, on_surface=True, free_to=roof)
-                yield Stroke(line, gain, LIFT + length / speed)
+                yield Stroke(line, gain, LIFT + length / speed + into / self.down)
 
     def _chained(self, profile: StrokeProfile, axis: int, here: np.ndarray, normal: np.ndarray) -> Iterator[Stroke]:
         """Lines both ways from where the tip touches: over the top, and up the wall that it touches before."""
@@ -208,16 +208,15 @@ class StrokePlanner:
         for sign in (1, -1):
             begin = float(here[axis])
             end = (top[1] if sign > 0 else top[0]) - sign * OVER_EDGE
-            before, climbed = 0.0, 0.0
-            if normal[axis] * sign < -UPRIGHT:
-                before, climbed = profile.walled(-sign)
-            elif normal[Z] < UPRIGHT:
+            climbs = normal[axis] * sign < -UPRIGHT
+            if not climbs and normal[Z] < UPRIGHT:
                 continue
             _, end = profile.clipped(begin, end)
             if (end - begin) * sign >= SHORTEST:
-                gain, length = profile.between(begin, end)
+                gain, length, into = profile.between(begin - sign * self.edge if climbs else begin, end)
                 line = Line(axis, place, begin, end, height, on_surface=True)
-                yield Stroke(line, before + gain, STOP + (climbed + length) / self.task.contour_speed, True)
+                seconds = STOP + length / self.task.contour_speed + into / self.down
+                yield Stroke(line, gain, seconds, True)
 
     def _outlines(self, faces: Faces, worth: np.ndarray, level: float, here: np.ndarray) -> Iterator[Stroke]:
         """Around the object at a height, from the nearest place where a wall is met squarely."""
