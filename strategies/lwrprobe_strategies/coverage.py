@@ -127,7 +127,6 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
-        self._pressed = self.bounds is not None  # the arm's stiffness is known from the search
         self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
@@ -333,10 +332,9 @@ class Coverage(SkillStrategy):
 
     def _shows_stiffness(self) -> bool:
         """Whether a press shows for the first time how stiff the arm is."""
-        return not self._pressed and self.tip.reliable and along_stick(self.tip, self.tip.normal())
+        return not self.tip.pressed and self.tip.reliable and along_stick(self.tip, self.tip.normal())
 
     def _press_first(self) -> Procedure:
-        self._pressed = True
         yield from press(self.tip, self.tip.normal())
         return (yield from self.contour())
 
@@ -354,7 +352,7 @@ class Coverage(SkillStrategy):
         if line.outline:
             return Ended.END_FOUND if self.end_found() else None
         if self._shows_stiffness():
-            return Ended.CONTACT
+            return Ended.CONTACT  # as one that is touched anew: it is pressed first
         return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
 
     def _level_contour_end(self) -> Outcome | None:

@@ -61,6 +61,7 @@ class Tip:
     overhangs : where the stick may be met before the sphere
     body : where the body behind the stick may go, None where it is above all that may be there, or not asked for
     leaving : what is touched now is being left, and is no new contact
+    pressed : presses have shown how stiff the arm is
     trace : which skill ran when, and how it ended
     """
 
@@ -76,7 +77,7 @@ class Tip:
         self.free = FreeSpace(task.area, _side(task))
         self.expect_overhangs(BESIDE)
         self.body: BodySpace | None = None
-        self.leaving = False
+        self.leaving = self.pressed = False
         self.trace = Trace()
         self._samples = 0
 

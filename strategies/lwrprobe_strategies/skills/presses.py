@@ -28,7 +28,7 @@ def press(tip: Tip, normal: np.ndarray) -> Generator[Motion, Observation, None]:
 
     As long as the stiffness of the arm is only stated, motions are as slow as the stiffest one in doubt demands.
     """
-    target = tip.task.force_target
+    tip.pressed, target = True, tip.task.force_target
     for _ in range(PRESSES):
         before = tip.here
         if (yield from tried(load(tip, normal, PRESSED * target, PRESS_TIME))) is not Ended.CONTACT:
