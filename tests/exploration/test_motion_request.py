@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lwrprobe.contracts import VelocityCommand
 from lwrprobe.exploration.loop.motion_request import MotionRequest
 from lwrprobe.exploration.stages.pipeline import choose, compose
 from lwrprobe.kinematics import IKSolver, lwr4
@@ -48,6 +49,52 @@ def test_a_place_where_the_elbow_could_not_follow_acceleration_and_jerk_of_the_t
     assert near.reachable([there]) == reached
     assert near.reachable([here, there]) == reached, "all along the path"
     assert request(np.inf)[0].reachable([there]), "the arm can be there"
+
+
+def moving(elbow, limit, way):
+    """What blocks the arm, with its elbow bent by so much, on the way of a velocity command outwards (+1) or back."""
+    q = BENT.copy()
+    q[3] = -elbow
+    robot = lwr4()
+    solver, here = IKSolver(robot), robot.fk(q).A
+    done: list[str] = []
+    trajectory = SimpleNamespace(
+        pose=here,
+        velocity=np.zeros(3),
+        stop=lambda: done.append("stop"),
+        set_velocity=lambda *asked: done.append("go"),
+    )
+    pipeline: Any = SimpleNamespace(
+        robot=robot, solver=solver, trajectory=trajectory, sensitivity=limit, clearance=None, ik_status=solver.track
+    )
+    arm: Any = SimpleNamespace(q=q, blocked="")
+    asked, velocity = MotionRequest(pipeline, arm), way * 0.01 * here[:3, 3] / np.linalg.norm(here[:3, 3])
+    for _ in range(3):  # it may be asked again and again
+        asked.adopt(VelocityCommand(velocity))
+    blocked = arm.blocked
+    asked.adopt(VelocityCommand(-0.3 * velocity))
+    return blocked, done
+
+
+def test_no_motion_leads_on_to_where_the_elbow_could_not_follow_a_stop_and_every_one_leads_back():
+    """A path that nothing had planned had led there, and ended the run with a set point that must not be sent."""
+    scene = load_scene("block")
+    limit = compose(scene, choose(scene), 0.001, 125.0).sensitivity
+    assert 1.1 * limit * scene.motion.jerk < scene.safety.joint_jerk
+    for elbow, blocked in ((0.5, False), (0.36, False), (0.28, True), (0.16, True)):
+        why, done = moving(elbow, limit, 1.0)
+        assert bool(why) == blocked
+        assert done == (["stop"] * 3 if blocked else ["go"] * 3) + ["go"]
+        assert moving(elbow, limit, -1.0)[0] == ""
+    assert moving(0.16, np.inf, 1.0)[0] == "", "the arm can be there"
+
+
+def test_an_arm_that_is_stretched_may_plan_a_path_back():
+    scene, q = load_scene("block"), BENT.copy()
+    q[3] = -0.2
+    near, here = request(compose(scene, choose(scene), 0.001, 125.0).sensitivity, q)
+    assert near.reachable([outward(here, -0.05)])
+    assert not near.reachable([outward(here, 0.003)])
 
 
 @pytest.mark.parametrize(("short_of_limit", "reached"), [(0.03, True), (0.005, False)])

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import Done, Goal, Motion
 from lwrprobe.exploration.loop.arm_motion import ArmMotion
+from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.kinematics import IKStatus, follow, sensitivity, straight_line
 
@@ -18,6 +19,10 @@ STRIDE, STRIDE_TURN = 0.005, 0.1
 OFF_LIMITS = 0.01
 """rad that a joint keeps from the ends of its range on a path that is planned. At the end of its range the other joints
 cannot replace it: a small overshoot of the tip makes them jump."""
+STRETCHED = 1.1
+"""Times the sensitivity up to which paths are planned, from which on no motion leads on: joints still follow a stop."""
+APART = 0.002
+"""m between two places at which that is asked, as long as the answer is no."""
 
 
 class MotionRequest:
@@ -37,6 +42,7 @@ class MotionRequest:
     def __init__(self, pipeline: Pipeline, arm: ArmMotion) -> None:
         self._pipeline, self._arm = pipeline, arm
         self._ahead = np.zeros(pipeline.robot.n)
+        self._asked_at, self._stretched = np.full(3, np.inf), False
         self.asked: Motion | None = None
         self.current: Motion | None = None
 
@@ -50,13 +56,12 @@ class MotionRequest:
         if isinstance(motion, Done):
             trajectory.stop()
         elif isinstance(motion, Goal):
-            if self._permitted(motion.pose):
+            if self._permitted(motion.pose, self._soon(trajectory.velocity)):
                 trajectory.set_goal(motion.pose, motion.speed)
         else:
             if not urgent:
-                ahead = trajectory.pose.copy()
-                ahead[:3, 3] += LOOK_AHEAD * motion.velocity
-                if not self._permitted(ahead):
+                ahead = self._soon(motion.velocity)
+                if not self._permitted(ahead, ahead):
                     return
             trajectory.set_velocity(motion.velocity, motion.hold, motion.pose)
 
@@ -69,12 +74,13 @@ class MotionRequest:
         begin, q, solver = self._pipeline.trajectory.pose.copy(), self._arm.q, self._pipeline.solver
         margin = self._pipeline.robot.limit_margin
         least = min(OFF_LIMITS, margin(q))
+        most = max(self._pipeline.sensitivity, sensitivity(solver, begin, q))
         for end in poses:
             line = straight_line(begin, end, STRIDE, STRIDE_TURN)
             found = follow(self._pipeline.robot, line, q, solver=solver)
             if not found.complete or min(map(margin, found.q)) < least:
                 return False
-            if any(sensitivity(solver, *at) > self._pipeline.sensitivity for at in zip(line, found.q)):
+            if any(sensitivity(solver, *at) > most for at in zip(line, found.q)):
                 return False
             begin, q = end, found.q[-1]
         return True
@@ -84,13 +90,35 @@ class MotionRequest:
         stage = self._pipeline.clearance
         return stage is None or stage.clear([self._pipeline.trajectory.pose.copy(), *poses], self._arm.q)
 
-    def _permitted(self, pose: np.ndarray) -> bool:
-        """Whether the arm may go to a pose (4, 4); else the generator is stopped and the arm says what blocks it."""
+    def _soon(self, velocity: np.ndarray) -> np.ndarray:
+        """(4, 4), where the tip is a moment from now with a velocity (3,) m/s."""
+        soon = self._pipeline.trajectory.pose.copy()
+        soon[:3, 3] += LOOK_AHEAD * velocity
+        return soon
+
+    def _permitted(self, pose: np.ndarray, soon: np.ndarray) -> bool:
+        """Whether the arm may go to a pose (4, 4), past one where it is soon; else the generator is stopped and the arm
+        says what blocks it."""
         pipeline, arm = self._pipeline, self._arm
         status = pipeline.ik_status(pose, arm.q, self._ahead)
         arm.blocked = "" if status == IKStatus.CONVERGED else f"out of reach: {IKStatus(status).name.lower()}"
+        if not arm.blocked and self._stretches(soon):
+            arm.blocked = "out of reach: the joints could not follow a stop of the tip"
         if not arm.blocked and pipeline.clearance is not None:
             arm.blocked = pipeline.clearance.objection(pipeline.trajectory.pose, pose, arm.q)
         if arm.blocked:
             pipeline.trajectory.stop()
         return not arm.blocked
+
+    def _stretches(self, pose: np.ndarray) -> bool:
+        """Whether the joints could not follow a stop of the tip at a pose (4, 4), and even less so than here."""
+        pipeline, solver, q = self._pipeline, self._pipeline.solver, self._arm.q
+        if isinstance(pipeline.trajectory, JointSpaceTip):
+            return False
+        if self._stretched or np.abs(pose[:3, 3] - self._asked_at).max() >= APART:
+            self._asked_at, self._stretched = pose[:3, 3].copy(), False
+            if solver.track(pose, q, self._ahead) == IKStatus.CONVERGED:
+                there = sensitivity(solver, pose, self._ahead)
+                most = max(STRETCHED * pipeline.sensitivity, sensitivity(solver, pipeline.trajectory.pose, q))
+                self._stretched = there > most
+        return self._stretched
