@@ -138,6 +138,21 @@ def test_a_sphere_at_rest_has_no_path():
     assert not turn_to_path(recorder, RADIUS).share.any()
 
 
+def test_where_the_sphere_is_pressed_in_and_let_go_its_normals_stay():
+    """On an edge the path to a press and none after it had turned right normals by 2.5 degrees."""
+    angles = np.concatenate([np.arange(-0.5, 0.0, 0.01), np.linspace(0.0, 0.02, 120), np.arange(0.03, 0.5, 0.01)])
+    depths = np.zeros(len(angles))
+    depths[50:170] = 5e-5 * np.sin(np.arange(120) / 5.0)
+    true = np.column_stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)])
+    recorder = Recorder(None)
+    for k, (normal, depth) in enumerate(zip(true, depths)):
+        centre = (RADIUS - depth) * normal  # around an edge
+        recorder.contact(Contact(0.008 * k, centre - RADIUS * normal, normal, 0.8 * normal, centre, 0.5), k)
+    share = turn_to_path(recorder, RADIUS).share
+    assert angle(recorder, true)[50:170].max() < 0.002
+    assert share[20:35].min() >= SHARE, "before it the path is known"
+
+
 def test_no_contacts_are_none():
     none = turn_to_path(Recorder(None), RADIUS)
     assert none.share.shape == none.left(*np.empty((2, 0))).shape == (0,)

@@ -23,6 +23,8 @@ from lwrprobe.exploration.recording.recorder import Recorder
 REACHES = (5e-4, 3e-4)
 """m of path on each side: a tenth of the sphere's radius. Shorter, the noise of places turns the chord; the second is
 for what lies near the end of a path."""
+LEADS = 0.5
+"""Times that, by which the path leads away on each side at least."""
 GAP = 0.05
 """s between two touches, from which on the path between them is not known unless they lie near each other."""
 HOP, NEAR = 0.25, 1e-3
@@ -148,10 +150,11 @@ def _chords(times: np.ndarray, centres: np.ndarray, reach: float) -> tuple[np.nd
         behind, before = (np.column_stack([np.interp(end, travel, axis) for axis in places.T]) for end in ends)
         chord = behind - before
         length = np.linalg.norm(chord, axis=1)
-        # Where the sphere stands, its noise travels and leads nowhere.
-        led = length > reach
-        chords[run[inside[led]]] = chord[led] / length[led, None]
         first, second = places[inside] - before, behind - places[inside]
+        # Where the sphere stands, its noise travels and leads nowhere; where it is pressed in and let go, nor does that.
+        halves = np.minimum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
+        led = (length > reach) & (halves > LEADS * reach)
+        chords[run[inside[led]]] = chord[led] / length[led, None]
         sines = np.linalg.norm(np.cross(first, second), axis=1)
         bends[run[inside]] = np.arctan2(sines, np.einsum("ni,ni->n", first, second))
     return chords, bends
