@@ -151,7 +151,7 @@ def _chords(times: np.ndarray, centres: np.ndarray, reach: float) -> tuple[np.nd
         chord = behind - before
         length = np.linalg.norm(chord, axis=1)
         first, second = places[inside] - before, behind - places[inside]
-        # Where the sphere stands, its noise travels and leads nowhere; where it is pressed in and let go, nor does that.
+        # Where the sphere stands, its noise travels and leads nowhere; nor does it where it is pressed in and let go.
         halves = np.minimum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
         led = (length > reach) & (halves > LEADS * reach)
         chords[run[inside[led]]] = chord[led] / length[led, None]
