@@ -328,7 +328,7 @@ class Coverage(SkillStrategy):
         elif line.outline:
             sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
             self.frame = self.frame.horizontal(sense, line.height)
-        return self.contour() if not self._shows_stiffness() else self._press_first()
+        return self._press_first() if self._shows_stiffness() else self.contour()
 
     def _shows_stiffness(self) -> bool:
         """Whether a press shows for the first time how stiff the arm is."""

@@ -94,8 +94,8 @@ def test_run_folder_can_be_read_back(block):
     # taken off; the table has both as measured.
     assert np.allclose(cloud.points + radius * cloud.normals, rows[:, 1:4] + radius * rows[:, 4:7], atol=1e-4)
     (box,) = load_scene("block").objects
-    centers, half = cloud.points + radius * cloud.normals - box.at.xyz, 0.5 * np.array(box.size)
-    outward = centers - centers.clip(-half, half)
+    centres, half = cloud.points + radius * cloud.normals - box.at.xyz, 0.5 * np.array(box.size)
+    outward = centres - centres.clip(-half, half)
     true = outward / np.linalg.norm(outward, axis=1, keepdims=True)
     turned, before, after = (angle(cloud.normals, rows[:, 4:7]), angle(rows[:, 4:7], true), angle(cloud.normals, true))
     large = turned > 4.0

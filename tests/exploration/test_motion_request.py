@@ -9,7 +9,7 @@ import pytest
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe.exploration.loop.motion_request import MotionRequest
 from lwrprobe.exploration.stages.pipeline import choose, compose
-from lwrprobe.kinematics import IKSolver, lwr4
+from lwrprobe.kinematics import IKSolver, IKStatus, lwr4
 from lwrprobe.scene import load_scene
 
 BENT = np.array([0.2, 0.4, 0.1, -0.9, 0.1, 1.0, 0.3])
@@ -51,29 +51,55 @@ def test_a_place_where_the_elbow_could_not_follow_acceleration_and_jerk_of_the_t
     assert request(np.inf)[0].reachable([there]), "the arm can be there"
 
 
-def moving(elbow, limit, way):
-    """What blocks the arm, with its elbow bent by so much, on the way of a velocity command outwards (+1) or back."""
+def held(elbow, limit):
+    """A request of an arm with its elbow bent by so much; its pipeline; the arm; and what the generator was told."""
     q = BENT.copy()
     q[3] = -elbow
     robot = lwr4()
-    solver, here = IKSolver(robot), robot.fk(q).A
-    done: list[str] = []
+    solver, told = IKSolver(robot), []
     trajectory = SimpleNamespace(
-        pose=here,
+        pose=robot.fk(q).A,
         velocity=np.zeros(3),
-        stop=lambda: done.append("stop"),
-        set_velocity=lambda *asked: done.append("go"),
+        stop=lambda: told.append("stop"),
+        set_velocity=lambda *asked: told.append("go"),
     )
     pipeline: Any = SimpleNamespace(
         robot=robot, solver=solver, trajectory=trajectory, sensitivity=limit, clearance=None, ik_status=solver.track
     )
     arm: Any = SimpleNamespace(q=q, blocked="")
-    asked, velocity = MotionRequest(pipeline, arm), way * 0.01 * here[:3, 3] / np.linalg.norm(here[:3, 3])
+    return MotionRequest(pipeline, arm), pipeline, arm, told
+
+
+def outwards(pipeline):
+    """(3,) m/s, away from the shoulder: one millimetre in the time that is looked ahead."""
+    place = pipeline.trajectory.pose[:3, 3]
+    return 0.01 * place / np.linalg.norm(place)
+
+
+def moving(elbow, limit, way):
+    """What blocks the arm, with its elbow bent by so much, on the way of a velocity command outwards (+1) or back."""
+    asked, pipeline, arm, told = held(elbow, limit)
+    velocity = way * outwards(pipeline)
     for _ in range(3):  # it may be asked again and again
         asked.adopt(VelocityCommand(velocity))
     blocked = arm.blocked
     asked.adopt(VelocityCommand(-0.3 * velocity))
-    return blocked, done
+    return blocked, told
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.05])
+def test_where_the_tip_turns_in_its_place_it_is_asked_anew(turn):
+    scene = load_scene("block")
+    asked, pipeline, arm, told = held(0.16, np.inf)
+    asked.adopt(VelocityCommand(outwards(pipeline)))
+    pipeline.sensitivity = compose(scene, choose(scene), 0.001, 125.0).sensitivity
+    pose = pipeline.trajectory.pose.copy()
+    pose[:3, :3] = pose[:3, :3] @ [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0, 0, 1]]
+    found = np.empty_like(arm.q)
+    assert pipeline.solver.track(pose, arm.q, found) == IKStatus.CONVERGED
+    pipeline.trajectory.pose, arm.q = pose, found
+    asked.adopt(VelocityCommand(outwards(pipeline)))
+    assert told == ["go", "stop" if turn else "go"]
 
 
 def test_no_motion_leads_on_to_where_the_elbow_could_not_follow_a_stop_and_every_one_leads_back():
@@ -82,9 +108,9 @@ def test_no_motion_leads_on_to_where_the_elbow_could_not_follow_a_stop_and_every
     limit = compose(scene, choose(scene), 0.001, 125.0).sensitivity
     assert 1.1 * limit * scene.motion.jerk < scene.safety.joint_jerk
     for elbow, blocked in ((0.5, False), (0.36, False), (0.28, True), (0.16, True)):
-        why, done = moving(elbow, limit, 1.0)
+        why, told = moving(elbow, limit, 1.0)
         assert bool(why) == blocked
-        assert done == (["stop"] * 3 if blocked else ["go"] * 3) + ["go"]
+        assert told == (["stop"] * 3 if blocked else ["go"] * 3) + ["go"]
         assert moving(elbow, limit, -1.0)[0] == ""
     assert moving(0.16, np.inf, 1.0)[0] == "", "the arm can be there"
 

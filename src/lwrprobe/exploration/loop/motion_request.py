@@ -21,8 +21,8 @@ OFF_LIMITS = 0.01
 cannot replace it: a small overshoot of the tip makes them jump."""
 STRETCHED = 1.1
 """Times the sensitivity up to which paths are planned, from which on no motion leads on: joints still follow a stop."""
-APART = 0.002
-"""m between two places at which that is asked, as long as the answer is no."""
+APART = np.array([0.02, 0.02, 0.02, 0.002])
+"""Between two poses for which that is asked, as long as the answer is no: of the rotations' elements, and m."""
 
 
 class MotionRequest:
@@ -42,7 +42,7 @@ class MotionRequest:
     def __init__(self, pipeline: Pipeline, arm: ArmMotion) -> None:
         self._pipeline, self._arm = pipeline, arm
         self._ahead = np.zeros(pipeline.robot.n)
-        self._asked_at, self._stretched = np.full(3, np.inf), False
+        self._asked_for, self._stretched = np.full((4, 4), np.inf), False
         self.asked: Motion | None = None
         self.current: Motion | None = None
 
@@ -115,10 +115,10 @@ class MotionRequest:
         pipeline, solver, q = self._pipeline, self._pipeline.solver, self._arm.q
         if isinstance(pipeline.trajectory, JointSpaceTip):
             return False
-        if self._stretched or np.abs(pose[:3, 3] - self._asked_at).max() >= APART:
-            self._asked_at, self._stretched = pose[:3, 3].copy(), False
+        if self._stretched or (np.abs(pose - self._asked_for)[:3] >= APART).any():
+            self._asked_for, self._stretched = pose.copy(), False
             if solver.track(pose, q, self._ahead) == IKStatus.CONVERGED:
                 there = sensitivity(solver, pose, self._ahead)
-                most = max(STRETCHED * pipeline.sensitivity, sensitivity(solver, pipeline.trajectory.pose, q))
-                self._stretched = there > most
+                too_much = there > STRETCHED * pipeline.sensitivity
+                self._stretched = too_much and there > sensitivity(solver, pipeline.trajectory.pose, q)
         return self._stretched
