@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from spatialmath import SE3
 
 from lwrprobe.contracts import VelocityCommand
 from lwrprobe.exploration.loop.motion_request import MotionRequest
@@ -51,15 +52,16 @@ def test_a_place_where_the_elbow_could_not_follow_acceleration_and_jerk_of_the_t
     assert request(np.inf)[0].reachable([there]), "the arm can be there"
 
 
-def held(elbow, limit):
+def held(elbow, limit, tool=None):
     """A request of an arm with its elbow bent by so much; its pipeline; the arm; and what the generator was told."""
     q = BENT.copy()
     q[3] = -elbow
-    robot = lwr4()
+    robot = lwr4(tool)
     solver, told = IKSolver(robot), []
     trajectory = SimpleNamespace(
         pose=robot.fk(q).A,
         velocity=np.zeros(3),
+        angular_velocity=np.zeros(3),
         stop=lambda: told.append("stop"),
         set_velocity=lambda *asked: told.append("go"),
     )
@@ -100,6 +102,20 @@ def test_where_the_tip_turns_in_its_place_it_is_asked_anew(turn):
     pipeline.trajectory.pose, arm.q = pose, found
     asked.adopt(VelocityCommand(outwards(pipeline)))
     assert told == ["go", "stop" if turn else "go"]
+
+
+@pytest.mark.parametrize(("way", "blocked"), [(1.0, False), (-1.0, True)])
+def test_a_turn_about_the_tip_is_stopped_where_it_stretches_the_arm(way, blocked):
+    """It had gone on through a stretched posture, and the way back from there was refused."""
+    scene = load_scene("block")
+    limit = compose(scene, choose(scene), 0.001, 125.0).sensitivity
+    asked, pipeline, arm, told = held(0.3, limit, SE3(0.0, 0.0, 0.25))
+    wrist = lwr4().fk(arm.q).A[:3, 3]
+    axis = np.cross(pipeline.trajectory.pose[:3, 3] - wrist, wrist)  # about it the wrist turns towards the shoulder
+    pipeline.trajectory.angular_velocity = way * 0.2 * axis / np.linalg.norm(axis)
+    asked.adopt(VelocityCommand(np.zeros(3), pose=pipeline.trajectory.pose))
+    assert bool(arm.blocked) == blocked
+    assert told == ["stop" if blocked else "go"]
 
 
 def test_no_motion_leads_on_to_where_the_elbow_could_not_follow_a_stop_and_every_one_leads_back():

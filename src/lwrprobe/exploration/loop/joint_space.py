@@ -38,7 +38,7 @@ class JointSpaceTip:
     Attributes
     ----------
     q : (n,) joint values now
-    pose : (4, 4) of the tip, now; velocity : (3,) m/s
+    pose : (4, 4) of the tip, now; velocity : (3,) m/s; angular_velocity : (3,) rad/s
     arrived : the last goal is reached and the joints rest
 
     The arrays are the generator's own and change with every step.
@@ -50,7 +50,7 @@ class JointSpaceTip:
         acceleration, jerk = (np.full(robot.n, bound / robot.length) for bound in (limits.acceleration, limits.jerk))
         self._joints = JointTrajectory(cycle, robot.lower, robot.upper, robot.speed, acceleration, jerk)
         self.q, self._qd = self._joints.q, self._joints.qd
-        self.pose, self.velocity = np.eye(4), np.zeros(3)
+        self.pose, self.velocity, self.angular_velocity = np.eye(4), np.zeros(3), np.zeros(3)
         self._jacobian = np.empty((6, robot.n))
         self._reachable = b""
         self._wanted, self._aim = np.empty(robot.n), np.empty(robot.n)
@@ -128,7 +128,8 @@ class JointSpaceTip:
     def _look(self) -> None:
         self._robot.fk_into(self.q, self.pose)
         self._robot.jacobian_into(self.q, self._jacobian)
-        self.velocity[:] = self._jacobian[:3] @ self._qd
+        twist = self._jacobian @ self._qd
+        self.velocity[:], self.angular_velocity[:] = twist[:3], twist[3:]
 
     def _follow(self, pose: np.ndarray) -> int:
         """Joint values at a pose into `_wanted`, found along the straight line to it."""

@@ -11,10 +11,11 @@ from lwrprobe.exploration.loop.arm_motion import ArmMotion
 from lwrprobe.exploration.loop.joint_space import JointSpaceTip
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.kinematics import IKStatus, follow, sensitivity, straight_line
+from lwrprobe.kinematics.path import rotations
 
 LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
-STRIDE, STRIDE_TURN = 0.005, 0.1
+STRIDE, STRIDE_TURN = 0.005, 0.04
 """m and rad between the poses at which a straight path is checked."""
 OFF_LIMITS = 0.01
 """rad that a joint keeps from the ends of its range on a path that is planned. At the end of its range the other joints
@@ -91,9 +92,14 @@ class MotionRequest:
         return stage is None or stage.clear([self._pipeline.trajectory.pose.copy(), *poses], self._arm.q)
 
     def _soon(self, velocity: np.ndarray) -> np.ndarray:
-        """(4, 4), where the tip is a moment from now with a velocity (3,) m/s."""
-        soon = self._pipeline.trajectory.pose.copy()
+        """(4, 4), where the tip is a moment from now with a velocity (3,) m/s, turning as it does now."""
+        trajectory = self._pipeline.trajectory
+        soon = trajectory.pose.copy()
         soon[:3, 3] += LOOK_AHEAD * velocity
+        turn = LOOK_AHEAD * trajectory.angular_velocity
+        angle = float(np.linalg.norm(turn))
+        if angle > 0.0:
+            soon[:3, :3] = rotations(turn / angle, np.array([angle]))[0] @ soon[:3, :3]
         return soon
 
     def _permitted(self, pose: np.ndarray, soon: np.ndarray) -> bool:
