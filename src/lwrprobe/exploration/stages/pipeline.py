@@ -57,6 +57,9 @@ SENSITIVITY = 0.8
 """Share of the acceleration and of the jerk that a joint may have, which those of the tip may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
+POSE_TOLERANCE = 1e-9
+"""m and rad between the tip's pose and that of a set point. A cycle's motion has to be larger: the joints would else rest
+in one cycle and jump in the next, and near a stretched elbow a tip that creeps asks for tens of krad/s^3."""
 
 Told = TypeVar("Told")
 
@@ -234,7 +237,12 @@ def compose(scene: Scene, choices: Choices, cycle: float, rate: float) -> Pipeli
     )
     # The null space is used so gently that its beginning is no jerk: a change of speed that one cycle may hold.
     null_space_step = min(Preference().null_space_step, NULL_SPACE_ACCELERATION * cycle * cycle)
-    solver = IKSolver(robot, preference=Preference(null_space_step=null_space_step))
+    solver = IKSolver(
+        robot,
+        tolerance=POSE_TOLERANCE,
+        rotation_tolerance=POSE_TOLERANCE,
+        preference=Preference(null_space_step=null_space_step),
+    )
     clearance, no_clearance = _clearance(scene, probe, robot, solver, voxels, surface)
     trajectory, governor, no_governor = _motion(scene, cycle, robot, solver, limits)
     conditioner = WrenchConditioner(probe, rate)
