@@ -58,8 +58,8 @@ SENSITIVITY = 0.8
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
 POSE_TOLERANCE = 1e-9
-"""m and rad between the tip's pose and that of a set point. A cycle's motion has to be larger: the joints would else rest
-in one cycle and jump in the next, and near a stretched elbow a tip that creeps asks for tens of krad/s^3."""
+"""m and rad between the tip's pose and that of a set point. A cycle's motion has to be larger: the joints would else
+rest in one cycle and jump in the next. Near a stretched elbow that is a jerk of tens of krad/s^3."""
 
 Told = TypeVar("Told")
 
