@@ -20,7 +20,7 @@ from lwrprobe.reconstruction.choice import better_method, lines_apart
 from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.convex_hull import ConvexHull
-from lwrprobe.reconstruction.convexity import inner_bound, tangent_bound
+from lwrprobe.reconstruction.convexity import tangent_bound
 from lwrprobe.reconstruction.distance_kernels import (
     Mesh,
     Nodes,
@@ -68,8 +68,8 @@ class ContactSurface:
     its lowest height. They close the mesh and are not claimed as surface.
 
     Where held-out contacts show that the object is smooth, the mesh is moved onto the field on the object itself
-    (`smooth` in the report, see `settling`). Where all that was touched is convex, nothing is beyond its tangent
-    planes, and nothing between its contacts is hollow (`convex` in the report, see `convexity`).
+    (`smooth` in the report, see `settling`). Where all that was touched is convex, nothing is beyond its tangent planes
+    (`convex` in the report, see `convexity`).
 
     Where the contacts lie off this surface and `convex_hull` or `hermite_rbf` predicts held-out contacts better, the
     result is that method's: its report names it, and says why under `instead_of_contact_surface`.
@@ -160,7 +160,6 @@ class ContactSurface:
         bound = work.run("convexity", lambda: tangent_bound(touches, clusters, pitch, grid, outer))
         if bound is not None:
             np.maximum(outer, bound, out=outer)
-            np.minimum(outer, inner_bound(touches, clusters, grid, outer), out=outer)
         hull = work.run("contour", lambda: contour(outer, grid))
         body = work.run("shrink", lambda: _Shrunk(hull, outer, grid, touches))
         work.run("inner edges", lambda: body.sharpen(clusters, pitch))

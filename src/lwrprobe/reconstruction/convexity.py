@@ -1,8 +1,7 @@
-"""Between which bounds an object lies of which all that was touched is convex.
+"""The tangent planes of an object of which all that was touched is convex: nothing of it lies beyond any of them.
 
 A convex body lies on one side of each of its tangent planes, and so does the surface of the sphere's centres around it.
-What nobody could touch, below a side that recedes or behind an edge, is bounded by the planes of what was touched. And
-it holds all that is between its points: under the lowest contacts nothing is hollow.
+What nobody could touch, below a side that recedes or behind an edge, is bounded by the planes of what was touched.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.reconstruction.clusters import Clusters
-from lwrprobe.reconstruction.convexity_kernels import beyond, beyond_planes, depths
+from lwrprobe.reconstruction.convexity_kernels import beyond, beyond_planes
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.touches import Touches
 
@@ -20,7 +19,6 @@ _MAY_FAIL = 0.02  # share of the planes beyond which more may lie
 _BESIDE = 1.0  # of the pitch: so near to contacts these say where the surface is
 _PLANES = 800  # planes that are looked at, of many
 _HOLDS = 0.3  # of the normal's noise: so much of it the contacts of one plane share
-_WITHIN = 0.1  # radii under the hull of the centres, from which on a place is within it: contacts are noisy
 
 
 def tangent_bound(
@@ -44,21 +42,4 @@ def tangent_bound(
     untouched = grid.nearest(clusters.points, _BESIDE * pitch) < 0
     outside = np.where(untouched, values, np.inf)
     beyond_planes(grid.origin, grid.step, outside, points, normals, _SD * error, _SD * touches.noise, bound)
-    return bound
-
-
-def inner_bound(touches: Touches, clusters: Clusters, grid: Grid, values: np.ndarray) -> np.ndarray:
-    """(nx, ny, nz) m, minus the depth of nodes in the convex hull of the touches' centres; inf outside that.
-
-    For an object of which all that was touched is convex; `clusters` are those of the centres. Nodes whose `values`
-    (nx, ny, nz) are not positive lie inside already. Where the sphere has passed through the hull, nothing is said.
-    """
-    from scipy.spatial import ConvexHull
-
-    bound = np.full(grid.shape, np.inf)
-    facets, least = ConvexHull(clusters.points).equations, _WITHIN * touches.radius
-    if (depths(touches.visited, facets, least) > least).any():
-        return bound
-    outside = values > 0.0
-    bound[outside] = -depths(grid.origin + grid.step * np.argwhere(outside), facets, least)
     return bound

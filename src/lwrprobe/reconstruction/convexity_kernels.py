@@ -1,6 +1,4 @@
-"""Kernels of what lies beyond tangent planes: points (k, 3) m, unit normals (k, 3), and their errors (k,) rad; and of
-what lies within a convex hull.
-"""
+"""Kernels of what lies beyond tangent planes: points (k, 3) m, unit normals (k, 3), and their errors (k,) rad."""
 
 import numpy as np
 
@@ -50,22 +48,3 @@ def beyond_planes(origin, step, values, points, normals, angle, noise, out):
                             q -= 1
                         best[q] = above
                 out[i, j, k] = best[AGREE - 1]
-
-
-@kernel
-def depths(places, facets, least):
-    """(k,) m, of places (k, 3) under the nearest facet of a convex hull; -inf where that is no more than `least`.
-
-    `facets` (f, 4) are outward unit normals and offsets: n x + d < 0 inside.
-    """
-    found = np.empty(len(places))
-    for i in range(len(places)):
-        x, y, z = places[i, 0], places[i, 1], places[i, 2]
-        depth = np.inf
-        for f in range(len(facets)):
-            depth = min(depth, -(facets[f, 0] * x + facets[f, 1] * y + facets[f, 2] * z + facets[f, 3]))
-            if depth <= least:
-                depth = -np.inf
-                break
-        found[i] = depth
-    return found
