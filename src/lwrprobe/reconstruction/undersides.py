@@ -4,8 +4,8 @@ Where the sphere rolls over the lower edges of two faces that look apart, what l
 overhang as they do: a lying cylinder is touched at the rims of its two end faces and nowhere else below its axis.
 Without this, the walls above go straight down. A surface that bends away smoothly says nothing about what it bends to.
 
-What lies so between two edges is ruled: its chords are parallel. Where they lead in many directions the ends match by
-chance, and nothing is said.
+What lies so between two edges is ruled: its chords are parallel, and lie beside each other. Where they lead in many
+directions, or all lie in one place, the ends match by chance, and nothing is said.
 
 Between two edges of a convex solid all lies within it. A chord is left out where the surface that goes on from the
 contacts nearest to it leaves it inside.
@@ -33,6 +33,7 @@ _ALIKE = 0.97  # cosine between the two ends' normals across the chord: 14 degre
 _LEVEL = 0.05  # of the chord's length: how much the two ends' surfaces may miss each other
 _PARALLEL = 0.985  # cosine between two chords that are: 10 degrees
 _SHARED = 0.75  # of the chords that are parallel: ends that match by chance give chords in many directions
+_BROAD = 1.0  # radii across the chords, over which they lie at least
 _GROWTH = 0.03  # m of standard deviation a metre from the nearer end
 _NORMAL_SD = 0.1  # rad
 _BESIDE = 1.0  # of the pitch, across a chord, within which a wall that was touched goes on below it: to the next line
@@ -146,6 +147,8 @@ def _chords(
     partner = cost.argmin(axis=1)
     matched = np.flatnonzero(np.isfinite(cost.min(axis=1, initial=np.inf)))
     matched = matched[_parallel(unit[matched, partner[matched]])]
+    if not _broad(ends[matched], ends[partner[matched]], _BROAD * radius):
+        matched = matched[:0]
     places, facing, deviation = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
     for i in matched:
         j = partner[i]
@@ -174,6 +177,16 @@ def _parallel(unit: np.ndarray) -> np.ndarray:
     alike = np.abs(unit @ unit.T) > _PARALLEL
     most = alike[alike.sum(axis=1).argmax()]
     return most & (most.mean() >= _SHARED)
+
+
+def _broad(ends: np.ndarray, others: np.ndarray, least: float) -> bool:
+    """Whether chords between ends (n, 3) and others (n, 3) lie over `least` m across their direction."""
+    if not len(ends):
+        return False
+    along = (others[0] - ends[0]) / np.linalg.norm(others[0] - ends[0])
+    middles = 0.5 * (ends + others)
+    across = middles - (middles @ along)[:, None] * along
+    return bool(np.ptp(across, axis=0).max() > least)
 
 
 def _to_wall(
