@@ -434,7 +434,7 @@ def test_ends_that_match_by_chance_say_nothing_of_what_lies_between():
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.0])
 def test_chords_that_all_lie_in_one_place_match_by_chance(turn):
-    """Seven within 0.7 mm had hollowed out a polyhedron: 0.63 mm of mesh error, 0.13 without them."""
+    """Seven within 0.7 mm had hollowed out a polyhedron: 0.64 mm of mesh error, 0.13 without them."""
     random = np.random.default_rng(4)
     along, aside = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
     for wide, broad in ((0.0007, False), (0.02, True)):
