@@ -57,7 +57,7 @@ SENSITIVITY = 0.8
 """Share of the acceleration and of the jerk that a joint may have, which those of the tip may ask of it."""
 NULL_SPACE_ACCELERATION = 20.0
 """rad/s^2, of the joints, when the motion off a joint limit begins."""
-POSE_TOLERANCE = 1e-9
+POSE_TOLERANCE = 1e-10
 """m and rad between the tip's pose and that of a set point. A cycle's motion has to be larger: the joints would else
 rest in one cycle and jump in the next. Near a stretched elbow that is a jerk of tens of krad/s^3."""
 
