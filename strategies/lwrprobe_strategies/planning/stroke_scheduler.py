@@ -20,7 +20,7 @@ from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import OVERLAP, Grid, Line, Z
+from lwrprobe_strategies.planning.lines import OVERLAP, Line, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.outward_lines import outward_lines
 from lwrprobe_strategies.planning.paths import Speeds, seconds
@@ -45,10 +45,9 @@ LITTLE_PATIENCE = 60.0
 they are done: strokes go where those before them have shown nothing new, and so have the lines."""
 KNOWN = 2.0
 """Times that error, up to which a line of the grid leads no farther than to the side that it meets."""
-MANY, APART = 15, 4
-"""Lines of a grid, from which on so many lie from one line to the next in the first pass: a few strokes then tell more
-of a large object. Fewer lines are sooner driven one beside the other.
-"""
+MANY = 15
+"""Lines of the grid, from which on they are driven in passes from coarse to fine: a few strokes then tell more of a
+large object. Fewer lines are sooner driven one beside the other."""
 UNSEEN = 2.0
 """Reaches of a contact, up to which the longest line may be through a part of the area of which nothing is known."""
 ASIDE = np.array([0.0, 1.0, 0.0])
@@ -91,7 +90,8 @@ class StrokeScheduler(LineScheduler):
         """(3,) unit, normal of the surface on which the last stroke has ended, None where it ended in free space."""
         self.chained = False
         """The present stroke begins there, in contact."""
-        self.grid = coarse_to_fine(self.grid)
+        if len(self.grid) >= MANY:
+            self.grid = self.grid.coarse_to_fine()
         self._outward = deque(outward_lines(task.area, self.height))
         self._faces = estimate.faces()  # down to as low as strokes go, before the last choice
         self._tall = body is not None  # the object may go on below what strokes touch
@@ -228,15 +228,3 @@ class StrokeScheduler(LineScheduler):
     def count(self) -> tuple[int, int]:
         """Strokes done, and as many as one more."""
         return max(self._driven, 0), max(self._driven, 0) + 1
-
-
-def coarse_to_fine(grid: Grid) -> Grid:
-    """The lines of a grid, if there are many in three passes: from the middle outwards, and twice those in between."""
-    x, count = np.sort(grid.x), len(grid)
-    if count < MANY:
-        return grid
-    middle, numbers = count // 2, np.arange(count)
-    off = np.abs(numbers - middle)
-    first = numbers[off % APART == 0]
-    between = [numbers[off % APART == APART // 2], numbers[off % 2 == 1]]
-    return Grid(x[np.concatenate([first[np.argsort(off[first], kind="stable")], *between])], count)
