@@ -140,7 +140,7 @@ class Grid:
         return lines
 
     def coarse_to_fine(self) -> Grid:
-        """The same lines in three passes: every fourth one, from the middle outwards; those half way between; the rest."""
+        """The same lines in three passes: every fourth, from the middle outwards; those half way between; the rest."""
         x, numbers = np.sort(self.x), np.arange(len(self))
         off = np.abs(numbers - len(self) // 2)
         first = numbers[off % 4 == 0]

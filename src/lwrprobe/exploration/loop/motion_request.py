@@ -16,8 +16,8 @@ from lwrprobe.kinematics.path import rotations
 LOOK_AHEAD = 0.1
 """s of a velocity command that the arm must be able to follow."""
 STRIDE, STRIDE_TURN = 0.005, 0.04
-"""m and rad between the poses at which a straight path is checked: a turn of 0.1 rad may lead through a posture in which
-the arm is stretched, and out of it."""
+"""m and rad between the poses at which a straight path is checked: a turn of 0.1 rad may lead through a posture in
+which the arm is stretched, and out of it."""
 OFF_LIMITS = 0.01
 """rad that a joint keeps from the ends of its range on a path that is planned. At the end of its range the other joints
 cannot replace it: a small overshoot of the tip makes them jump."""
