@@ -1,6 +1,7 @@
 """`lwrprobe reconstruct`, `fit` and `evaluate`: from a run folder, a cloud or a map to figures and files."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -52,6 +53,21 @@ def test_a_run_that_was_killed_is_read_to_its_last_whole_line(run_folder):
     assert np.allclose(run.record.points, record.points, atol=1e-7)
     assert np.allclose(run.record.free_path, record.free_path)
     assert run.summary is None
+
+
+def test_contacts_are_read_as_the_run_corrected_them(run_folder, tmp_path):
+    folder = shutil.copytree(run_folder[0], tmp_path / "block")
+    measured = read_run(folder).record
+    points = measured.points + np.array([0.0, 0.0, 0.002])
+    write_cloud(folder / "contacts.ply", Cloud(points, -measured.normals))
+    corrected = read_run(folder).record
+    assert corrected.points == pytest.approx(points, abs=1e-7)
+    assert corrected.normals == pytest.approx(-measured.normals, abs=1e-6)
+    assert (corrected.times == measured.times).all()
+    assert (read_run(folder, corrected=False).record.points == measured.points).all()
+    # A run that was resumed after its cloud had been written, and cut off again, has more contacts.
+    write_cloud(folder / "contacts.ply", Cloud(points[:-1], measured.normals[:-1]))
+    assert (read_run(folder).record.points == measured.points).all()
 
 
 def test_reconstruct_then_evaluate(run_folder, tmp_path):

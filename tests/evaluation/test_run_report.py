@@ -11,10 +11,7 @@ import pytest
 
 from lwrprobe.bench.sampled_lines import sample_lines
 from lwrprobe.evaluation.charts import Line, bars, histogram, line_chart, ticks
-from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.evaluation.run_report import _corrected, write_report
-from lwrprobe.mapping.cloud import Cloud
-from lwrprobe.mapping.clouds import write_cloud
+from lwrprobe.evaluation.run_report import write_report
 from lwrprobe.scene import load_scene, write_scene
 
 pytestmark = pytest.mark.slow
@@ -100,17 +97,6 @@ def test_it_tells_what_was_explored_and_how_well(page):
 def test_a_run_that_was_killed_has_its_page(tmp_path):
     path = write_report(make_run(tmp_path / "block", "block", summary=False))
     assert "did not get to its end" in path.read_text(encoding="utf-8")
-
-
-def test_a_page_made_again_shows_the_contacts_as_corrected(tmp_path):
-    """They are in `contacts.ply`; the page had been made again from those measured, with another mesh."""
-    folder = make_run(tmp_path / "block", "block")
-    run = read_run(folder)
-    corrected = run.record.points + np.array([0.0, 0.0, 0.002])
-    write_cloud(folder / "contacts.ply", Cloud(corrected, run.record.normals))
-    assert np.abs(_corrected(run).points - corrected).max() < 1e-6
-    write_cloud(folder / "contacts.ply", Cloud(corrected[:-1], run.record.normals[:-1]))
-    assert _corrected(run) is run.record, "those of another state of the run"
 
 
 def test_a_run_without_contacts_has_its_page(tmp_path):

@@ -280,7 +280,7 @@ def _read_back(kill: Kill, known: Any, folder: Path) -> Kill:
         return kill  # killed before there was a run
     try:
         recover(folder)
-        times = read_run(folder).record.times
+        times = read_run(folder, corrected=False).record.times
         assert times is not None
         # A run that was killed while it was prepared has no bag yet; one that knows a contact must have it.
         begun = kill.contacts or any(folder.glob("bag/*.mcap"))

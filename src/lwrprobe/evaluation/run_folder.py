@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import TablePlane
+from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.scene import Scene, load_scene
 
 CLOUD_FILE = "contacts.ply"
@@ -32,8 +33,8 @@ class RunFolder:
     folder : where it lies
     scene : as it was run
     summary : content of summary.json, None when the run did not get that far
-    record : contacts and free path, for the reconstructors; without what was touched after the object had moved,
-        and without the table
+    record : contacts and free path, as the run's mesh is made of them; without what was touched after the object had
+        moved, and without the table
     force : (n,) N, of each contact
     trace : (k, 7) time s, x y z m, force N, touching 0 or 1, clearance m
     """
@@ -62,8 +63,11 @@ class RunFolder:
         return max((0.0, *self.trace[-1:, 0].tolist(), *self.times[-1:].tolist()))
 
 
-def read_run(folder: str | Path) -> RunFolder:
+def read_run(folder: str | Path, corrected: bool = True) -> RunFolder:
     """Read a run folder; a last line that a killed run left unfinished is left out.
+
+    `corrected` gives the contacts as the run corrected them after its end, where it came to do so; otherwise all are as
+    measured.
 
     Raises FormatError, naming the file, for a folder that is no run's, and SceneError for a broken scene file.
     """
@@ -91,7 +95,22 @@ def read_run(folder: str | Path) -> RunFolder:
         lowest=scene.area.lower[2],
         pitch=summary.line_spacing_m if summary is not None and summary.line_spacing_m else _pitch(scene),
     )
+    if corrected:
+        record = _corrected(record, folder / CLOUD_FILE)
     return RunFolder(folder, scene, summary, record, contacts[:, 7], trace)
+
+
+def _corrected(record: TouchRecord, file: Path) -> TouchRecord:
+    """The record with points and normals of the run's cloud.
+
+    A cloud of another number of contacts is an earlier one: the run was resumed after it had been written.
+    """
+    if not file.is_file():
+        return record
+    cloud = read_cloud(file)
+    if cloud.normals is None or len(cloud.points) != len(record.points):
+        return record
+    return replace(record, points=cloud.points, normals=cloud.normals)
 
 
 def _pitch(scene: Scene) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from lwrprobe.evaluation.mesh_error import deviation, mean_error, mesh_error, sa
 from lwrprobe.evaluation.ramps import DEVIATION, ERROR, HEIGHT, Ramp
 from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
-from lwrprobe.evaluation.run_folder import CLOUD_FILE, HIDING_FILE, RunFolder, read_run
+from lwrprobe.evaluation.run_folder import HIDING_FILE, RunFolder, read_run
 from lwrprobe.evaluation.summary import area_by_reason
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.mapping.clouds import read_cloud
@@ -38,13 +38,12 @@ _SAMPLES = 4000
 def write_report(folder: str | Path, surface: Reconstruction | None = None) -> Path:
     """Write `report.html` into a run folder and return its path.
 
-    `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method from
-    `contacts.ply`, or `contacts.csv` where the run did not come to write that. Raises FormatError for a folder that is
-    no run's.
+    `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method. Raises
+    FormatError for a folder that is no run's.
     """
     run = read_run(folder)
     error = run.summary.mesh_error_mm if surface is not None and run.summary is not None else None
-    page = _Page(run, surface or _surface(run, _corrected(run)), error)
+    page = _Page(run, surface or _surface(run, run.record), error)
     path = run.folder / "report.html"
     part = path.with_name(path.name + ".part")
     part.write_text(page.html(), encoding="utf-8")
@@ -54,17 +53,6 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
 
 def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
     return None if rows is None else rows[:count]
-
-
-def _corrected(run: RunFolder) -> TouchRecord:
-    """The record with the contacts as the run's mesh was made of them: corrected, where it came to correct them."""
-    file, record = run.folder / CLOUD_FILE, run.record
-    if not file.is_file():
-        return record
-    cloud = read_cloud(file)
-    if cloud.normals is None or len(cloud.points) != len(record.points):
-        return record
-    return replace(record, points=cloud.points, normals=cloud.normals)
 
 
 def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:

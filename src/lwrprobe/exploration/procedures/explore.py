@@ -362,7 +362,7 @@ def resume(folder: Path, **given: Any) -> dict[str, Any]:
 
     Raises FormatError for a folder that has nothing to take up.
     """
-    earlier = read_run(folder)
+    earlier = read_run(folder, corrected=False)
     return explore(earlier.scene, folder, earlier=earlier, **given)
 
 

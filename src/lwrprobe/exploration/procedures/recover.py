@@ -61,7 +61,7 @@ def recover(folder: str | Path) -> Recovered:
         if not _is_summary(folder / "summary.json"):
             (folder / "summary.json").unlink(missing_ok=True)
             found.written = True
-        run = read_run(folder)
+        run = read_run(folder, corrected=False)
         found.contacts = len(run.record.points)
         found.resumable = _resumable(run)
         if found.written:
