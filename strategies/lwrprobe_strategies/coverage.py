@@ -268,6 +268,7 @@ class Coverage(SkillStrategy):
         """A line becomes the present one; its contours are counted and measured anew."""
         self.threats, self.circling, self.retractions.line = 0, CirclingWatch(self.task.area), line
         self.frame = TrackingFrame(line, self.task.area)
+        self.tip.overhangs.survey(line.height)
 
     def approach(self, line: Line) -> Procedure:
         """Off what is touched, and to the beginning of a line."""

@@ -165,6 +165,8 @@ class Tip:
     def _overhang_limit(self, along: np.ndarray, side: float) -> float:
         """m/s along a unit vector (3,) with a horizontal share `side`, where the object overhangs or may do so."""
         here = self.here
+        if self.overhangs.cut_off(here, along):
+            return inf
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
             share = side if along[2] <= 0.0 else 1.0

@@ -145,6 +145,51 @@ def test_where_an_object_overhangs_elsewhere_an_unknown_place_is_no_free_way():
     assert tip.overhangs.anywhere(there, ALONG) is False, "the stick has stood there"
 
 
+def stand_along_y(overhangs, x, z, left_out=()):
+    """The stick stands on a line through all of the area, but for some places."""
+    for y in np.arange(AREA.lower[1], AREA.upper[1] + 1e-9, 0.0005):
+        if not any(begin < y < end for begin, end in left_out):
+            overhangs.note(pose_at([x, y, z]), None)
+
+
+def test_what_was_touched_does_not_reach_over_a_line_along_which_the_stick_has_stood():
+    overhangs, beyond = Overhangs(AREA, task().probe, 0.015), np.array([0.02, 0.0, LOW])
+    touch(overhangs, [-0.02, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING)
+    stand_along_y(overhangs, 0.01, LOW, left_out=[(0.0, 0.004)])
+    overhangs.survey(LOW)
+    assert not overhangs.cut_off(beyond, ALONG), "something may reach through where the stick has not stood"
+    stand_along_y(overhangs, 0.01, LOW)
+    assert not overhangs.cut_off(beyond, ALONG), "only as of the last survey"
+    overhangs.survey(LOW)
+    assert overhangs.cut_off(beyond, ALONG)
+    assert overhangs.cut_off(beyond + [0.0, 0.0, 0.03], ALONG), "the stick has stood there as well"
+    assert not overhangs.cut_off(beyond - [0.0, 0.0, 0.002], ALONG), "something low may lead there"
+    assert not overhangs.cut_off(np.array([0.0, 0.0, LOW]), ALONG), "on the side of what was touched"
+    assert not overhangs.cut_off(np.array([0.01, 0.0, LOW]), np.array([-1.0, 0.0, 0.0])), "and towards it"
+    touch(overhangs, [0.025, 0.0, LOW], [-1.0, 0.0, 0.0])
+    assert not overhangs.cut_off(beyond, ALONG), "now something is there"
+    overhangs.survey(LOW)
+    assert not overhangs.cut_off(beyond, ALONG)
+
+
+def test_where_nothing_reaches_the_stick_is_as_free_as_before_an_overhang_was_found():
+    tip, beyond = Tip(task(approach=0.03)), np.array([0.02, 0.0, LOW])
+    touch(tip.overhangs, [-0.02, -0.01, HIGH], [0.0, -0.9, -0.4], MIN_LEANING)
+    tip.observe(Observation(0.0, pose_at([0.02, -0.005, LOW]), np.zeros(3), np.zeros(3)))
+    assert tip.stick_limit(ALONG) < np.inf
+    stand_along_y(tip.overhangs, 0.01, LOW)
+    tip.overhangs.survey(LOW)
+    tip.observe(Observation(0.0, pose_at(beyond), np.zeros(3), np.zeros(3)))
+    assert tip.stick_limit(ALONG) == np.inf
+
+
+def test_what_was_touched_on_the_border_may_reach_around_a_line(overhangs):
+    stand_along_y(overhangs, 0.01, LOW)
+    touch(overhangs, [-0.02, float(AREA.upper[1]), HIGH], [0.0, 0.0, 1.0])
+    overhangs.survey(LOW)
+    assert not overhangs.cut_off(np.array([0.02, 0.0, LOW]), ALONG)
+
+
 def test_places_outside_the_area_are_those_on_its_border(overhangs):
     overhangs.stick_met(np.array([10.0, 10.0, LOW]))
     assert not overhangs.ahead(np.array([0.0, 0.0, LOW]), ALONG)

@@ -113,6 +113,18 @@ def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_t
         assert not lines.next(NEAR).low
 
 
+@pytest.mark.parametrize(("place", "heights"), [(0.01, []), (-0.01, []), (0.02, [0.018, 0.024])])
+def test_a_side_is_not_tried_higher_up_where_the_line_beside_touched_nothing_there(place, heights):
+    lines, beside = grid_alone(), Line(1, 0.0, BORDER, 0.02, 0.018, low=True, ceiling=0.022)
+    lines.give_up(beside, touched=False)
+    line, found = Line(1, place, BORDER, 0.02, 0.006, low=True, ceiling=0.030), []
+    lines.give_up(line, touched=False)
+    while (line := lines.next(NEAR)).low:
+        found.append(line.height)
+        lines.give_up(line, touched=False)
+    assert found == pytest.approx(heights)
+
+
 @pytest.mark.parametrize(
     ("ahead", "up", "lost", "again"),
     [(-1.0, 0.0, False, True), (0.0, 1.0, False, False), (1.0, 0.0, False, False), (-1.0, 0.0, True, False)],
@@ -388,8 +400,8 @@ def test_of_the_lines_that_come_the_nearest_is_driven_next():
 @pytest.mark.parametrize(
     ("expected", "other", "height"),
     [
-        (0.022, {}, 0.022), (None, {}, 0.006), (0.022, {"height": 0.012}, 0.006), (0.022, {"place": 0.03}, 0.006),
-        (0.022, {"begin": -BORDER}, 0.006),
+        (0.022, {}, 0.022), (None, {}, 0.006), (0.022, {"height": 0.012}, 0.022), (0.022, {"height": 0.003}, 0.006),
+        (0.022, {"place": 0.03}, 0.006), (0.022, {"begin": -BORDER}, 0.006),
     ],
 )  # fmt: skip
 def test_a_side_that_recedes_is_not_sought_at_the_foot_where_the_line_beside_met_nothing_there(expected, other, height):

@@ -3,7 +3,8 @@
 That takes an overhang: something that reaches further out above the sphere than beside it. It may be anywhere near
 what was touched above the sphere's height, as soon as a touch has shown that the object overhangs up there; and near
 what was touched up there, as long as no touch ahead at the sphere's height has shown a surface that faces the motion.
-It is not where the upright stick itself has stood.
+It is not where the upright stick itself has stood, and not beyond a line through all of the area along which it stood:
+what reaches there would have been met on that line.
 """
 
 from __future__ import annotations
@@ -85,6 +86,11 @@ class Overhangs:
         # m, see `_near`, by square and direction of a motion; void when something else is known
         self._ahead_of: dict[tuple[int, int, float, float], tuple[float, float]] = {}
         self._beside: tuple[int, int, float] = -1, -1, -np.inf  # square, and the tallest near it
+        corners = self._cell(*area.lower[:2].tolist()), self._cell(*area.upper[:2].tolist())
+        self._area, self._off_border = (
+            tuple(slice(low + off, high + 1 - off) for low, high in zip(*corners)) for off in (0, 1)
+        )
+        self._in_reach, self._surveyed = np.ones(shape, dtype=bool), np.inf  # of what was touched; m, how low
 
     def raise_top(self, top: float) -> None:
         """The area reaches up to `top` m from now on."""
@@ -157,9 +163,30 @@ class Overhangs:
         """Something was touched in a square, as high as nothing before."""
         self._touched.heights[i, j], self._highest = height, max(self._highest, height)
         self._ahead_of.clear()
+        if not self._in_reach.item(i, j):
+            self._in_reach[...] = True
         k, m, tallest = self._beside
         if abs(i - k) <= self._cells and abs(j - m) <= self._cells:
             self._beside = k, m, max(tallest, height)
+
+    def survey(self, height: float) -> None:
+        """Take into account where the stick has stood as low as `height` m: what that parts from all that was touched.
+
+        The area's border parts as well, unless something was touched there: then the object may go around it.
+        """
+        from scipy.ndimage import label
+
+        self._in_reach[...], self._surveyed = True, height
+        touched = self._touched.heights > -np.inf
+        if np.count_nonzero(touched) > np.count_nonzero(touched[self._off_border]):
+            return
+        parts, _ = label(self._stood.heights[self._area] >= height + CELL)
+        self._in_reach[self._area] = (parts > 0) & np.isin(parts, parts[touched[self._area]])
+
+    def cut_off(self, place: np.ndarray, along: np.ndarray) -> bool:
+        """Whether nothing that was touched reaches to a place (3,), and ahead of it, as of the last survey."""
+        here, ahead = self._cell(place.item(0), place.item(1)), self._ahead(place, along)
+        return place.item(2) > self._surveyed - CELL and not (self._in_reach.item(here) or self._in_reach.item(ahead))
 
     def reach(self, place: np.ndarray, along: np.ndarray | None = None) -> float:
         """m above the sphere's centre, at a place (3,), up to which something may meet the stick.

@@ -79,7 +79,7 @@ class LineScheduler:
                 return line.fallback
             self.leave_out(line)
             return beside
-        if line.low and self._missed_beside(line):
+        if line.low and line.expected is not None and self._missed_beside(line):
             line = self._higher(line) or line
         return self._above(line)
 
@@ -106,13 +106,14 @@ class LineScheduler:
         A line up a side that has not `touched` it comes again, from half of the way up to where the side was touched
         before: what overhangs may let nothing be touched farther down. Where the side recedes, it comes again once,
         from as low as the side is expected to be touched, and from half of the way as well if it has `met` something
-        else than its side. A line of the grid comes again from its other end, unless nothing was `touched` last or what
-        it followed was `lost`: then nothing has blocked it.
+        else than its side. It does not where the line beside it touched nothing up there either. A line of the grid
+        comes again from its other end, unless nothing was `touched` last or what it followed was `lost`: then nothing
+        has blocked it.
         """
         if line.low and not touched:
             self._missed.append(line)
             higher = self._higher(line, met)
-            if higher is not None:
+            if higher is not None and not self._missed_beside(higher):
                 self.insert(higher)
                 return
         instead = line.fallback
@@ -150,11 +151,11 @@ class LineScheduler:
         return bool((np.linalg.norm(centres - place, axis=1) < self._spacing).any())
 
     def _missed_beside(self, line: Line) -> bool:
-        """Whether the line beside one up a side, as low as that, touched nothing, and this side recedes as well."""
-        return line.expected is not None and any(
+        """Whether the line beside one up a side, as high as that or higher, touched nothing: this side recedes, too."""
+        return any(
             (other.axis, other.sign) == (line.axis, line.sign)
-            and abs(other.height - line.height) < HIGHER
-            and abs(other.place - line.place) < NEIGHBOUR * self._spacing
+            and other.height > line.height - HIGHER
+            and 0.0 < abs(other.place - line.place) < NEIGHBOUR * self._spacing
             for other in self._missed
         )
 
