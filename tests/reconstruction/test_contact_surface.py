@@ -444,17 +444,22 @@ def test_chords_that_all_lie_in_one_place_match_by_chance(turn):
     assert not _broad(np.empty((0, 3)), np.empty((0, 3)), 0.005)
 
 
-@pytest.mark.parametrize(("name", "most"), [("random:organic:3", 2e-4), ("random:hull:1", 3e-4)])
-def test_a_hole_in_a_side_that_recedes_is_closed_as_the_contacts_around_it_say(name, most):
-    """The column below a contact counts as solid: guesses between that and free space stood out by some millimetres."""
-    record = sample_lines(load_scene(name).solid(), 0.01, 0.25)
-    leaning = np.flatnonzero((record.normals[:, 2] < -0.08) & (record.normals[:, 2] > -0.3))
-    middle = record.points[leaning[len(leaning) // 2]]
-    hole = np.linalg.norm(record.points - middle, axis=1) < 0.010
-    part = replace(record, points=record.points[~hole], normals=record.normals[~hole])
-    mesh = surface(part, compare=False).mesh
-    assert hole.sum() > 10
-    assert MeshDistance(mesh).distance(record.points[hole]).mean() < most
+@pytest.mark.parametrize(("kind", "seeds", "most"), [("organic", (3, 4, 5), 3.3e-4), ("hull", (1, 2, 5), 3.5e-4)])
+def test_a_hole_in_a_side_that_recedes_is_closed_as_the_contacts_around_it_say(kind, seeds, most):
+    """The column below a contact counts as solid: guesses between that and free space stood out by some millimetres.
+
+    Sides that went on as seen along one line, with the normals that this gave, were off by 0.38 and 0.47 mm.
+    """
+    off = []
+    for seed in seeds:
+        record = sample_lines(load_scene(f"random:{kind}:{seed}").solid(), 0.01, 0.25)
+        leaning = np.flatnonzero((record.normals[:, 2] < -0.08) & (record.normals[:, 2] > -0.3))
+        middle = record.points[leaning[len(leaning) // 2]]
+        hole = np.linalg.norm(record.points - middle, axis=1) < 0.010
+        part = replace(record, points=record.points[~hole], normals=record.normals[~hole])
+        assert hole.sum() > 5
+        off.append(MeshDistance(surface(part, compare=False).mesh).distance(record.points[hole]).mean())
+    assert np.mean(off) < most
 
 
 def field_of(touches, clusters):

@@ -40,7 +40,7 @@ _GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an 
 _APIECE = 0.005  # the same of the wall's places beside each other: what was wrong of it is so everywhere
 _GROWTH_BENT = 0.15  # the same of a side that leans or bends, seen on random solids
 _NORMAL_SD = 0.1  # rad
-_OWN = 0.5  # of the deviation of the field of the contacts: what it is off below these on smooth random solids
+_OWN = 0.25  # of the deviation of the field of the contacts: what it is off below these on random solids
 _FINE = 1e-3  # m, steps in which a bend is followed
 _PLANE = 14.0  # radii: so far along it a wall may be plane
 _IN_PLANE = 0.07  # rad between the normals of places in one plane, and between that of an upright wall and the level
@@ -135,19 +135,26 @@ def find_lower_sides(
 
 
 def moved_to_field(lower: HermiteData, common: np.ndarray, touched: HermiteField) -> HermiteData:
-    """The sides with those that lean or bend moved towards where the field of the contacts has them.
+    """The sides with those that lean or bend moved and turned towards where the field of the contacts has them.
 
     `lower` and `common` (n,) are those of `find_lower_sides`. A side is seen along one line; contacts beside that, and
-    how they bend, are in the field. Each counts by its deviation.
+    how they bend, are in the field. Each counts by its deviation, for the place and for the normal.
     """
     bent = np.flatnonzero(common == 0.0)
     if not len(bent):
         return lower
-    places, points = lower.points[bent], lower.points.copy()
-    off, own = touched.values_near(places, places[:, None])[:, 0], (_OWN * touched.deviations(places)) ** 2
-    guessed = lower.value_sd[bent] ** 2
-    points[bent] -= (guessed / (guessed + own) * off)[:, None] * lower.normals[bent]
-    return replace(lower, points=points)
+    points, normals = lower.points.copy(), lower.normals.copy()
+    places, facing = points[bent], normals[bent]
+    around = places[:, None] + np.vstack([np.zeros(3), _FINE * np.eye(3), -_FINE * np.eye(3)])
+    values = touched.values_near(places, around)
+    guessed, own = lower.value_sd[bent] ** 2, (_OWN * touched.deviations(places)) ** 2
+    share = (guessed / (guessed + own))[:, None]
+    slope = values[:, 1:4] - values[:, 4:]
+    slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+    points[bent] -= share * values[:, :1] * facing
+    normals[bent] = (1.0 - share) * facing + share * slope
+    normals[bent] /= np.linalg.norm(normals[bent], axis=1, keepdims=True)
+    return replace(lower, points=points, normals=normals)
 
 
 def _data(centres: np.ndarray, normals: np.ndarray, deviation: np.ndarray) -> HermiteData:
