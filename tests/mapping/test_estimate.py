@@ -41,10 +41,11 @@ def test_nearest_places_are_those_of_a_full_search(seed):
     rng = np.random.default_rng(seed)
     shape, edge, origin = (5, 7, 6), 0.003, np.array([-0.01, 0.02, 0.0])
     grid = origin + edge * np.argwhere(np.ones(shape))
-    places, weights = rng.uniform(-0.02, 0.04, (30, 3)), rng.choice([0.16, 1.0, 2.25], (30, 3))
+    places, weights = rng.uniform(-0.02, 0.04, (240, 3)), rng.choice([0.16, 1.0, 2.25], (240, 3))
+    places = places[np.argsort(places[:, seed % 3])]  # neighbours lie near one another, as along a stroke
     square, owner = np.full(shape, np.inf), np.full(shape, -1, np.int64)
-    for first in range(0, 30, 10):  # as strokes come in
-        part = slice(first, first + 10)
+    for first in range(0, 240, 80):  # as strokes come in
+        part = slice(first, first + 80)
         lower_to_nearest(square, owner, origin, edge, places[part], weights[part], first)
     wanted, which = naive_nearest(grid, places, weights)
     assert np.allclose(square.ravel(), wanted, rtol=1e-12)

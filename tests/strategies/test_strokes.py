@@ -57,7 +57,8 @@ def beneath(above):
 
 def strokes(known, here=(0.0, 0.0, TOP), normal=None):
     planner = StrokePlanner(task(), known.edge, 0.007, 0.025, beneath)
-    return planner.strokes(known.faces(), LOW, np.array(here), normal)
+    faces = known.faces()
+    return planner.strokes(faces, planner.success(faces), LOW, np.array(here), normal)
 
 
 def scheduler(known, aim=2e-4, body=None, passed=True):
@@ -130,7 +131,8 @@ def test_no_stroke_is_driven_twice():
     planner = StrokePlanner(task(), known.edge, 0.007, 0.025, beneath)
     seen = set()
     for _ in range(12):
-        found = planner.strokes(known.faces(), LOW, np.zeros(3), None)
+        faces = known.faces()
+        found = planner.strokes(faces, planner.success(faces), LOW, np.zeros(3), None)
         best = max(found, key=lambda stroke: stroke.score)
         assert best.line not in seen
         seen.add(best.line)
@@ -430,7 +432,8 @@ def test_ways_are_planned_for_the_best_strokes_alone(monkeypatch):
 def test_the_stroke_that_is_chosen_is_the_best_with_the_path_to_it():
     known, here = outlined(), np.array([0.0, -0.1, 0.06])
     lines = scheduler(known, aim=1e-5)
-    found = lines._planner.strokes(known.faces(), lines.height, here, None)
+    faces = known.faces()
+    found = lines._planner.strokes(faces, lines._planner.success(faces), lines.height, here, None)
     listed = sorted(found, key=lambda stroke: -stroke.score)[:SHORTLIST]
     departure = Departure(here, DOWN, AREA, lines._free, lines._speeds)
     scores = [stroke.gain / (stroke.seconds + lines._seconds_to(stroke, departure)) for stroke in listed]

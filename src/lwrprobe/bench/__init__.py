@@ -11,6 +11,7 @@ BENCHES: dict[str, str] = {
     "mapping": "lwrprobe.bench.mapping",
     "contact": "lwrprobe.bench.contact",
     "exploration": "lwrprobe.bench.exploration",
+    "planning": "lwrprobe.bench.planning",
     "certificate": "lwrprobe.bench.certificate",
     "physics": "lwrprobe.bench.physics",
     "reality": "lwrprobe.bench.reality",

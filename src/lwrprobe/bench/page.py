@@ -137,6 +137,13 @@ SUMMARIES = {
         "On lines both ways the certified diameter is {Bumps of one|lines both ways|certified mm} mm in the median, "
         "and the largest ball that hides has {Bumps of one|lines both ways|largest hidden mm} mm.",
     ),
+    "planning": Summary(
+        "Every scene",
+        "The strategy `active` chose strokes on objects of several sizes while its estimate of the surface was updated "
+        "with every stroke.",
+        "Over `random:organic:3:400` an update takes {Every scene|random:organic:3:400|update ms} ms and a choice "
+        "{Every scene|random:organic:3:400|choice ms} ms in the median.",
+    ),
     "exploration": Summary(
         "Medians over scenes and seeds",
         "The strategies explored objects in the ideal world (profile `default`), and where `lab` is listed in one that "

@@ -112,14 +112,17 @@ class Faces:
 
     def above(self, height: float) -> Faces:
         """Those whose centres are at this height [m] or higher."""
-        high = self.centres[:, 2] >= height
+        return self.only(self.centres[:, 2] >= height)
+
+    def only(self, wanted: np.ndarray) -> Faces:
+        """Those marked in `wanted` (n,) bool."""
         return Faces(
-            self.centres[high],
-            self.axes[high],
-            self.areas[high],
-            self.distances[high],
-            self.roughness[high],
-            self.normals[high],
+            self.centres[wanted],
+            self.axes[wanted],
+            self.areas[wanted],
+            self.distances[wanted],
+            self.roughness[wanted],
+            self.normals[wanted],
             self.reach,
         )
 

@@ -190,11 +190,12 @@ class StrokeScheduler(LineScheduler):
     # Strokes
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
-        mean, p95 = faces.error(self._planner.success(faces))
+        success = self._planner.success(faces)
+        mean, p95 = faces.error(success)
         patience = self.patience(faces) if self._grid_left else LITTLE_PATIENCE
         if self._stalled(patience) or (mean <= self._aim and p95 <= P95 * self._aim):
             return None
-        strokes = self._planner.strokes(faces, self.height, here, self.touched)
+        strokes = self._planner.strokes(faces, success, self.height, here, self.touched)
         departure = Departure(here, self._task.orientation, self._task.area, self._free, self._speeds)
         best: Stroke | None = None
         for stroke in sorted(strokes, key=lambda stroke: -stroke.score)[:SHORTLIST]:

@@ -86,17 +86,20 @@ class StrokePlanner:
     _failed: dict[tuple[int, ...], float] = field(default_factory=dict)
     _driven: list[Line] = field(default_factory=list)
 
-    def strokes(self, faces: Faces, low: float, here: np.ndarray, normal: np.ndarray | None) -> list[Stroke]:
+    def strokes(
+        self, faces: Faces, success: np.ndarray, low: float, here: np.ndarray, normal: np.ndarray | None
+    ) -> list[Stroke]:
         """All strokes that are worth anything.
 
         Parameters
         ----------
         faces : the estimated surface
+        success : (n,) as of `success`
         low : m, height at which the body is clear of all that the area may hold
         here : (3,) m, of the tip
         normal : (3,) unit, of the surface that is touched there; None where none is
         """
-        worth = faces.expected() * faces.areas * self.success(faces)
+        worth = faces.expected() * faces.areas * success
         if not len(worth):
             return []
         found: list[Stroke] = []
@@ -141,7 +144,7 @@ class StrokePlanner:
         line, axis = stroke.line, stroke.line.axis
         if line.outline:
             return np.where(faces.axes == Z, np.inf, np.abs(faces.centres[:, Z] - line.height))
-        apart = _beside(faces, axis, line.place, self.edge)
+        apart = _beside(faces, axis, line.place, self.edge, float(faces.centres[:, axis].min(initial=np.inf)))
         if not line.on_surface:
             return apart
         low, high = min(line.begin, line.end), max(line.begin, line.end)
@@ -151,10 +154,10 @@ class StrokePlanner:
 
     def success(self, faces: Faces) -> np.ndarray:
         """(n,) weight of the expected error of each face, by how often a touch nearby has failed."""
-        if not self._failed:
-            return np.ones(len(faces.areas))
-        success = np.array([self._failed.get(key, 1.0) for key in self._cells(faces.centres)])
-        return np.where(faces.distances > 0.6 * faces.reach, success, 1.0)
+        success, far = np.ones(len(faces.areas)), faces.distances > 0.6 * faces.reach
+        if self._failed:
+            success[far] = [self._failed.get(key, 1.0) for key in self._cells(faces.centres[far])]
+        return success
 
     @staticmethod
     def _cells(places: np.ndarray) -> list[tuple[int, ...]]:
@@ -162,10 +165,12 @@ class StrokePlanner:
 
     def _profile(self, faces: Faces, worth: np.ndarray, axis: int, place: float) -> StrokeProfile | None:
         """Along the line at `place` m on the other axis; None where there is no surface under it."""
+        within = np.abs(faces.centres[:, 1 - axis] - place) < faces.reach
+        faces, worth, begin = faces.only(within), worth[within], float(faces.centres[:, axis].min())
         path = _under(faces, axis, place, self.edge)
         if not path.any():
             return None
-        beside, wall = _beside(faces, axis, place, self.edge), _walls(faces, axis)
+        beside, wall = _beside(faces, axis, place, self.edge, begin), _walls(faces, axis)
         near = beside < faces.reach
         return StrokeProfile(
             along=faces.centres[near, axis],
@@ -258,14 +263,13 @@ def _walls(faces: Faces, axis: int) -> np.ndarray:
     return np.where((np.abs(facing) > UPRIGHT) & (faces.axes == axis), np.sign(facing), 0.0).astype(np.int64)
 
 
-def _beside(faces: Faces, axis: int, place: float, edge: float) -> np.ndarray:
-    """(n,) m, from each face to the path of a line at `place` m on the other axis.
+def _beside(faces: Faces, axis: int, place: float, edge: float, begin: float) -> np.ndarray:
+    """(n,) m, from each face to the path of a line at `place` m on the other axis; no face lies before `begin` m.
 
     A wall beside the line is passed at the height of what is under the line there.
     """
     aside, heights = np.abs(faces.centres[:, 1 - axis] - place), faces.centres[:, Z]
-    along = faces.centres[:, axis]
-    column = np.rint((along - along.min(initial=np.inf)) / edge).astype(np.int64)
+    column = np.rint((faces.centres[:, axis] - begin) / edge).astype(np.int64)
     under, path = _under(faces, axis, place, edge), np.full(column.max(initial=0) + 1, -np.inf)
     np.maximum.at(path, column[under], heights[under])
     path[np.isinf(path)] = np.inf  # nothing is under the line there
