@@ -162,8 +162,8 @@ def test_what_was_touched_does_not_reach_over_a_line_along_which_the_stick_has_s
     assert not overhangs.cut_off(beyond, ALONG), "only as of the last survey"
     overhangs.survey(LOW)
     assert overhangs.cut_off(beyond, ALONG)
-    assert overhangs.cut_off(beyond + [0.0, 0.0, 0.03], ALONG), "the stick has stood there as well"
-    assert not overhangs.cut_off(beyond - [0.0, 0.0, 0.002], ALONG), "something low may lead there"
+    assert overhangs.cut_off(beyond + np.array([0.0, 0.0, 0.03]), ALONG), "the stick has stood there as well"
+    assert not overhangs.cut_off(beyond - np.array([0.0, 0.0, 0.002]), ALONG), "something low may lead there"
     assert not overhangs.cut_off(np.array([0.0, 0.0, LOW]), ALONG), "on the side of what was touched"
     assert not overhangs.cut_off(np.array([0.01, 0.0, LOW]), np.array([-1.0, 0.0, 0.0])), "and towards it"
     touch(overhangs, [0.025, 0.0, LOW], [-1.0, 0.0, 0.0])

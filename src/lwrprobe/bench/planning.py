@@ -1,8 +1,8 @@
 """How long the strategy `active` takes to choose a stroke, and to update its estimate, as the contacts become more.
 
 Runs are cut off after some robot time. What is timed is each answer of the strategy with which a stroke or a line was
-chosen, and in it the update of the estimate; the rest is the choice with the path to where it begins. Options (`--set`):
-`scenes`; `seconds` of robot time; `contacts`, from which on the requirements count.
+chosen, and in it the update of the estimate; the rest is the choice, with the path to where it begins. Options
+(`--set`): `scenes`; `seconds` of robot time; `contacts`, from which on the requirements count.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import partial
 from time import perf_counter
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from lwrprobe.scene import load_scene
 
 SCENES = ("block", "jaw_chuck", "random:organic:3:400")
 MOST = 50.0
-"""ms, for each of the two: half a length of the sphere at the highest contour speed."""
+"""ms, for each of the two."""
 COLUMNS = {
     "scene": "scene",
     "robot s": "time",
@@ -68,9 +69,9 @@ def choices(name: str, seconds: float) -> tuple[float, list[Choice]]:
         answer, update = strategy.step, SurfaceEstimate.update
         spent = [0.0, 0.0]  # s in updates, and their number, within one answer
 
-        def timed_update(estimate: SurfaceEstimate, *given: Any, **more: Any) -> None:
+        def timed_update(estimate: SurfaceEstimate, stroke_ended: bool = True) -> None:
             begin = perf_counter()
-            update(estimate, *given, **more)
+            update(estimate, stroke_ended)
             spent[:] = spent[0] + perf_counter() - begin, spent[1] + 1
 
         def timed_step(observation: Observation) -> Motion:
@@ -80,13 +81,10 @@ def choices(name: str, seconds: float) -> tuple[float, list[Choice]]:
                 made.append((len(contacts), spent[0], perf_counter() - begin - spent[0]))
             return motion
 
-        strategy.step, SurfaceEstimate.update = timed_step, timed_update  # type: ignore[method-assign]
         time = 0.0
-        try:
+        with patch.object(strategy, "step", timed_step), patch.object(SurfaceEstimate, "update", timed_update):
             for seen in exploration:
                 time = seen.time
-        finally:
-            SurfaceEstimate.update = update  # type: ignore[method-assign]
     return time, made
 
 
