@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Doubt
-from lwrprobe_strategies.planning.lines import UP, Line
+from lwrprobe_strategies.planning.free_space import LIFT
+from lwrprobe_strategies.planning.lines import UP, Line, Z
 from lwrprobe_strategies.planning.paths import OFF, THERE, SpeedLimit, Waypoint, tip_pose
 from lwrprobe_strategies.planning.retraction import goes_up, off_surface, out_from_under, return_path
 from lwrprobe_strategies.skills import guarded_move, transit
@@ -119,13 +120,23 @@ class RetractionPlanner:
 
         Waypoints that the arm cannot reach from here, and those to which the body may not go, are left out. What leads
         off a wall may lead beyond the range of a joint, and what leads off something above leads down; what leads along
-        it, as the probe came, does neither.
+        it, as the probe came, does neither. Off a side that leans out the body may come too low by a fraction of a
+        millimetre: then the path leads off it level.
         """
         if self._tip.body is not None:
             self._tip.body.survey()
         path = self._fallback() if self.stays else self._off_or_back()
-        first = next((k for k, waypoint in enumerate(path) if self._leads_to(waypoint)), 0)
-        return path[first:]
+        for k, waypoint in enumerate(path):
+            if self._leads_to(waypoint):
+                return path[k:]
+            if self._tip.body is not None and self._leads_to(self._level(waypoint)):
+                return [self._level(later) for later in path[k:]]
+        return path
+
+    def _level(self, waypoint: Waypoint) -> Waypoint:
+        """As high as the tip is, or nearly: as far as places off a surface are beside the path on which it came."""
+        x, y, z = waypoint.place.tolist()
+        return replace(waypoint, place=np.array([x, y, max(z, min(float(self._tip.here[Z]), z + LIFT))]))
 
     def _off_or_back(self) -> list[Waypoint]:
         """The planned path: off the surface where the tip may go up from there, else back."""

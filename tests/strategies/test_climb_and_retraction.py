@@ -457,6 +457,41 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     assert path[-1].place[1] < -0.01
 
 
+class BodyAbove:
+    """A body that may come no lower than with the sphere at a height [m]."""
+
+    def __init__(self, height):
+        self._height = height
+
+    def survey(self):
+        """Nothing more is known."""
+
+    def allows(self, begin, end):
+        return bool(end[2, 3] > self._height)
+
+
+@pytest.mark.parametrize(("height", "level"), [(0.0, False), (0.0199, True)])
+def test_the_way_back_off_a_side_that_leans_out_is_level_where_the_body_may_come_no_lower(height, level):
+    """It leads off along the normal, half a millimetre down, and the body was 0.04 mm too deep: the run had ended."""
+    out = np.array([0.0, -0.87, -0.5])
+    strategy = GridVersion()
+    strategy.start(task(approach=0.03))
+    tip = strategy.tip
+    stand(tip.free, *([x, 0.0, 0.02] for x in np.arange(-0.03, 0.0005, 0.001)), normal=out)
+    tip.observe(
+        replace(seen([0.001, 0.0, 0.02], 1.0), contact=replace(seen([0.001, 0.0, 0.02], 1.0).contact, normal=out))
+    )
+    tip.body = BodyAbove(height)
+    planner = RetractionPlanner(tip, DOWN, 0.01)
+    planner.go_back()
+    places = np.array([waypoint.place for waypoint in planner.path()])
+    assert len(places) >= 1
+    assert places[-1, 0] < -0.008
+    assert (places[:, 1] < -0.0008).all(), "off the surface"
+    heights = 0.02 if level else 0.0195
+    assert places[:, 2] == pytest.approx(np.full(len(places), heights), abs=1e-4)
+
+
 @pytest.mark.parametrize("reach", [0.1, 0.02])
 def test_the_path_to_a_line_leads_where_the_arm_can_reach(reach):
     """Near a stretched elbow joint 4 was to accelerate beyond its limit, and the run ended."""
