@@ -82,10 +82,10 @@ class Active(GridVersion):
         )
 
     def untouched_heights(self) -> np.ndarray:
-        """(n, 3) m, above all that a search has touched: nothing taller is expected until it is touched."""
+        """(n, 3) m, above all that may be there by what is known: nothing taller is expected until it is touched."""
         low, high = self.task.area.lower, self.task.area.upper
         lowest = self.task.tallest + self.task.probe.radius + HIGHER
-        if not (self.found and lowest < high[Z]):
+        if lowest >= high[Z]:
             return np.empty((0, 3))
         axes = (np.arange(begin, end + FREE_APART, FREE_APART) for begin, end in zip((*low[:2], lowest), high))
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -41,10 +41,10 @@ from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
-from lwrprobe_strategies.planning.contact_memory import POINT
+from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
 from lwrprobe_strategies.planning.lean import horizontal
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
 from lwrprobe_strategies.planning.retraction import UNDER
@@ -168,6 +168,16 @@ class Coverage(SkillStrategy):
         """Which line comes next."""
         return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
+    def again(self) -> bool:
+        """Once more, lower, where all lines have passed above what the area may still hold."""
+        tip, task = self.tip, self.task
+        if len(tip.memory) or self.lines.height <= task.area.lower[Z] + ON_FLOOR:
+            return False
+        self.task = replace(task, tallest=self.lines.height - task.probe.radius)
+        tip.rotation, tip.memory = self.upright, ContactMemory()  # lines that passed higher up have left nothing out
+        tip.confine(self.task)
+        return True
+
     def drive_line(self, line: Line) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
         self.detours = 0
@@ -192,7 +202,9 @@ class Coverage(SkillStrategy):
                 return self.contour_upright()
             case Ended.ARRIVED | Ended.RETRACTED | Ended.NOTHING_FOUND:  # nothing there: on along the line (4.2.4)
                 return self.along_line()
-            case Ended.TABLE:
+            case Ended.UNDERSIDE if self.frame.line.axis == Y and self.tip.body is not None:  # see `outer_parts`
+                return None
+            case Ended.TABLE | Ended.UNDERSIDE:
                 self.tip.leave()
                 return self.along_line()
             case Ended.CONTACT if self._beside_the_line():

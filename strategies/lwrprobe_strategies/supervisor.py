@@ -189,7 +189,7 @@ class SkillStrategy(ABC):
         self.task, self.tip = task, Tip(task)
         self._supervisor, self._check = Supervisor(self.tip), BodyCheck(self.tip)
         self.bounds, self.raised = None, 0.0
-        self._program = self.program() if task.search_for is None else self._blind_program()
+        self._program = self._repeated() if task.search_for is None else self._blind_program()
         self._done: Done | None = None
         self._advance(None)
 
@@ -215,9 +215,20 @@ class SkillStrategy(ABC):
         self.tip.confine(self.task)
         self.bounds = Bounds(found.found_at, self.tip.seen.time, found.area)
         while True:
-            done = yield from self.program()
+            done = yield from self._repeated()
             if not done.complete or not self._widen(given):
                 return done
+
+    def _repeated(self) -> Program:
+        """The program, as often as it is complete and there is more to do."""
+        while True:
+            done = yield from self.program()
+            if not done.complete or not self.again():
+                return done
+
+    def again(self) -> bool:
+        """Whether the program is to run again, after what a complete run of it has shown."""
+        return False
 
     def _widen(self, given: Task) -> bool:
         """Explore more of the `given` area where the object goes on beyond what was bounded; whether it does."""

@@ -236,6 +236,49 @@ def test_under_a_table_top_no_touch_is_hard_and_the_run_comes_to_its_end():
     assert summary["untouched"], "the post under the table top is out of reach"
 
 
+BEHIND = """
+[[object]]
+shape = "box"
+size = [0.05, 0.03, 0.008]
+at = { xyz = [0.0, -0.025, 0.03] }
+
+[[object]]
+shape = "box"
+size = [0.01, 0.01, 0.028]
+at = { xyz = [0.0, -0.025, 0.014] }
+
+[[object]]
+shape = "box"
+size = [0.05, 0.02, 0.02]
+at = { xyz = [0.0, 0.03, 0.01] }
+
+[area]
+lower = [-0.06, -0.07, 0.006]
+upper = [0.06, 0.07, 0.042]
+"""
+
+
+def test_what_stands_behind_a_table_top_is_touched_from_both_sides(tmp_path):
+    """A line that comes down to the table top's lower edge leads on from there: nothing else leads behind it."""
+    (tmp_path / "behind.toml").write_text(BEHIND)
+    changes = ["truth.profile=ideal", "strategy.name=grid_version", "strategy.step=0.02"]
+    summary = explore(load_scene(str(tmp_path / "behind.toml"), changes), tmp_path / "run")
+    assert (summary["status"], summary["link_collisions"]) == ("done", 0)
+    points = read_cloud(tmp_path / "run" / "contacts.ply").points
+    for side in (0.02, 0.04):
+        beside = points[(np.abs(points[:, 1] - side) < 5e-4) & (points[:, 2] < 0.012)]
+        assert len(np.unique(beside[:, 0].round(2))) >= 3, "each line over it, whichever border it came from"
+
+
+@pytest.mark.parametrize("strategy", ["grid_version", "active"])
+def test_an_object_far_lower_than_the_area_is_found_and_explored(strategy):
+    """All lines pass 20 mm above it at first: they are driven once more, lower."""
+    changes = [f"strategy.name={strategy}", "strategy.step=0.02", "truth.profile=ideal", "area.upper=[0.085,0.06,0.13]"]
+    summary = explore(load_scene("block", changes))
+    assert (summary["status"], summary["link_collisions"], summary["warnings"]) == ("done", 0, [])
+    assert summary["coverage"] >= 0.97
+
+
 def test_a_leaning_probe_feels_the_foot_and_the_waist_of_an_hourglass():
     """An upright stick meets the upper rim first: it covers 58 % of what the leaning one reaches."""
     settings = {"run.seed": 5, "strategy.name": "orientation_change"}

@@ -292,6 +292,9 @@ class Body:
     def survey(self):
         """It is known already."""
 
+    def between_touched(self):
+        return np.zeros((3, 3), dtype=bool)
+
     def lowest_at(self, line, rotation):
         return self.lowest(line, rotation)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
-from lwrprobe_strategies.planning.floor_lines import floor_lines
+from lwrprobe_strategies.planning.floor_lines import FAR, floor_lines
 from lwrprobe_strategies.planning.lines import X, Y
 from lwrprobe_strategies.planning.treads import treads
 from strategy_task import AREA, task
@@ -115,6 +115,27 @@ def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go
     apart = np.diff(sorted(line.place for line in lines if line.begin < 0.0))
     assert len(apart) > 1
     assert apart.min() > PITCH + 1e-6, "a line shows what is beside it"
+
+
+def test_far_from_the_object_lines_on_the_floor_are_as_far_apart_as_what_else_may_stand_there_is_wide():
+    memory = ContactMemory()
+    for y in np.arange(-0.05, -0.0399, 0.001):
+        touch(memory, -0.04, y, WALL, -0.04)
+    lines = floors(memory, Beside())
+    along = np.sort([line.place for line in lines if line.axis == Y])
+    far = along[along > -0.04 + 2.5 * PITCH]
+    assert (np.diff(far) > 2.0 * PITCH).all()
+    assert far.max() > XS.max() - FAR - 1e-6, "no floor is left out"
+
+
+def test_where_the_body_may_come_nearly_to_the_floor_far_from_the_object_a_line_leads_as_low():
+    memory = ContactMemory()
+    for y in np.arange(-0.05, -0.0399, 0.001):
+        touch(memory, -0.04, y, WALL, -0.04)
+    low = AREA.lower[2] + 0.3 * PITCH
+    lines = floors(memory, Beside(off=0.05, above=low))
+    assert any(line.height == pytest.approx(low) and line.place > 0.0 for line in lines)
+    assert all(line.height == AREA.lower[2] for line in floors(memory, Beside(off=0.05, above=low + PITCH)))
 
 
 class Around(Beside):

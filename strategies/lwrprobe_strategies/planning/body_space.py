@@ -11,6 +11,8 @@ tallest.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
@@ -127,6 +129,24 @@ class BodySpace:
         self._body.lower(heights, WIDER, WORSE)
         self._body.heights = heights
         self._clear.heights = np.maximum(heights, self._kept(np.where(self._met, heights, -np.inf)))
+
+    def between_touched(self) -> np.ndarray:
+        """(n, m) bool, squares of which nothing is known yet, between two that were touched in a row along y.
+
+        As of the last survey. What was touched beside such a row counts, up to a spacing away.
+        """
+        wide = round(self._spacing / CELL)
+        met = np.zeros_like(self._met)
+        for k in range(self._met.shape[0]):
+            met[k] = self._met[max(k - wide, 0) : k + wide + 1].any(axis=0)
+        before = np.logical_or.accumulate(met, axis=1)
+        beyond = np.logical_or.accumulate(met[:, ::-1], axis=1)[:, ::-1]
+        between: np.ndarray = (self._body.heights >= self._top) & before & beyond
+        return between
+
+    def place(self, i: Any, j: Any) -> tuple[Any, Any]:
+        """m along x and along y, of the squares with the indices i and j."""
+        return self._low_x + CELL * i, self._low_y + CELL * j
 
     def _kept(self, touched: np.ndarray) -> np.ndarray:
         """(n, m) m, up to which the body keeps its distance from what was `touched` (n, m) m; -inf beside that."""

@@ -19,6 +19,10 @@ from lwrprobe_strategies.planning.treads import UPWARDS
 
 REACH = 2.5
 """Pitches from what was touched, within which more of the object is looked for."""
+FAR = 0.02
+"""m beside a line, up to which it shows what is there farther off: another object twice as wide is met."""
+HIGHER = 0.5
+"""Pitches above the floor, at which a line is still driven there where the body may come no lower."""
 SHORTEST = 0.5
 """Pitches of unknown floor that are worth a line."""
 
@@ -35,8 +39,9 @@ def floor_lines(
 ) -> list[Line]:
     """Lines along x and along y from the border, as far in as the body may go on the floor.
 
-    So many that near the object no floor to which the body may go is left without a line beside it. Along x only
-    towards a side of which nothing near the floor was touched: the lines of the grid have passed there.
+    So many that near the object no floor to which the body may go is left without a line beside it, and farther off,
+    where another object may stand, none without a line within `FAR`. Along x only towards a side of which nothing near
+    the floor was touched: the lines of the grid have passed there.
 
     Parameters
     ----------
@@ -44,11 +49,13 @@ def floor_lines(
     places : (n,) m each, where lines along x may be, and where lines along y may be
     height : m, of the lines of the grid
     pitch : m, between two lines
-    shown : m beside a line, up to which it shows what is there
+    shown : m beside a line, up to which it shows what is there near the object
     body : where the body may be
     """
     from scipy.spatial import cKDTree
 
+    if not len(contacts):  # the whole grid comes again, lower
+        return []
     floor = float(task.area.lower[Z])
     treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
     touched = cKDTree(contacts[:, :Z])
@@ -58,18 +65,31 @@ def floor_lines(
     known = [cKDTree(np.concatenate([own[:, :Z], treads[:, :Z]])) for own in (across, low)]
     foot = cKDTree(contacts[contacts[:, Z] < floor + pitch, :Z])
     left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet
+
+    def near(places: np.ndarray) -> np.ndarray:
+        """(n,) bool, which places (n, 2) are near the object."""
+        return np.asarray(touched.query(places)[0] < REACH * pitch)
+
+    def beside(places: np.ndarray) -> np.ndarray:
+        """(n,) m, up to which a line beside places (n, 2) shows what is there."""
+        return np.where(near(places), shown, max(shown, FAR))
+
     for axis, place in chain(product((Y,), np.sort(places[Y]).tolist()), product((X,), np.sort(places[X]).tolist())):
-        near, far = float(task.area.lower[axis]), float(task.area.upper[axis])
-        for begin, end in ((near, far), (far, near)):
+        one, other = float(task.area.lower[axis]), float(task.area.upper[axis])
+        for begin, end in ((one, other), (other, one)):
             line = Line(axis, place, begin, end, floor, low=True, ceiling=height, expected=floor)
             along, lowest = body.lowest(line, task.orientation)
-            free = np.full((int((lowest <= floor).sum()), 2), place)
-            free[:, axis] = along[lowest <= floor]
-            unknown = (touched.query(free)[0] < REACH * pitch) & (known[axis].query(free)[0] > shown)
-            if axis == X and (len(free) in (0, len(along)) or foot.query(free[-1])[0] < pitch):
-                continue
-            if unknown.any():
+            whole = np.full((len(along), 2), place)
+            whole[:, axis] = along
+            count, above = int((lowest <= floor).sum()), int((lowest <= floor + HIGHER * pitch).sum())
+            free, farther = whole[:count], whole[count:above]
+            unknown = known[axis].query(free)[0] > beside(free)
+            if not (axis == X and (count in (0, len(along)) or foot.query(free[-1])[0] < pitch)) and unknown.any():
                 left.append((replace(line, end=float(free[-1, axis])), free[unknown]))
+            unknown = (known[axis].query(farther)[0] > beside(farther)) & ~near(farther)
+            if unknown.any():
+                height_there = float(lowest[:above].max())
+                left.append((replace(line, end=float(farther[-1, axis]), height=height_there), farther[unknown]))
     lines: list[Line] = []
     while left:
         line, own = left.pop(int(np.argmax([len(unknown) for _, unknown in left])))
@@ -78,7 +98,9 @@ def floor_lines(
         lines.append(line)
         driven = cKDTree(own)
         rest = [
-            (other, unknown[driven.query(unknown)[0] > shown]) if other.axis == line.axis else (other, unknown)
+            (other, unknown[driven.query(unknown)[0] > beside(unknown)])
+            if other.axis == line.axis
+            else (other, unknown)
             for other, unknown in left
         ]
         left = [(other, unknown) for other, unknown in rest if len(unknown)]

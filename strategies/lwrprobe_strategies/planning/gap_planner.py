@@ -21,6 +21,7 @@ from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDE
 from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.treads import treads
+from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
 from lwrprobe_strategies.planning.upright_body import line_height
 
 ONWARD = 0.3
@@ -79,6 +80,7 @@ class GapPlanner:
         passes = (
             (True, self._from_the_other_end),
             (tall and sides, self._outer_parts),
+            (tall and sides, self._unpassed_parts),
             (sides, self._near_sides),
             (options.low_lines, self._low_lines),
             (across, self._lines_across),
@@ -104,7 +106,7 @@ class GapPlanner:
         lines = plan()
         self._rounds = self._rounds + 1 if plan == self._last else 1
         self._last = plan
-        most = {self._lower_sides: LOWER, self._left_treads: np.inf}.get(plan, 0)
+        most = {self._unpassed_parts: LOWER, self._lower_sides: LOWER, self._left_treads: np.inf}.get(plan, 0)
         if lines and self._rounds < most:
             self._passes.appendleft(plan)  # each of its lines shows more
         return lines
@@ -130,6 +132,13 @@ class GapPlanner:
         """Beside the object, where no line of the grid has passed."""
         contacts, trail = self._memory.contacts(), self._memory.trail()
         return outer_parts(contacts, trail, self._grid_x, self._task, self.height, self._spacing)
+
+    def _unpassed_parts(self) -> list[Line]:
+        """Along x, between two parts of the object, where no line has passed."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        return unpassed_parts(body, self._task.area, self.height, self._spacing)
 
     def _near_sides(self) -> list[Line]:
         """Along y, up the sides that a line of the grid met above their foot."""
