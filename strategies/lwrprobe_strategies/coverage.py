@@ -174,7 +174,8 @@ class Coverage(SkillStrategy):
         if len(tip.memory) or self.lines.height <= task.area.lower[Z] + ON_FLOOR:
             return False
         self.task = replace(task, tallest=self.lines.height - task.probe.radius)
-        tip.rotation, tip.memory = self.upright, ContactMemory()  # lines that passed higher up have left nothing out
+        tip.rotation = self.upright
+        tip.memory = ContactMemory()  # what lines have passed higher up is not passed by the lines that follow
         tip.confine(self.task)
         return True
 

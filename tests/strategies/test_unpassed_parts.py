@@ -81,7 +81,7 @@ def test_beside_the_lines_through_a_slot_that_stands_aslant_nothing_is_left(slan
     body = space(0.02, slant)
     lines = unpassed_parts(body, AREA, HEIGHT, PITCH)
     assert lines
-    xs, ys = body.place(*np.nonzero(body.between_touched()))
+    xs, ys = body.places(*np.nonzero(body.between_touched())).T
     assert len(xs) > 500
     shown = np.zeros(len(xs), dtype=bool)
     for line in lines:

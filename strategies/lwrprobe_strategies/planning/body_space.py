@@ -11,8 +11,6 @@ tallest.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
@@ -144,9 +142,10 @@ class BodySpace:
         between: np.ndarray = (self._body.heights >= self._top) & before & beyond
         return between
 
-    def place(self, i: Any, j: Any) -> tuple[Any, Any]:
-        """m along x and along y, of the squares with the indices i and j."""
-        return self._low_x + CELL * i, self._low_y + CELL * j
+    def places(self, rows: np.ndarray, columns: np.ndarray | int) -> np.ndarray:
+        """(n, 2) m, of the squares in `rows` (n,) along x and `columns` (n,) along y."""
+        squares = np.column_stack(np.broadcast_arrays(rows, columns))
+        return np.asarray(np.array([self._low_x, self._low_y]) + CELL * squares)
 
     def _kept(self, touched: np.ndarray) -> np.ndarray:
         """(n, m) m, up to which the body keeps its distance from what was `touched` (n, m) m; -inf beside that."""

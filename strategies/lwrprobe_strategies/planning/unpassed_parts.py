@@ -36,11 +36,10 @@ def unpassed_parts(body: BodySpace, area: Area, height: float, pitch: float) -> 
         shown = np.array([left[:, max(j - reach, 0) : j + reach + 1][left[:, j]].sum() for j in range(left.shape[1])])
         best = np.flatnonzero(shown == shown.max())
         j = int(best[len(best) // 2] if shown.max() == left.sum() else best[0])  # in the middle of what is left at last
-        along, _ = body.place(np.flatnonzero(left[:, j]), j)
-        place = body.place(0, j)[1]
-        if np.ptp(along) < SHORTEST * pitch:
+        squares = body.places(np.flatnonzero(left[:, j]), j)
+        (first, place), (last, _) = squares[[0, -1]].tolist()
+        if last - first < SHORTEST * pitch:
             break
-        first, last = float(along[0]), float(along[-1])
         lines.append(
             Line(X, place, low, last, height) if first - low < high - last else Line(X, place, high, first, height)
         )
