@@ -40,8 +40,7 @@ def unpassed_parts(body: BodySpace, area: Area, height: float, pitch: float) -> 
         (first, place), (last, _) = squares[[0, -1]].tolist()
         if last - first < SHORTEST * pitch:
             break
-        lines.append(
-            Line(X, place, low, last, height) if first - low < high - last else Line(X, place, high, first, height)
-        )
+        begin, end = (low, last) if first - low < high - last else (high, first)
+        lines.append(Line(X, place, begin, end, height))
         left[left[:, j], max(j - reach, 0) : j + reach + 1] = False
     return lines
