@@ -513,6 +513,17 @@ def test_a_side_that_recedes_all_around_goes_on_inwards():
     assert MeshDistance(surface(record, compare=False).mesh).contains(inside[:, :2], inside[:, 2:]).all()
 
 
+def test_what_was_touched_at_its_top_alone_stands_on_the_table(scenes):
+    """Sides that lean in below the rim met above the table, and the planes of the rim cut off all below."""
+    solid, record = scenes("random:revolution:9844", 0.01)
+    assert record.points[:, 2].min() > 0.07
+    mesh = surface(record, pitch=0.01).mesh
+    assert mesh.vertices[:, 2].min() < 0.001
+    stem = np.array([[0.0, 0.0, z] for z in np.arange(0.005, 0.085, 0.01)])
+    assert MeshDistance(mesh).contains(stem[:, :2], stem[:, 2:]).all()
+    assert error(mesh, solid).mean < 5e-3
+
+
 @pytest.mark.parametrize("name", ["polystyrene_1", "cylinder_horizontal", "random:bumps:2"])
 def test_denser_lines_make_it_no_worse(scenes, name):
     errors = []

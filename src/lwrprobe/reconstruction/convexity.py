@@ -17,6 +17,7 @@ _SD = 3.0  # standard deviations that a contact may lie beyond a plane, and by w
 _MAY_LIE = 0.01  # share of the contacts that may lie farther beyond a plane
 _MAY_FAIL = 0.02  # share of the planes beyond which more may lie
 _BESIDE = 1.0  # of the pitch: so near to contacts these say where the surface is
+_ABOVE_FOOT = 2.0  # radii above the lowest height of the sphere's centre, to which the object has to reach down
 _PLANES = 800  # planes that are looked at, of many
 _HOLDS = 0.3  # of the normal's noise: so much of it the contacts of one plane share
 
@@ -42,4 +43,10 @@ def tangent_bound(
     untouched = grid.nearest(clusters.points, _BESIDE * pitch) < 0
     outside = np.where(untouched, values, np.inf)
     beyond_planes(grid.origin, grid.step, outside, points, normals, _SD * error, _SD * touches.noise, bound)
+    if touches.table is not None:
+        height = touches.lowest + _ABOVE_FOOT * touches.radius - grid.origin[2]
+        foot = min(max(int(np.ceil(height / grid.step)), 0), grid.shape[2] - 1)
+        stands = values[:, :, foot] < 0.0
+        if stands.any() and not (stands & (bound[:, :, foot] < 0.0)).any():
+            return None  # it would end above the table
     return bound

@@ -35,6 +35,7 @@ _DEEP = 1.0  # of the pitch: so far the contacts themselves show how a side goes
 _ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell of it
 _PASSED = 0.8  # radii: so near to a place that was passed freely nothing is
 _UNDER = -0.97  # z of the normal at which a side has become an underside
+_FOOT = 0.5  # of the way to the middle: so far sides lean in above a foot that nobody has touched
 _OPPOSITE = 0.5  # cosine between a side's direction inwards and the normals on the object's other side
 _GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an upright wall as a whole
 _APIECE = 0.005  # the same of the wall's places beside each other: what was wrong of it is so everywhere
@@ -56,12 +57,14 @@ class _Side:
     end, normal : (3,) m and unit
     bend : 1/m, how fast the normal turns down, downwards
     seen : m, length over which it was seen
+    foot : whether it leads to a foot of which no contact tells
     """
 
     end: np.ndarray
     normal: np.ndarray
     bend: float
     seen: float
+    foot: bool = False
 
     @property
     def inward(self) -> np.ndarray:
@@ -115,6 +118,7 @@ def find_lower_sides(
     places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
     ends = _LowerEnds(touches, clusters, pitch)
     sides = ends.sides()
+    sides = _feet(sides or ends.edges(), touches, clusters, pitch) or sides
     for side in sides + (ends.upright(sides, walls) if walls is not None else []):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
@@ -129,6 +133,8 @@ def find_lower_sides(
         places.append(row[kept])
         normals.append(facing[kept])
         growth, shared = (_APIECE, _GROWTH) if side.straight else (_GROWTH_BENT, 0.0)
+        if side.foot:
+            growth, shared = _APIECE, _GROWTH_BENT
         apiece.append(np.hypot(touches.noise, growth * down[kept]))
         common.append(shared * down[kept])
     return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(apiece)), np.concatenate(common)
@@ -165,6 +171,24 @@ def _down(normal: np.ndarray) -> np.ndarray:
     """(3,) unit, steepest way down on a surface with a normal (3,) that is not upright."""
     down = normal * normal[2] - [0.0, 0.0, 1.0]
     return down / np.linalg.norm(down)
+
+
+def _feet(sides: list[_Side], touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
+    """The sides, so that they become upright around a foot, where all of them would meet above the table; else none."""
+    feet = []
+    for side in sides:
+        offset = clusters.points[:, :2] - side.end[:2]
+        aside = np.abs(offset[:, 0] * side.inward[1] - offset[:, 1] * side.inward[0])
+        middle = 0.5 * float((offset @ side.inward)[aside < pitch].max(initial=0.0))
+        down = np.arange(0.0, 2.0 * (side.end[2] - touches.table) + _FINE, _FINE)
+        places, _ = side.below(down)
+        met = (places[:, :2] - side.end[:2]) @ side.inward > middle
+        if not (met & (places[:, 2] > touches.table)).any():
+            return []
+        lean = float(np.arcsin(np.clip(-side.normal[2], 0.0, 1.0)))
+        along = max(_FOOT * middle, _FINE) / max(lean, _IN_PLANE)
+        feet.append(replace(side, bend=-lean / along, seen=along, foot=True))
+    return feet
 
 
 def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> np.ndarray:
@@ -211,6 +235,16 @@ class _LowerEnds:
             if side is not None and (lowest or side.straight):
                 found.append(side)
                 self._taken[i] = True
+        return found
+
+    def edges(self) -> list[_Side]:
+        """The lowest places of sides that do not show how they bend, as if they went on straight; they stay untaken."""
+        found, ends, taken = [], self._ends(), self._taken.copy()
+        for i, others in zip(ends.tolist(), self._around(ends, max(self._pitch, self._beside))):
+            if self._lowest(i, others) and not self._told(i, others):
+                found.append(_Side(self._points[i], self._normals[i], 0.0, _SHOWN * self._touches.radius))
+                self._taken[i] = True
+        self._taken = taken
         return found
 
     def upright(self, found: list[_Side], walls: tuple[np.ndarray, np.ndarray]) -> list[_Side]:
