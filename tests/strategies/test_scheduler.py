@@ -150,8 +150,20 @@ def test_a_line_that_came_to_its_end_without_a_contact_is_not_driven_again():
     lines = grid_alone()
     line = lines.next(NEAR)
     lines._memory.add(line.start, line.start + RADIUS * line.ahead, -line.ahead, line.place)
+    lines._memory.passed(line.at(line.end), line.place)
     lines.give_up(line, touched=False)
     assert len(drain(lines)) == len(lines.grid) - 1
+
+
+@pytest.mark.parametrize(("end", "again"), [(0.02, 1), (BORDER, 0)])
+def test_beside_what_is_low_a_line_that_stopped_short_of_its_end_is_driven_from_there(end, again):
+    """Over a step it came to a corner under what overhangs, where it was not given up for a wall that it met."""
+    lines = grid_alone()
+    line = lines.next(NEAR)
+    for y in np.arange(-BORDER, end + 1e-9, 0.01) * np.sign(line.ahead[1]):
+        lines._memory.passed(np.array([line.place, y, 0.01]), line.place)
+    more = drain(lines)[len(lines.grid) - 1 :]
+    assert [(last.begin, last.end, last.place) for last in more] == [(line.end, line.begin, line.place)] * again
 
 
 @pytest.mark.parametrize(("expected", "heights"), [(0.022, [0.022]), (0.008, []), (0.028, [])])

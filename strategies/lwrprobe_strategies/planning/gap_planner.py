@@ -15,10 +15,10 @@ from lwrprobe_strategies.planning.floor_lines import floor_lines
 from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
-from lwrprobe_strategies.planning.outer_parts import outer_parts
+from lwrprobe_strategies.planning.outer_parts import AT_BORDER, outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.treads import treads
 from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
@@ -118,14 +118,32 @@ class GapPlanner:
     # The passes
 
     def _from_the_other_end(self) -> list[Line]:
-        """The grid's lines that ended on the side of the object where they met it, each the other way round."""
-        contacts, area, lines = self._memory.contacts(), self._task.area, []
+        """The grid's lines that ended on the side of the object where they met it, each the other way round.
+
+        Beside what is lower than the stick is long, all others as well that did not come to their end.
+        """
+        contacts, lines = self._memory.contacts(), []
+        low, high = float(self._task.area.lower[Y]), float(self._task.area.upper[Y])
         for line in self.stopped:
             normals = contacts[contacts[:, GRID_X] == line.place, NORMAL]
             came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
             if len(normals) and not came_over.any():
-                low, high = sorted((float(area.lower[Y]), float(area.upper[Y])), reverse=line.sign > 0.0)
-                lines.append(Line(Y, line.place, low, high, self.height, free_end=True, ceiling=line.ceiling))
+                begin, end = (high, low) if line.sign > 0.0 else (low, high)
+                lines.append(Line(Y, line.place, begin, end, self.height, free_end=True, ceiling=line.ceiling))
+        if self._body is None:
+            planned = [line.place for line in lines]
+            lines += [line for line in self._unfinished(low, high) if line.place not in planned]
+        return lines
+
+    def _unfinished(self, low: float, high: float) -> list[Line]:
+        """The grid's lines that came from one of the borders, at `low` and `high` m, and not to the other one."""
+        trail, lines = self._memory.trail(), []
+        for x in self._grid_x.tolist():
+            own = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, X] - x) < ON_LINE), Y]
+            from_low, from_high = (own < low + AT_BORDER).any(), (own > high - AT_BORDER).any()
+            if from_low != from_high:
+                begin, end = (high, low) if from_low else (low, high)
+                lines.append(Line(Y, x, begin, end, self.height, free_end=True))
         return lines
 
     def _outer_parts(self) -> list[Line]:
