@@ -174,6 +174,10 @@ class SkillStrategy(ABC):
     def program(self) -> Program:
         """Yields motions, most of them from skills, and returns how the exploration has ended."""
 
+    def again(self) -> bool:
+        """Whether the program is to run again, after what a complete run of it has shown."""
+        return False
+
     @property
     def line_spacing(self) -> float | None:
         """m between neighbouring lines of contacts, None where the strategy has no such distance."""
@@ -225,10 +229,6 @@ class SkillStrategy(ABC):
             done = yield from self.program()
             if not done.complete or not self.again():
                 return done
-
-    def again(self) -> bool:
-        """Whether the program is to run again, after what a complete run of it has shown."""
-        return False
 
     def _widen(self, given: Task) -> bool:
         """Explore more of the `given` area where the object goes on beyond what was bounded; whether it does."""

@@ -76,6 +76,18 @@ class _Side:
         """Whether it is an upright wall."""
         return self.bend == 0.0 and self.normal[2] == 0.0
 
+    @property
+    def growth(self) -> tuple[float, float]:
+        """m of standard deviation a metre below the end: of each place, and what all places have in common."""
+        if self.foot:
+            return _APIECE, _GROWTH_BENT
+        return (_APIECE, _GROWTH) if self.straight else (_GROWTH_BENT, 0.0)
+
+    def plan_view(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) m each, how far points (n, 3) lie inwards of the end, and aside of that direction."""
+        offset = points[:, :2] - self.end[:2]
+        return offset @ self.inward, np.abs(offset[:, 0] * self.inward[1] - offset[:, 1] * self.inward[0])
+
     def below(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n, 3) on the side at distances (n,) m below its end, and the normals there.
 
@@ -132,9 +144,7 @@ def find_lower_sides(
         kept = ~np.logical_or.accumulate(ended)
         places.append(row[kept])
         normals.append(facing[kept])
-        growth, shared = (_APIECE, _GROWTH) if side.straight else (_GROWTH_BENT, 0.0)
-        if side.foot:
-            growth, shared = _APIECE, _GROWTH_BENT
+        growth, shared = side.growth
         apiece.append(np.hypot(touches.noise, growth * down[kept]))
         common.append(shared * down[kept])
     return _data(np.concatenate(places), np.concatenate(normals), np.concatenate(apiece)), np.concatenate(common)
@@ -177,12 +187,11 @@ def _feet(sides: list[_Side], touches: Touches, clusters: Clusters, pitch: float
     """The sides, so that they become upright around a foot, where all of them would meet above the table; else none."""
     feet = []
     for side in sides:
-        offset = clusters.points[:, :2] - side.end[:2]
-        aside = np.abs(offset[:, 0] * side.inward[1] - offset[:, 1] * side.inward[0])
-        middle = 0.5 * float((offset @ side.inward)[aside < pitch].max(initial=0.0))
+        ahead, aside = side.plan_view(clusters.points)
+        middle = 0.5 * float(ahead[aside < pitch].max(initial=0.0))
         down = np.arange(0.0, 2.0 * (side.end[2] - touches.table) + _FINE, _FINE)
         places, _ = side.below(down)
-        met = (places[:, :2] - side.end[:2]) @ side.inward > middle
+        met = side.plan_view(places)[0] > middle
         if not (met & (places[:, 2] > touches.table)).any():
             return []
         lean = float(np.arcsin(np.clip(-side.normal[2], 0.0, 1.0)))
@@ -193,13 +202,11 @@ def _feet(sides: list[_Side], touches: Touches, clusters: Clusters, pitch: float
 
 def _stopped(side: _Side, row: np.ndarray, clusters: Clusters, pitch: float) -> np.ndarray:
     """(n,) bool: a floor lies above the place (n, 3), or the middle between the side and one that goes lower before."""
-    offset = clusters.points[:, :2] - side.end[:2]
-    ahead, height = offset @ side.inward, clusters.points[:, 2]
-    aside = np.abs(offset[:, 0] * side.inward[1] - offset[:, 1] * side.inward[0])
+    (ahead, aside), height = side.plan_view(clusters.points), clusters.points[:, 2]
     top = clusters.normals[:, 2] > _OF_A_SIDE[1]
     other = ~top & (clusters.normals[:, :2] @ side.inward > _OPPOSITE) & (ahead > 0.0) & (aside < pitch)
     floor = top & (height < side.end[2])
-    run = (row[:, :2] - side.end[:2]) @ side.inward
+    run, _ = side.plan_view(row)
     middle = (ahead[other] < 2.0 * run[:, None]) & (height[other] < row[:, 2:])
     over = np.linalg.norm(row[:, None, :2] - clusters.points[floor, :2], axis=2) < _ACROSS * pitch
     return middle.any(axis=1) | (over & (height[floor] > row[:, 2:])).any(axis=1)

@@ -133,10 +133,9 @@ class BodySpace:
 
         As of the last survey. What was touched beside such a row counts, up to a spacing away.
         """
-        wide = round(self._spacing / CELL)
-        met = np.zeros_like(self._met)
-        for k in range(self._met.shape[0]):
-            met[k] = self._met[max(k - wide, 0) : k + wide + 1].any(axis=0)
+        from scipy.ndimage import maximum_filter1d
+
+        met = maximum_filter1d(self._met, 2 * round(self._spacing / CELL) + 1, axis=0, mode="constant")
         before = np.logical_or.accumulate(met, axis=1)
         beyond = np.logical_or.accumulate(met[:, ::-1], axis=1)[:, ::-1]
         between: np.ndarray = (self._body.heights >= self._top) & before & beyond

@@ -33,7 +33,8 @@ BETWEEN = 0.75
 SAME = 0.4
 """Line spacings across two lines up one side, below which one of them is enough."""
 LOWER = 6
-"""Times in a row that sides are tried lower: below what overhangs each time shows a little more, and takes as long."""
+"""Times in a row that sides are tried lower, and what no line has passed is led through: below what overhangs each time
+shows a little more, and takes as long."""
 
 
 class GapPlanner:
