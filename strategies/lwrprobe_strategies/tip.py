@@ -218,6 +218,13 @@ class Tip:
             return inf
         return self.control.climb_speed / float(along[2])
 
+    def wedge_limit(self, along: np.ndarray) -> float:
+        """m/s along a unit vector (3,) down a slope, into a gap whose other side the stick meets; inf where none is."""
+        leads_in = along[2] < 0.0 and hypot(along.item(0), along.item(1)) > SIDEWAYS
+        if not leads_in or not self.overhangs.ahead(self.here, along):
+            return inf
+        return self.control.wedge_speed(along, self.seen.pose[:3, :3])
+
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""
         control = self.control

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from lwrprobe.contracts import InputError
 from lwrprobe.control import run_on
-from lwrprobe.control.contour_control import FORCE_RESERVE, FRICTION, ContourControl
+from lwrprobe.control.contour_control import FORCE_RESERVE, ContourControl
+from lwrprobe.control.contour_kernels import FRICTION
 from strategy_task import DOWN, task
 
 
@@ -133,6 +134,46 @@ def test_down_a_wall_the_foot_and_the_wall_together_stay_within_the_room(stiffne
     assert np.hypot(foot + 0.5 * t.force_target, t.force_target) <= FORCE_RESERVE * t.force_limit * 1.001
 
 
+@pytest.mark.parametrize("slope", [20, 40, 60, 80])
+def test_down_a_slope_its_own_force_leaves_less_to_what_is_met(slope):
+    """The vector sum of what slope, friction and a foot press with, for a foot that is met along the stick."""
+    t = replace(task(), contour_speed=1.0)
+    control, angle = ContourControl(t), np.radians(slope)
+    normal, tangent = np.array([0.0, -np.sin(angle), np.cos(angle)]), np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    control.begin(normal)
+    velocity = control.velocity(normal, t.force_target, (-1.0, 0.0, 0.0), 1.0, DOWN, 0.008)
+    down, speed = -float(velocity[2]), float(np.linalg.norm(velocity))
+    assert velocity @ tangent == pytest.approx(speed)
+    push = down * t.delay + speed * down / (2.0 * t.acceleration)
+    foot = t.force_threshold + stiffness_along(t, (0.0, 0.0, 1.0)) * push
+    slid = t.force_target * (normal - FRICTION * tangent)
+    total = np.linalg.norm(slid + np.array([0.0, 0.0, foot]))
+    assert total <= FORCE_RESERVE * t.force_limit * 1.001
+    assert total >= 0.7 * FORCE_RESERVE * t.force_limit, "and no slower than that asks for"
+
+
+@pytest.mark.parametrize("slope", [20, 40, 60])
+def test_between_a_slope_and_its_stick_the_sphere_presses_no_harder_than_the_room_allows(slope):
+    """The stick meets the other side of a gap: what holds the sphere along the stick is the slope's force alone."""
+    t, angle = task(), np.radians(slope)
+    control = ContourControl(t)
+    normal, tangent = np.array([0.0, -np.sin(angle), np.cos(angle)]), np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    control.begin(normal)
+    speed = control.wedge_speed(tangent, DOWN)
+    push = -speed * tangent[2] * (t.delay + speed / (2.0 * t.acceleration))
+    pressed = t.force_target + t.force_threshold + stiffness_along(t, (0.0, 0.0, 1.0)) * push / normal[2]
+    assert pressed <= FORCE_RESERVE * t.force_limit
+    assert pressed >= 0.65 * FORCE_RESERVE * t.force_limit, "and no slower than that asks for"
+    assert control.wedge_speed(-tangent, DOWN) == np.inf, "upwards nothing is wedged"
+
+
+def test_down_a_steep_slope_a_wedge_gives_way_sideways():
+    """However steep: sphere and stick come to rest nowhere."""
+    control = ContourControl(task())
+    control.begin(np.array([0.0, -1.0, 0.01]))
+    assert control.wedge_speed(np.array([0.0, -0.01, -1.0]), DOWN) > 0.2 * control.approach_speed(DOWN[:, 2], DOWN)
+
+
 def test_off_a_wall_by_a_normal_that_leads_down_the_tip_is_no_faster_down_than_an_approach():
     """Friction on a wall turns the normal; what stands below is met as hard as in any approach, at most."""
     t = task()
@@ -174,8 +215,9 @@ def velocity_of(t, control, last, steady, before, normal, force, binormal, speed
     tangent /= np.linalg.norm(tangent)
     slide = min(speed, t.force_target / (stiffness * t.delay * 0.08))
     if tangent @ rotation[:, 2] > 0.3:
-        limit, wall = FORCE_RESERVE * t.force_limit, t.force_target
-        foot = np.sqrt(limit**2 - wall**2) - FRICTION * wall - t.force_threshold
+        limit, pressed = FORCE_RESERVE * t.force_limit, t.force_target * np.array([1.0, FRICTION])
+        up = pressed @ [max(-n @ rotation[:, 2], 0.0), tangent @ rotation[:, 2]]
+        foot = np.sqrt(limit**2 - max(pressed @ pressed - up**2, 0.0)) - up - t.force_threshold
         slide = min(slide, foot / (limit - t.force_threshold) * control.approach_speed(tangent, rotation))
     slide *= np.clip(1.0 - max(abs(error), growth) / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)
     return n, steady, slide * tangent + press * n

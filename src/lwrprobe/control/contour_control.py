@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from math import isnan, nan
+from math import inf, isnan, nan
 
 import numpy as np
 
@@ -41,13 +41,14 @@ over the area and from joint to joint, and which gives way less to what pushes i
 LEAST_GIVE = 0.5
 """Of the stated compliance of object and arm, that an arm leaves in its stiffest direction at least."""
 BESIDE = 1.25
-"""Times the wanted force, from which on what is met beside a wall counts."""
+"""Times the wanted force, from which on what is met beside a surface counts."""
 LEAST_SPARE = 0.25
 """Share of what a first touch may use, that a climb plans with at least: with a limit near the wanted force it would
 come to rest."""
-FRICTION = 0.5
-"""Of a wall under the sphere, as large as that of dry contacts mostly is: its share of the wanted force adds to what a
-foot presses with."""
+
+STEEPEST = 0.4
+"""Share of a normal along the stick, at which a sphere is wedged hardest between a surface and its stick: sqrt(c / C),
+C the compliance along the stick and c that with which object and stick give way to the wedge."""
 
 Vector = tuple[float, float, float]
 
@@ -84,8 +85,16 @@ class ContourControl:
         whole = task.force_limit - task.force_target
         self._law[kernels.SLACK] = max(FORCE_RESERVE * task.force_limit - task.force_target, 0.5 * whole)
         self._law[kernels.RADIUS] = task.probe.radius
+        self._law[[kernels.LIMIT, kernels.THRESHOLD]] = FORCE_RESERVE * task.force_limit, task.force_threshold
         self._law[[kernels.SERIES, kernels.LATERAL, kernels.ALONG]] = 1.0 / task.stiffness, lateral, along
-        self._follow, self._perpendicular, self._by_direction, self._stiffness, self._outward_limit = _entries()
+        (
+            self._follow,
+            self._perpendicular,
+            self._by_direction,
+            self._stiffness,
+            self._outward_limit,
+            self._foot_share,
+        ) = _entries()
         give = np.sin(NORMALS) ** 2 * lateral + np.cos(NORMALS) ** 2 * along
         # The largest K(n) (d n) over the normals n of a surface that a motion along d may meet. It grows with the share
         # of d along the stick, so that the end of each step counts.
@@ -107,11 +116,6 @@ class ContourControl:
             least = task.force_threshold * task.probe.sensor_distance
             raise InputError("probe.torque_range", task.torque_limit, f"a share of it of more than {least:.3g} N m")
         self._reserve = spare
-        # At a foot the sphere still presses on the wall, across what the foot presses with, and slides down it, whose
-        # friction adds to that.
-        limit, wall = FORCE_RESERVE * task.force_limit, task.force_target
-        foot = np.sqrt(max(limit**2 - wall**2, 0.0)) - FRICTION * wall - task.force_threshold
-        self._law[kernels.FOOT_SHARE] = max(float(foot), 0.0) / spare
         pairs = list(zip(hardest.tolist(), late.tolist()))
         against = zip((hard * (spare / spares)).max(axis=1).tolist(), late.tolist())
         safe = [approach_speed(spare, k, delay, task.acceleration) for k, delay in against]
@@ -127,6 +131,7 @@ class ContourControl:
         beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
         met = int(np.argmax(beside))
         delay = task.delay + float(longer[flank <= NORMALS][met])
+        limit, wall = FORCE_RESERVE * task.force_limit, task.force_target
         # Beside the wall a second contact shows once it presses as much as the wall does, and some more.
         climb = max(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, LEAST_SPARE * spare)
         self.column_speed, self.climb_speed = (
@@ -188,7 +193,22 @@ class ContourControl:
 
     def descent_speed(self, rotation: np.ndarray) -> float:
         """m/s down a wall in contact, towards a foot that has not been touched; `rotation` (3, 3) is the tip's."""
-        return float(self._law[kernels.FOOT_SHARE]) * self._by_direction(self._safe, float(rotation[2, 2]))
+        along = float(rotation[2, 2])
+        return self._foot_share(self._law, 0.0, abs(along)) * self._by_direction(self._safe, along)
+
+    def wedge_speed(self, tangent: np.ndarray, rotation: np.ndarray) -> float:
+        """m/s down the tracked surface along `tangent` (3,) unit, where the stick may be met from the other side.
+
+        The sphere is then a wedge between the two: what holds it along the stick is the surface's force alone, which is
+        the larger, the steeper the surface. From `STEEPEST` on, the wedge gives way sideways instead.
+        """
+        dive = float(rotation[:, 2] @ tangent)
+        if dive <= 0.0:
+            return inf
+        press, law = max(-float(rotation[:, 2] @ self.normal), STEEPEST), self._law
+        left = float(law[kernels.LIMIT] - BESIDE * law[kernels.TARGET] - law[kernels.THRESHOLD])
+        left = max(left, LEAST_SPARE * self._reserve)
+        return left * press / self._reserve * self._by_direction(self._safe, dive)
 
     def stick_speed(self, reach: float, along: np.ndarray | None = None, share: float = STICK_SHARE) -> float:
         """m/s across the stick at which it may be met up to `reach` m above the sphere's centre.
@@ -245,4 +265,5 @@ def _entries() -> tuple[Callable, ...]:
         entry(kernels.by_direction, speeds, number),
         entry(kernels.stiffness, law, number),
         entry(kernels.outward_limit, speeds, number),
+        entry(kernels.foot_share, law, number, number),
     )

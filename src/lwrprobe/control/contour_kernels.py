@@ -13,11 +13,11 @@ DELAY, TARGET, SLACK = 0, 1, 2
 """s; N that is wanted; N from there to the limit."""
 SERIES, LATERAL, ALONG = 3, 4, 5
 """m/N of object and arm, and of the probe across its stick and along it."""
-FOOT_SHARE = 6
-"""Share of the approach speed that remains down a wall."""
-RADIUS = 7
+LIMIT, THRESHOLD = 6, 7
+"""N that sliding may reach; N above which a touch is one."""
+RADIUS = 8
 """m of the sphere."""
-SIZE = 8
+SIZE = 9
 
 MAX_INWARD = 0.01
 """m/s towards the surface. More would only deepen a contact that is about to return."""
@@ -49,6 +49,8 @@ CONE = 0.35
 """rad by which the normal may turn towards the stick before the law knows; the stiffest direction in it counts."""
 DIVE = 0.3
 """Share of the sliding speed along the stick, towards its tip, from which on sliding is also an approach."""
+FRICTION = 0.5
+"""Of what the sphere slides down on, as large as that of dry contacts mostly is."""
 
 
 @kernel
@@ -86,6 +88,20 @@ def outward_limit(safe, axial):
     """
     slowest = safe[len(safe) - 1]
     return min(MAX_OUTWARD, slowest / axial) if axial * MAX_OUTWARD > slowest else MAX_OUTWARD
+
+
+@kernel
+def foot_share(law, axial, dive):
+    """Of the approach speed, what remains down a slope or wall, towards a foot that has not been touched.
+
+    `axial` and `dive` are the shares of normal and tangent along the stick. What the sphere presses on meanwhile, and
+    its friction, add to what the foot presses with along the stick: of a slope the most, of a wall across it.
+    """
+    target, limit = law[TARGET], law[LIMIT]
+    along = target * (max(-axial, 0.0) + FRICTION * dive)
+    across = max(target * target * (1.0 + FRICTION * FRICTION) - along * along, 0.0)
+    foot = sqrt(max(limit * limit - across, 0.0)) - along - law[THRESHOLD]
+    return max(foot, 0.0) / (limit - law[THRESHOLD])
 
 
 @kernel
@@ -133,8 +149,8 @@ def follow(law, safe, last, normal, force, rise, bx, by, bz, speed, rotation, pe
     press = normal_velocity(error, damping, steady, inward, outward_limit(safe, axial))
     tx, ty, tz = perpendicular(nx, ny, nz, bx, by, bz)
     slide, dive = speed, tx * ax + ty * ay + tz * az
-    if dive > DIVE:  # down a wall towards a foot that has not been touched yet, stick first
-        slide = min(slide, law[FOOT_SHARE] * by_direction(safe, dive))
+    if dive > DIVE:  # towards a foot that has not been touched yet, stick first
+        slide = min(slide, foot_share(law, axial, dive) * by_direction(safe, dive))
     slide = min(slide, law[TARGET] / (damping / e * TURN))
     # A wrong normal leads the sliding into the surface.
     slide *= min(max(1.0 - max(abs(error), coming) / law[SLACK], MIN_SLIDING), 1.0)
