@@ -216,7 +216,8 @@ class Tip:
         """
         if along[2] < UPWARDS or not self.overhangs.above(self.here, self.control.normal):
             return inf
-        return self.control.climb_speed / float(along[2])
+        safe = self.control.climb_speed if self.reliable else self.control.held_speed
+        return safe / float(along[2])
 
     def wedge_limit(self, along: np.ndarray) -> float:
         """m/s along a unit vector (3,) down a slope, into a gap whose other side the stick meets; inf where none is."""

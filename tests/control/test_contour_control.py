@@ -321,3 +321,12 @@ def test_a_wall_is_climbed_more_slowly_than_a_free_column_but_never_at_rest(limi
     """A ledge above it was met with 3.7 N; and where the limit is near the wanted force, nothing was to spare."""
     control = ContourControl(replace(task(), force_limit=limit))
     assert least * control.column_speed < control.climb_speed < 0.8 * control.column_speed
+
+
+def test_with_its_stick_on_a_wall_the_sphere_meets_an_eave_as_if_nothing_gave_way_sideways():
+    t = task()
+    control = ContourControl(t)
+    push = control.held_speed * t.delay + control.held_speed**2 / (2.0 * t.acceleration)
+    met = stiffness_along(t, (0.0, 0.0, 1.0)) * push + t.force_threshold
+    assert np.hypot(met, t.force_target) <= FORCE_RESERVE * t.force_limit
+    assert control.held_speed < 0.8 * control.climb_speed

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from partly_touched import upper_part
 
 from lwrprobe.bench.sampled_lines import RADIUS, sample_lines
@@ -13,7 +14,7 @@ from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.lower_sides import find_lower_sides, moved_to_field
 from lwrprobe.reconstruction.touches import prepare
-from lwrprobe.scene.shape import Box, Sphere
+from lwrprobe.scene.shape import Box, Cylinder, Sphere
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.table import Pose
 
@@ -114,11 +115,47 @@ def test_nothing_goes_down_where_the_sphere_passed():
     record = upper_part(sample_lines(tall(), PITCH, 0.25), DEPTH)
     below = found(record)[0].points[:, 2].min()
     x = np.linspace(-0.05, 0.05, 101)
-    passes = [np.column_stack([x, np.full(101, y), np.full(101, 0.02)]) for y in (-0.025, 0.025)]
-    walls, _ = found(replace(record, free_path=np.vstack([record.free_path, *passes])))
-    beside = np.abs(walls.points[:, 1]) > 0.024
-    assert beside.any()
-    assert below < 0.012 < 0.02 < walls.points[beside, 2].min()
+
+    def lowest_where_passed(off):
+        passes = [np.column_stack([x, np.full(101, y), np.full(101, 0.02)]) for y in (-off, off)]
+        walls, _ = found(replace(record, free_path=np.vstack([record.free_path, *passes])))
+        beside = np.abs(walls.points[:, 1]) > 0.024
+        assert beside.any()
+        return walls.points[beside, 2].min()
+
+    assert below < 0.012
+    assert lowest_where_passed(0.024) > 0.02
+    assert lowest_where_passed(0.028) == pytest.approx(below), "beside the wall"
+
+
+def mushroom(record, stem=0.02):
+    """A disc from 40 to 60 mm above the table on a stem, touched as low as its own edge; what its mesh is off, and how
+    far out it reaches below."""
+    disc = Cylinder(shape="cylinder", radius=0.04, length=0.02, at=Pose(xyz=(0.0, 0.0, 0.05)))
+    foot = Cylinder(shape="cylinder", radius=stem, length=0.045, at=Pose(xyz=(0.0, 0.0, 0.0225)))
+    solid = Solid.from_shapes([disc, foot])
+    given = upper_part(sample_lines(solid, PITCH, 0.25), 0.042)
+    result = ContactSurface(ContactSurface.Config(pitch=PITCH, compare=False)).reconstruct(record(given))
+    low = result.mesh.vertices[(result.mesh.vertices[:, 2] < 0.03) & (result.mesh.vertices[:, 2] > 0.001)]
+    return mesh_error(result.mesh, solid, 0.006, samples=4000).mean, np.hypot(low[:, 0], low[:, 1])
+
+
+def test_where_the_sphere_passed_under_all_walls_a_foot_stands_in_the_middle():
+    turn = np.deg2rad(np.arange(0.0, 360.0, 1.0))
+    under = np.column_stack([0.042 * np.cos(turn), 0.042 * np.sin(turn), np.full(len(turn), 0.032)])
+    straight, outside = mushroom(lambda given: given)
+    assert np.median(outside) > 0.035, "nothing shows that the walls end"
+    cut, foot = mushroom(lambda given: replace(given, free_path=np.vstack([given.free_path, under])))
+    assert len(foot) > 0, "it stands on the table"
+    assert np.median(foot) < 0.03
+    assert cut < 0.6 * straight
+
+
+def test_where_some_walls_go_down_those_that_end_tell_of_no_foot():
+    turn = np.deg2rad(np.arange(0.0, 180.0, 1.0))
+    under = np.column_stack([0.042 * np.cos(turn), 0.042 * np.sin(turn), np.full(len(turn), 0.032)])
+    _, foot = mushroom(lambda given: replace(given, free_path=np.vstack([given.free_path, under])))
+    assert np.quantile(foot, 0.9) > 0.035
 
 
 def test_a_side_that_recedes_goes_on_inwards_and_not_straight_down():

@@ -284,6 +284,21 @@ def test_back_down_the_wall_that_was_climbed_to_the_foot_of_the_next_line():
     assert free.back_to(line.start, 0.02) is None, "it leaned on the way"
 
 
+def test_the_way_back_does_not_lead_into_what_a_reliable_normal_shows():
+    """The stick touched a wall, and the sphere then met an underside: the wall's normal led up, into that."""
+    free, up = stand(nowhere(), *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.0011))), np.array([0.0, 0.0, 1.0])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = DOWN, [0.0, 0.0, 0.02]
+    free.note(pose, np.array([0.0, -0.6, 0.8]))
+    pose[2, 3] += 0.0012
+    free.note(pose, np.array([0.0, -0.6, -0.8]), reliable=False)
+    free.note(pose, -up)
+    back = np.array([place for place, _ in free.return_path(0.05)])
+    assert back[0] == pytest.approx(pose[:3, 3] - LIFT * up)
+    assert back[:, 2].max() < 0.0203
+    assert back[-1, 1] < -0.025
+
+
 def test_no_way_back_leads_to_a_place_next_to_a_light_touch():
     """An exploration had ended with an IndexError where that was the only place near the start of the next line."""
     free = stand(nowhere(), [0.0, 0.0, 0.02], normal=[0.0, -1.0, 0.0])

@@ -243,7 +243,7 @@ def test_in_free_space_it_goes_slowly_towards_what_the_sphere_would_have_met_if_
 
 def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_something_overhangs():
     tip = Tip(task(approach=0.03))
-    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    tip.overhangs, tip.reliable = Overhangs(AREA, tip.task.probe, 0.015), True
     place, up, slope = np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.9, 0.43])
     tip.here = place
     wall = np.array([0.0, -1.0, 0.0])
@@ -262,12 +262,14 @@ def test_up_a_wall_it_goes_slowly_where_nobody_knows_what_is_above_and_where_som
     tip.here = place
     touch(tip.overhangs, [0.01, 0.0, 0.045], np.array([0.0, -0.6, -0.8]), times=MIN_LEANING)
     assert tip.climb_limit(up) == pytest.approx(tip.control.climb_speed), "something overhangs up there"
+    tip.reliable = False
+    assert tip.climb_limit(up) == pytest.approx(tip.control.held_speed), "the stick may press on the wall"
 
 
 def test_up_a_wall_it_goes_slowly_below_a_top_alone_on_an_object_that_overhangs_elsewhere():
     """A line beside went over a plate on a column: how far that reaches on this side, nobody knows."""
     tip = Tip(task(approach=0.03))
-    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    tip.overhangs, tip.reliable = Overhangs(AREA, tip.task.probe, 0.015), True
     up, wall = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     tip.control.begin(wall)
     tip.here = np.array([0.0, 0.0, 0.03])
@@ -282,7 +284,7 @@ def test_up_a_wall_it_goes_slowly_below_a_top_alone_on_an_object_that_overhangs_
 def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
     """What stands out there by a millimetre stands out further here: it was met from below at sliding speed."""
     tip = Tip(task(approach=0.03))
-    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    tip.overhangs, tip.reliable = Overhangs(AREA, tip.task.probe, 0.015), True
     up, wall = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     tip.control.begin(wall)
     for z in np.arange(0.02, 0.07, 0.001):
@@ -299,7 +301,7 @@ def test_up_a_wall_it_goes_slowly_where_the_line_beside_was_further_out_above():
 def test_up_a_wall_it_goes_slowly_below_a_surface_that_faces_somewhat_alike_and_stands_out(out, slow):
     """The upper of two boxes, turned about the vertical: where lines beside met it, it faced another way."""
     tip = Tip(task(approach=0.03))
-    tip.overhangs = Overhangs(AREA, tip.task.probe, 0.015)
+    tip.overhangs, tip.reliable = Overhangs(AREA, tip.task.probe, 0.015), True
     wall, upper = np.array([0.0, -1.0, 0.0]), np.array([np.sin(1.2), -np.cos(1.2), 0.0])
     tip.control.begin(wall)
     tip.here = np.array([0.0, 0.0, 0.03])

@@ -143,6 +143,20 @@ def test_a_transit_that_leaves_a_wall_notices_what_it_meets_there():
     assert surface.fastest < 0.9 * strategy.tip.control.column_speed
 
 
+def test_a_transit_does_not_begin_towards_what_presses():
+    """A path back that was wrong by a normal had led up, against an underside, with 5.2 N before it was interrupted."""
+    surface = over(lambda place: 0.05 - place[2], [0.0, 0.0, 0.05 - RADIUS + 0.0007])
+    strategy = OneSkill(lambda tip: transit(tip, [Waypoint(np.array([0.0, 0.0, 0.08]))]))
+    strategy.start(replace(TASK, start=surface.place.copy()))
+    before = surface.look()
+    strategy.tip.observe(before)
+    strategy.tip.leave()
+    while not isinstance(motion := strategy.step(surface.look()), Done):
+        surface.obey(motion)
+    assert strategy.end is Ended.CONTACT
+    assert surface.peak == pytest.approx(np.linalg.norm(before.force))
+
+
 def test_a_transit_leaves_what_is_touched_even_when_the_force_is_overlarge():
     def body(tip):
         tip.leave()

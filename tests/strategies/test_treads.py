@@ -101,8 +101,9 @@ def test_a_line_that_passed_low_close_by_shows_that_the_tread_ends():
     assert lines_of(memory, X, np.array([-0.02, 0.0, 0.02])) == []
 
 
-def floors(memory, body, shown=1.5 * PITCH, across=()):
-    return floor_lines(memory.contacts(), memory.trail(), (np.array(across), XS), task(), HEIGHT, PITCH, shown, body)
+def floors(memory, body, across=(), plate=()):
+    places, plate = (np.array(across), XS), np.array(plate).reshape(-1, 2)
+    return floor_lines(memory.contacts(), memory.trail(), places, task(), HEIGHT, PITCH, body, plate)
 
 
 def test_floor_that_lines_passed_above_is_looked_at_as_far_in_as_the_body_may_go():
@@ -163,9 +164,10 @@ def test_a_side_beside_which_the_grid_has_passed_is_met_along_x_unless_its_foot_
     assert [line.begin for line in again] == [AREA.lower[0]]
 
 
-def test_lines_that_show_less_are_nearer_to_each_other():
-    lines = floors(plate(led=()), Beside(off=0.015), 0.75 * PITCH)
+def test_around_a_plate_that_was_met_lines_are_nearer_to_each_other():
+    lines = floors(plate(led=()), Beside(off=0.015), plate=[(x, -0.03) for x in XS])
     assert np.diff(sorted(line.place for line in lines if line.begin < 0.0)) == pytest.approx(PITCH)
+    assert np.diff(sorted(line.place for line in lines if line.begin > 0.0)).min() > PITCH + 1e-6, "none was met there"
 
 
 def test_no_floor_is_looked_at_twice_or_where_the_body_may_not_go():

@@ -73,6 +73,8 @@ class ContourControl:
     column_speed : m/s along the stick, where the stick has been and the sphere has not: what stands there is met with
         the sphere's flank
     climb_speed : m/s, the same for a sphere that presses on a wall meanwhile
+    held_speed : m/s, the same where its stick presses on the wall, and friction on what it meets with its flank keeps
+        the sphere from giving way sideways
     """
 
     def __init__(self, task: Task) -> None:
@@ -128,16 +130,17 @@ class ContourControl:
         self._softer = xx, xy, yy  # m/N, in the plan view
         probe = task.probe
         flank = np.arcsin(np.clip((probe.stick_radius - COLUMN_PLAY) / probe.radius, 0.0, 1.0))
-        beside = (np.cos(NORMALS) / soft)[flank <= NORMALS]
-        met = int(np.argmax(beside))
-        delay = task.delay + float(longer[flank <= NORMALS][met])
         limit, wall = FORCE_RESERVE * task.force_limit, task.force_target
         # Beside the wall a second contact shows once it presses as much as the wall does, and some more.
         climb = max(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, LEAST_SPARE * spare)
-        self.column_speed, self.climb_speed = (
-            min(approach_speed(force, float(beside[met]), delay, task.acceleration), task.approach_speed)
-            for force in (spare, min(climb, spare))
-        )
+        climb, gives = min(climb, spare), np.cos(NORMALS) / soft
+        held = np.where(np.tan(NORMALS) < kernels.FRICTION, 1.0 / soft[0], gives)
+        speeds = []
+        for force, stiff in ((spare, gives), (climb, gives), (climb, held)):
+            met = int(np.argmax(np.where(flank <= NORMALS, stiff, 0.0)))
+            delay = task.delay + float(longer[met])
+            speeds.append(min(approach_speed(force, float(stiff[met]), delay, task.acceleration), task.approach_speed))
+        self.column_speed, self.climb_speed, self.held_speed = speeds
 
     def begin(self, normal: np.ndarray) -> None:
         """Track a fresh contact with this (3,) normal, of any length; the steady part starts at zero."""

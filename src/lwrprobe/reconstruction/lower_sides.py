@@ -9,12 +9,16 @@ far beside the object.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lwrprobe.reconstruction.clusters import Clusters
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.touches import Touches
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _OF_A_SIDE = -0.9, 0.35  # z of its normals: lower it is an underside, higher a top
 _BESIDE = 0.6  # of the pitch: contacts of the same line, or of another that shows the side there
@@ -33,8 +37,12 @@ _CLOSEST = 2.0  # radii of the sphere: what the centres' surface bends around mo
 _STEP = 0.5  # of the pitch, between places
 _DEEP = 1.0  # of the pitch: so far the contacts themselves show how a side goes on
 _ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell of it
-_PASSED = 0.8  # radii: so near to a place that was passed freely nothing is
+_PASSED = 0.9  # radii: so near to where the sphere's centre passed freely nothing is
 _UNDER = -0.97  # z of the normal at which a side has become an underside
+_CUT = 3.0  # radii: so far below its end free space shows that an upright wall ends there
+_TURNED = -0.3  # z of the normal, from which on the end of a side is its lower edge
+_MOST = 0.5  # share of the sides that must end so for all of them to do
+_LEVEL = 0.9  # -z of the normal that an underside has beside its edge: rows lead down as well
 _FOOT = 0.5  # of the way to the middle: so far sides lean in above a foot that nobody has touched
 _OPPOSITE = 0.5  # cosine between a side's direction inwards and the normals on the object's other side
 _GROWTH = 0.03  # m of standard deviation a metre below the last contact, of an upright wall as a whole
@@ -83,6 +91,11 @@ class _Side:
             return _APIECE, _GROWTH_BENT
         return (_APIECE, _GROWTH) if self.straight else (_GROWTH_BENT, 0.0)
 
+    def underside(self, radius: float) -> _Side:
+        """What leads inwards where the side has an edge at its end, around which the sphere has this radius [m]."""
+        normal = np.array([*(-np.sqrt(1.0 - _LEVEL**2) * self.inward), -_LEVEL])
+        return replace(self, end=self.end + radius * (normal - self.normal), normal=normal, bend=0.0)
+
     def plan_view(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) m each, how far points (n, 3) lie inwards of the end, and aside of that direction."""
         offset = points[:, :2] - self.end[:2]
@@ -130,7 +143,18 @@ def find_lower_sides(
     places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
     ends = _LowerEnds(touches, clusters, pitch)
     sides = ends.sides()
-    sides = _feet(sides or ends.edges(), touches, clusters, pitch) or sides
+
+    def is_cut(side: _Side) -> bool:
+        return _free_from(side, passed, touches.radius, _CUT * touches.radius) < np.inf
+
+    if all(side.straight and is_cut(side) for side in sides):
+        edges = sides + ends.edges()
+        if sum(side.normal[2] < _TURNED or is_cut(side) for side in edges) > _MOST * len(edges):
+            edges = [side.underside(touches.radius) for side in edges]
+        foot = _feet(edges, touches, clusters, pitch)
+    else:
+        foot = _feet(sides, touches, clusters, pitch)
+    sides = foot or sides
     for side in sides + (ends.upright(sides, walls) if walls is not None else []):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
@@ -139,8 +163,7 @@ def find_lower_sides(
         lean = np.clip(-facing[:, 2], 0.0, 1.0)
         ended = row[:, 2] < touches.lowest - touches.radius * lean - 0.5 * _STEP * pitch
         ended |= (lean > -_UNDER) | _stopped(side, row, clusters, pitch)
-        for i, near in enumerate(passed.query_ball_point(row, _PASSED * touches.radius)):
-            ended[i] |= bool((touches.visited[near, 2] < side.end[2] - touches.radius).any())
+        ended |= down > _free_from(side, passed, touches.radius, down[-1])
         kept = ~np.logical_or.accumulate(ended)
         places.append(row[kept])
         normals.append(facing[kept])
@@ -183,6 +206,15 @@ def _down(normal: np.ndarray) -> np.ndarray:
     return down / np.linalg.norm(down)
 
 
+def _free_from(side: _Side, passed: cKDTree, radius: float, length: float) -> float:
+    """m below the end of a side, at most `length`, from where it does not go on: the sphere `passed` freely there; inf
+    where it does."""
+    down = np.arange(_FINE, length + _FINE, _FINE)
+    below, normals = side.below(down)
+    free = passed.query(below - radius * normals)[0] < _PASSED * radius
+    return float(down[np.argmax(free)]) if free.any() else np.inf
+
+
 def _feet(sides: list[_Side], touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
     """The sides, so that they become upright around a foot, where all of them would meet above the table; else none."""
     feet = []
@@ -192,7 +224,7 @@ def _feet(sides: list[_Side], touches: Touches, clusters: Clusters, pitch: float
         down = np.arange(0.0, 2.0 * (side.end[2] - touches.table) + _FINE, _FINE)
         places, _ = side.below(down)
         met = side.plan_view(places)[0] > middle
-        if not (met & (places[:, 2] > touches.table)).any():
+        if -side.normal[2] < _LEVEL and not (met & (places[:, 2] > touches.table)).any():
             return []
         lean = float(np.arcsin(np.clip(-side.normal[2], 0.0, 1.0)))
         along = max(_FOOT * middle, _FINE) / max(lean, _IN_PLANE)

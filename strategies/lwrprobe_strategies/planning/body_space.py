@@ -23,7 +23,7 @@ CELL = 0.001
 """m, edge of the squares in the plan view for which a height is kept."""
 GRAIN = 0.003
 """m between two points of a link's surface that are looked at."""
-STEP = 0.002
+STEP = 0.001
 """m between two places of a line that are looked at."""
 SUNK = 0.2
 """Of the sphere's radius, by which something may be above its underside: contacts and the probe's place err."""

@@ -90,7 +90,7 @@ class FreeSpace:
         self._places = GrowingTable(COLUMNS)
         self._turns: list[np.ndarray] = []
         self._off = np.full(3, np.inf), np.zeros(3)  # the last place with a reliable normal, and that
-        self._next_to_touch: set[int] = set()  # indices of places next to a touch, where who comes back may touch again
+        self._next_to_touch: set[int] = set()  # indices of places on no path back: who comes there may touch again
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
 
@@ -130,9 +130,11 @@ class FreeSpace:
             near = abs(x - last[0]) < SPACING and abs(y - last[1]) < SPACING and abs(z - last[2]) < SPACING
             near = near and ax * last[6] + ay * last[7] + az * last[8] > TURNED
             touched = last[OFF_SURFACE] != last[:3]
-            if near and (normal is None or touched):
+            if near and normal is not None and touched and reliable and self._leads_into(last, normal):
+                self._leave_out(pose[:3, 3], normal)
+            elif near and (normal is None or touched):
                 return
-            if near:
+            elif near:
                 self._next_to_touch.add(len(self._places) - 1)
             elif normal is None and touched:  # a contact that was lost may be no more than a light one
                 self._next_to_touch.add(len(self._places))
@@ -142,6 +144,21 @@ class FreeSpace:
         known = float(column is not None), float(-az > UPRIGHT), float(back), float(self._on_border(x, y))
         self._places.add((x, y, z, x + nx, y + ny, z + nz, ax, ay, az, *known))
         self._turns.append(pose[:3, :3].copy())
+
+    @staticmethod
+    def _leads_into(row: tuple[float, ...], normal: np.ndarray) -> bool:
+        """Whether the place off the surface, of a row (13,) of the table, lies in a surface with a normal (3,)."""
+        x, y, z, off_x, off_y, off_z = row[:6]
+        nx, ny, nz = normal.tolist()
+        return bool((off_x - x) * nx + (off_y - y) * ny + (off_z - z) * nz < 0.0)
+
+    def _leave_out(self, here: np.ndarray, normal: np.ndarray) -> None:
+        """The last places near `here` (3,) that would lead into a surface with a normal (3,) are on no path back."""
+        rows = self._places.rows()
+        for k in range(len(rows) - 1, -1, -1):
+            if np.abs(rows[k, :3] - here).max() >= AGAIN or (rows[k, OFF_SURFACE] - rows[k, :3]) @ normal >= 0.0:
+                break
+            self._next_to_touch.add(k)
 
     def _column_at(self, place: Vector, stick: Vector) -> tuple[float, ...] | None:
         """Where the sphere came down, x and y, and the stick's direction meanwhile; None once it has left that column.

@@ -27,9 +27,6 @@ from lwrprobe_strategies.planning.upright_body import line_height
 ONWARD = 0.3
 """Share of a normal along a line, from which on a contact is on the far side of the object."""
 
-BETWEEN = 0.75
-"""Line spacings beside a line on the floor, up to which it shows what is there where a plate was met."""
-
 SAME = 0.4
 """Line spacings across two lines up one side, below which one of them is enough."""
 LOWER = 6
@@ -210,12 +207,13 @@ class GapPlanner:
     def _floor_lines(self) -> list[Line]:
         """On the floor, where a plate may lie below all lines so far."""
         self._before_floor = len(self._memory)
-        return self._on_floor(NEIGHBOUR * self._spacing)
+        return self._on_floor(np.empty((0, 2)))
 
     def _floor_lines_between(self) -> list[Line]:
         """Those in between as well, where the first ones have met a plate."""
-        plate = self._memory.contacts()[self._before_floor :, NORMAL_Z] > OVER
-        return self._on_floor(BETWEEN * self._spacing) if plate.any() else []
+        met = self._memory.contacts()[self._before_floor :]
+        plate = met[met[:, NORMAL_Z] > OVER, :Z]
+        return self._on_floor(plate) if len(plate) else []
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
@@ -248,15 +246,13 @@ class GapPlanner:
                 self._sides.append(line)
         return self._sides[before:]
 
-    def _on_floor(self, shown: float) -> list[Line]:
-        """On the floor, no more than `shown` m beside each other where nothing else was driven there."""
+    def _on_floor(self, plate: np.ndarray) -> list[Line]:
+        """On the floor; nearer to each other around the places (n, 2) m of a plate."""
         body = self._body
         assert body is not None
         body.survey()
-        contacts, trail = self._memory.contacts(), self._memory.trail()
-        return floor_lines(
-            contacts, trail, (self._across(), self._grid_x), self._task, self.height, self._spacing, shown, body
-        )
+        contacts, trail, places = self._memory.contacts(), self._memory.trail(), (self._across(), self._grid_x)
+        return floor_lines(contacts, trail, places, self._task, self.height, self._spacing, body, plate)
 
     def _places(self, axis: int) -> np.ndarray:
         """(n,) m, of the lines along an axis, those up left strips included."""

@@ -56,19 +56,18 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
                 goal = slowed(goal, min(speed, touching))
             else:  # off a surface, where the probe has been, the path is not quite the one on which it came
                 goal = slowed(goal, min(speed, tip.near_limit(direction(tip.here, waypoint.place))))
+            if touches(tip, waypoint):
+                return Ended.CONTACT
             try:
                 yield goal
             except Overload:
                 if not yields(tip, waypoint):
                     raise
-            if meets(tip, waypoint):
-                tip.leaving = False
-            if tip.touches:
-                tip.control.begin(tip.normal())
-                return Ended.CONTACT
             rests = rests + tip.period if tip.seen.goal_reached else 0.0
             if waypoint.reached(tip.seen.pose) or rests >= AT_REST:
                 break
+        if touches(tip, waypoint):
+            return Ended.CONTACT
     return Ended.ARRIVED
 
 
@@ -76,6 +75,15 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     """m/s on the path to a waypoint, with the tip turning from how it is held to `rotation` (3, 3)."""
     along = direction(tip.here, waypoint.place)
     return min(tip.speeds(turn).at(waypoint.speed_limit, along) for turn in (tip.seen.pose[:3, :3], rotation))
+
+
+def touches(tip: Tip, waypoint: Waypoint) -> bool:
+    """Whether something is touched on the path to a waypoint; it is followed from then on."""
+    if meets(tip, waypoint):
+        tip.leaving = False
+    if tip.touches:
+        tip.control.begin(tip.normal())
+    return tip.touches
 
 
 def meets(tip: Tip, waypoint: Waypoint) -> bool:
