@@ -134,6 +134,7 @@ class ContourControl:
         # Beside the wall a second contact shows once it presses as much as the wall does, and some more.
         climb = max(float(np.sqrt(max(limit**2 - wall**2, 0.0))) - BESIDE * wall, LEAST_SPARE * spare)
         climb, gives = min(climb, spare), np.cos(NORMALS) / soft
+        # A contact that slopes less than the angle of friction does not slide: nothing of the stick's give is left.
         held = np.where(np.tan(NORMALS) < kernels.FRICTION, 1.0 / soft[0], gives)
         speeds = []
         for force, stiff in ((spare, gives), (climb, gives), (climb, held)):

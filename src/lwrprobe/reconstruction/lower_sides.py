@@ -142,19 +142,7 @@ def find_lower_sides(
     passed = cKDTree(touches.visited)
     places, normals, apiece, common = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)], [np.empty(0)]
     ends = _LowerEnds(touches, clusters, pitch)
-    sides = ends.sides()
-
-    def is_cut(side: _Side) -> bool:
-        return _free_from(side, passed, touches.radius, _CUT * touches.radius) < np.inf
-
-    if all(side.straight and is_cut(side) for side in sides):
-        edges = sides + ends.edges()
-        if sum(side.normal[2] < _TURNED or is_cut(side) for side in edges) > _MOST * len(edges):
-            edges = [side.underside(touches.radius) for side in edges]
-        foot = _feet(edges, touches, clusters, pitch)
-    else:
-        foot = _feet(sides, touches, clusters, pitch)
-    sides = foot or sides
+    sides = _with_foot(ends, passed, touches, clusters, pitch)
     for side in sides + (ends.upright(sides, walls) if walls is not None else []):
         if side.end[2] <= touches.lowest + _DEEP * pitch:
             continue
@@ -204,6 +192,24 @@ def _down(normal: np.ndarray) -> np.ndarray:
     """(3,) unit, steepest way down on a surface with a normal (3,) that is not upright."""
     down = normal * normal[2] - [0.0, 0.0, 1.0]
     return down / np.linalg.norm(down)
+
+
+def _with_foot(ends: _LowerEnds, passed: cKDTree, touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
+    """The sides that show how they bend; where all end above the table, what leads from there to a foot between them.
+
+    Upright ones end where the sphere `passed` freely, and all the others count as well then.
+    """
+    sides = ends.sides()
+
+    def is_cut(side: _Side) -> bool:
+        return _free_from(side, passed, touches.radius, _CUT * touches.radius) < np.inf
+
+    if not all(side.straight and is_cut(side) for side in sides):
+        return _feet(sides, touches, clusters, pitch) or sides
+    edges = sides + ends.edges()
+    if sum(side.normal[2] < _TURNED or is_cut(side) for side in edges) > _MOST * len(edges):
+        edges = [side.underside(touches.radius) for side in edges]
+    return _feet(edges, touches, clusters, pitch) or sides
 
 
 def _free_from(side: _Side, passed: cKDTree, radius: float, length: float) -> float:
