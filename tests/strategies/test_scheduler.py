@@ -304,7 +304,7 @@ class Body:
     def survey(self):
         """It is known already."""
 
-    def between_touched(self):
+    def between_facing(self, contacts):
         return np.zeros((3, 3), dtype=bool)
 
     def lowest_at(self, line, rotation):

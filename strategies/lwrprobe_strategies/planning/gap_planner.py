@@ -154,7 +154,7 @@ class GapPlanner:
         body = self._body
         assert body is not None
         body.survey()
-        return unpassed_parts(body, self._task.area, self.height, self._spacing)
+        return unpassed_parts(self._memory.contacts(), body, self._task.area, self.height, self._spacing)
 
     def _near_sides(self) -> list[Line]:
         """Along y, up the sides that a line of the grid met above their foot."""

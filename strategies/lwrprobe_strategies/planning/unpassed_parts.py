@@ -16,19 +16,20 @@ SHORTEST = 0.6
 """Pitches of a line through what is not known, that are worth it."""
 
 
-def unpassed_parts(body: BodySpace, area: Area, height: float, pitch: float) -> list[Line]:
-    """Lines along x, so many that nothing in `BodySpace.between_touched` is farther than a pitch from one of them.
+def unpassed_parts(contacts: np.ndarray, body: BodySpace, area: Area, height: float, pitch: float) -> list[Line]:
+    """Lines along x, so many that nothing in `BodySpace.between_facing` is farther than a pitch from one of them.
 
     Each begins on the nearer end of the area, and ends where what is not known ends. Where two of them are farther
     apart than the pitch, what lies between stays unknown, and is planned for the next time.
 
     Parameters
     ----------
+    contacts : (m, 10) as in `ContactMemory.contacts`
     body : where the body may be, as of its last survey
     height : m, at which the grid is driven
     pitch : m, between two lines
     """
-    left = body.between_touched()
+    left = body.between_facing(contacts)
     reach = round(pitch / CELL)
     low, high = (float(border[X]) for border in (area.lower, area.upper))
     lines: list[Line] = []
