@@ -170,7 +170,8 @@ class Tip:
         if self.overhangs.ahead(here, along):
             # What overhangs slopes: going up meets it as well as going sideways.
             share = side if along[2] <= 0.0 else 1.0
-            return self.control.stick_speed(self.overhangs.reach(here, along), along) / share
+            safe = self.control.stick_speed(self.overhangs.reach(here, along), along) / share
+            return min(safe, self.control.wedge_speed(along, self.seen.pose[:3, :3])) if self.touches else safe
         if self.overhangs.possible(here, along):
             reach = self.overhangs.reach(here, along)
             # What the sphere presses with adds to what the stick meets.
@@ -218,13 +219,6 @@ class Tip:
             return inf
         safe = self.control.climb_speed if self.reliable else self.control.held_speed
         return safe / float(along[2])
-
-    def wedge_limit(self, along: np.ndarray) -> float:
-        """m/s along a unit vector (3,) down a slope, into a gap whose other side the stick meets; inf where none is."""
-        leads_in = along[2] < 0.0 and hypot(along.item(0), along.item(1)) > SIDEWAYS
-        if not leads_in or not self.overhangs.ahead(self.here, along):
-            return inf
-        return self.control.wedge_speed(along, self.seen.pose[:3, :3])
 
     def speeds(self, rotation: np.ndarray) -> Speeds:
         """How fast a motion may be for a tip held by `rotation` (3, 3)."""

@@ -1,5 +1,6 @@
 """Bags as others read them: mcap, mcap-ros2-support and rosbags are the judges."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -84,8 +85,15 @@ def test_contacts_and_map_are_those_of_the_run(run, decoded):
     covered = [state["covered"] for state in states]
     assert covered == sorted(covered)
     assert sorted(set(covered) - {1.0}) == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8]), "lines done"
-    after = {state["state"] for state in states if state["covered"] == 1.0}
-    assert after <= {"transit", "finished"}, "what follows the last line is the way off it"
+    with (run / "states.csv").open() as file:
+        changes = list(csv.DictReader(file))
+    at = np.searchsorted([float(change["time"]) for change in changes], [state["time"] for state in states], "right")
+    begun = [changes[0]["state"], *(change["next"] for change in changes)]
+    assert [state["state"] for state in states] == [begun[k] for k in at]
+    last = max(float(change["time"]) for change in changes if change["state"] != "transit")
+    assert all((state["covered"] == 1.0) == (state["time"] >= last) for state in states), (
+        "only the way off is left then"
+    )
 
 
 def test_the_tip_is_where_the_joints_put_it(run, decoded):

@@ -216,7 +216,7 @@ def velocity_of(t, control, last, steady, before, normal, force, binormal, speed
     slide = min(speed, t.force_target / (stiffness * t.delay * 0.08))
     if tangent @ rotation[:, 2] > 0.3:
         limit, pressed = FORCE_RESERVE * t.force_limit, t.force_target * np.array([1.0, FRICTION])
-        up = pressed @ [max(-n @ rotation[:, 2], 0.0), tangent @ rotation[:, 2]]
+        up = pressed @ [-n @ rotation[:, 2], tangent @ rotation[:, 2]]
         foot = np.sqrt(limit**2 - max(pressed @ pressed - up**2, 0.0)) - up - t.force_threshold
         slide = min(slide, foot / (limit - t.force_threshold) * control.approach_speed(tangent, rotation))
     slide *= np.clip(1.0 - max(abs(error), growth) / (FORCE_RESERVE * t.force_limit - t.force_target), 0.1, 1.0)

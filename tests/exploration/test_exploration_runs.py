@@ -50,7 +50,7 @@ def test_block_is_touched_on_all_sides_in_little_more_than_twice_the_least_time(
     assert summary["contact_error_mm"]["median"] <= 0.15
     assert summary["contact_error_mm"]["p95"] <= 0.5
     assert max(map(abs, summary["end_errors_mm"])) <= 0.3
-    assert summary["sim_time_s"] <= 2.65 * summary["lower_bound_time_s"]
+    assert summary["sim_time_s"] <= 2.62 * summary["lower_bound_time_s"]
     assert summary["sim_time_s"] <= 2.0 * summary["lower_bound_descending_s"]
     assert summary["lower_bound_descending_s"] < summary["lower_bound_unknown_s"]
     assert summary["sim_time_s"] <= 1.9 * summary["lower_bound_unknown_s"]

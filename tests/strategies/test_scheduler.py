@@ -304,8 +304,10 @@ class Body:
     def survey(self):
         """It is known already."""
 
-    def between_facing(self, contacts):
-        return np.zeros((3, 3), dtype=bool)
+    unknown = np.zeros((3, 3), dtype=bool)
+
+    def squares(self, places):
+        return np.zeros((len(places), 2), dtype=int)
 
     def lowest_at(self, line, rotation):
         return self.lowest(line, rotation)

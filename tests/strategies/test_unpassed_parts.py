@@ -7,15 +7,16 @@ import pytest
 
 from lwrprobe.contracts import Area
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.body_space import CELL, BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.lines import X
-from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
+from lwrprobe_strategies.planning.unpassed_parts import unknown_between, unpassed_parts
 from strategy_task import DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
 AREA = Area(np.array([-0.06, -0.06, 0.006]), np.array([0.06, 0.06, 0.108]))
 PITCH, HEIGHT, TOP, RADIUS = 0.01, 0.056, 0.09, 0.005
+REACH = round(PITCH / CELL)
 XS = np.arange(-0.06, 0.0601, PITCH)
 
 
@@ -76,7 +77,7 @@ def test_as_many_lines_are_driven_through_a_slot_as_it_takes_to_know_all_of_it(w
     assert len(places) == count
     apart = np.diff(np.sort([-0.5 * width, *places, 0.5 * width]))
     assert (apart < PITCH + 0.0031).all(), "squares beside the stick are known, on both sides"
-    assert not body.between_facing(contacts)[5:-5].any()
+    assert not unknown_between(contacts, body, REACH)[5:-5].any()
 
 
 def test_a_slot_that_lines_have_passed_over_needs_none():
@@ -96,7 +97,7 @@ def test_beside_the_lines_through_a_slot_that_stands_aslant_nothing_is_left(slan
     body, contacts = space(0.02, slant)
     lines = unpassed_parts(contacts, body, AREA, HEIGHT, PITCH)
     assert lines
-    xs, ys = body.places(*np.nonzero(body.between_facing(contacts))).T
+    xs, ys = body.places(*np.nonzero(unknown_between(contacts, body, REACH))).T
     assert len(xs) > 500
     shown = np.zeros(len(xs), dtype=bool)
     for line in lines:

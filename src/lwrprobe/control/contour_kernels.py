@@ -98,7 +98,7 @@ def foot_share(law, axial, dive):
     its friction, add to what the foot presses with along the stick: of a slope the most, of a wall across it.
     """
     target, limit = law[TARGET], law[LIMIT]
-    along = target * (max(-axial, 0.0) + FRICTION * dive)
+    along = target * (FRICTION * dive - axial)
     across = max(target * target * (1.0 + FRICTION * FRICTION) - along * along, 0.0)
     foot = sqrt(max(limit * limit - across, 0.0)) - along - law[THRESHOLD]
     return max(foot, 0.0) / (limit - law[THRESHOLD])

@@ -39,9 +39,9 @@ _DEEP = 1.0  # of the pitch: so far the contacts themselves show how a side goes
 _ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell of it
 _PASSED = 0.9  # radii: so near to where the sphere's centre passed freely nothing is
 _UNDER = -0.97  # z of the normal at which a side has become an underside
-_CUT = 3.0  # radii: so far below its end free space shows that an upright wall ends there
+_CUT = 3.0  # radii: so far below its end free space shows that a side does not go on
 _TURNED = -0.3  # z of the normal, from which on the end of a side is its lower edge
-_MOST = 0.5  # share of the sides that must end so for all of them to do
+_MOST = 0.5  # share of the sides that end at such an edge, or are cut off, from which on all are taken to end there
 _LEVEL = 0.9  # -z of the normal that an underside has beside its edge: rows lead down as well
 _FOOT = 0.5  # of the way to the middle: so far sides lean in above a foot that nobody has touched
 _OPPOSITE = 0.5  # cosine between a side's direction inwards and the normals on the object's other side
@@ -195,9 +195,10 @@ def _down(normal: np.ndarray) -> np.ndarray:
 
 
 def _with_foot(ends: _LowerEnds, passed: cKDTree, touches: Touches, clusters: Clusters, pitch: float) -> list[_Side]:
-    """The sides that show how they bend; where all end above the table, what leads from there to a foot between them.
+    """The sides that show how they bend, changed so that they lead to a foot where none of them reaches the table.
 
-    Upright ones end where the sphere `passed` freely, and all the others count as well then.
+    An upright side does not where free space cuts it off: where the sphere `passed` there. If all are upright and cut
+    off, or there is none, the places where other sides were touched last count as well.
     """
     sides = ends.sides()
 
@@ -206,8 +207,10 @@ def _with_foot(ends: _LowerEnds, passed: cKDTree, touches: Touches, clusters: Cl
 
     if not all(side.straight and is_cut(side) for side in sides):
         return _feet(sides, touches, clusters, pitch) or sides
-    edges = sides + ends.edges()
-    if sum(side.normal[2] < _TURNED or is_cut(side) for side in edges) > _MOST * len(edges):
+    edges = ends.edges()
+    lower = sum(side.normal[2] < _TURNED or is_cut(side) for side in edges) + len(sides)
+    edges = sides + edges
+    if lower > _MOST * len(edges):
         edges = [side.underside(touches.radius) for side in edges]
     return _feet(edges, touches, clusters, pitch) or sides
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -210,12 +211,12 @@ def _states(path: Path) -> list[tuple[float, str]]:
     if not path.is_file():
         return []
     found = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
-        time, _, rest = line.partition(",")
-        try:
-            found.append((float(time), rest.rpartition(",")[2]))
-        except ValueError:
-            continue
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+        for row in csv.DictReader(file):
+            try:
+                found.append((float(row["time"]), row["next"] or ""))
+            except (TypeError, ValueError, KeyError):  # of a run that was killed
+                continue
     return found
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
 from lwrprobe.mapping import BodyOverHeights, PlanView
-from lwrprobe_strategies.planning.contact_memory import NORMAL_Y
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.upright_body import body, tallest_possible
@@ -42,8 +41,6 @@ LOW = -1.0
 EDGE = 0.0005
 """m beyond the distance that the body has to keep from what was touched, to which lines keep it: the map has cubes.
 Squares beside a touch count as well, which makes it more beside a steep side."""
-FACING = 0.2
-"""Share of a normal along y, from which on a touch is one of a side that faces along it."""
 WIDE = 0.001
 """m by which the distance of two neighbouring lines may exceed the spacing."""
 
@@ -131,31 +128,15 @@ class BodySpace:
         self._body.heights = heights
         self._clear.heights = np.maximum(heights, self._kept(np.where(self._met, heights, -np.inf)))
 
-    def between_facing(self, contacts: np.ndarray) -> np.ndarray:
-        """(n, m) bool, squares of which nothing is known yet, in gaps: of the `contacts` (k, 10) in a row along y, the
-        nearest ones on both sides face each other.
+    @property
+    def unknown(self) -> np.ndarray:
+        """(n, m) bool, squares of which nothing is known, as of the last survey."""
+        full: np.ndarray = self._body.heights >= self._top
+        return full
 
-        As of the last survey. What was touched beside such a row counts, up to a spacing away.
-        """
-        i, j = np.round((contacts[:, :Z] - [self._low_x, self._low_y]) / CELL).astype(int).T
-        onward = contacts[:, NORMAL_Y]
-        inside = (i >= 0) & (i < self._met.shape[0]) & (j >= 0) & (j < self._met.shape[1])
-        rows, columns = i[inside], j[inside]
-        faces_on, faces_back = onward[inside] > FACING, onward[inside] < -FACING
-        before = self._nearest_is(rows, columns, faces_on)
-        beyond = self._nearest_is(rows, self._met.shape[1] - 1 - columns, faces_back)[:, ::-1]
-        between: np.ndarray = (self._body.heights >= self._top) & before & beyond
-        return between
-
-    def _nearest_is(self, rows: np.ndarray, columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(n, m) bool, whether the last one of squares (k,) before each square in its row is `wanted` (k,)."""
-        from scipy.ndimage import maximum_filter1d
-
-        last = np.zeros((2, *self._met.shape), dtype=int)  # column, counted from 1, of those not wanted and of those
-        last[wanted.astype(int), rows, columns] = columns + 1
-        last = maximum_filter1d(last, 2 * round(self._spacing / CELL) + 1, axis=1, mode="constant")
-        other, own = np.maximum.accumulate(last, axis=2)
-        return np.asarray((own > 0) & (own >= other))
+    def squares(self, places: np.ndarray) -> np.ndarray:
+        """(k, 2), the squares in which places (k, 2) m lie, along x and along y; those beside the area lie outside."""
+        return np.round((places - [self._low_x, self._low_y]) / CELL).astype(int)
 
     def places(self, rows: np.ndarray, columns: np.ndarray | int) -> np.ndarray:
         """(n, 2) m, of the squares in `rows` (n,) along x and `columns` (n,) along y."""

@@ -90,7 +90,7 @@ class FreeSpace:
         self._places = GrowingTable(COLUMNS)
         self._turns: list[np.ndarray] = []
         self._off = np.full(3, np.inf), np.zeros(3)  # the last place with a reliable normal, and that
-        self._next_to_touch: set[int] = set()  # indices of places on no path back: who comes there may touch again
+        self._barred: set[int] = set()  # indices of places on no path back: who comes there may touch something
         self._column: tuple[float, ...] | None = None  # where it came down, and the stick's direction meanwhile
         self._descent = 0  # index of the first place of that
 
@@ -135,9 +135,9 @@ class FreeSpace:
             elif near and (normal is None or touched):
                 return
             elif near:
-                self._next_to_touch.add(len(self._places) - 1)
+                self._barred.add(len(self._places) - 1)
             elif normal is None and touched:  # a contact that was lost may be no more than a light one
-                self._next_to_touch.add(len(self._places))
+                self._barred.add(len(self._places))
         nx, ny, nz = (0.0, 0.0, 0.0) if normal is None else (LIFT * normal).tolist()
         column = self._column = self._column_at((x, y, z), (ax, ay, az))
         back = column is not None and max(abs(x - column[0]), abs(y - column[1])) < COLUMN
@@ -158,7 +158,7 @@ class FreeSpace:
         for k in range(len(rows) - 1, -1, -1):
             if np.abs(rows[k, :3] - here).max() >= AGAIN or (rows[k, OFF_SURFACE] - rows[k, :3]) @ normal >= 0.0:
                 break
-            self._next_to_touch.add(k)
+            self._barred.add(k)
 
     def _column_at(self, place: Vector, stick: Vector) -> tuple[float, ...] | None:
         """Where the sphere came down, x and y, and the stick's direction meanwhile; None once it has left that column.
@@ -310,7 +310,7 @@ class FreeSpace:
             away = np.abs(places[:, :2] - places[k, :2]).max(axis=1) > AROUND_TOP
             followed_down = places[k:, 2][away[k:]].min(initial=np.inf) <= places[k, 2] - GAP
             highest = places[~away, 2].max() <= places[k, 2] + GAP
-            if followed_down and highest and before + int(touching[k]) not in self._next_to_touch:
+            if followed_down and highest and before + int(touching[k]) not in self._barred:
                 return int(touching[k])
         return 0
 
@@ -358,7 +358,7 @@ class FreeSpace:
     def _off_touches(self, wanted: np.ndarray) -> list[int]:
         """Which of the `wanted` (n,) of the last n places are not next to a touch."""
         before = len(self._places) - len(wanted)
-        return [k for k in np.flatnonzero(wanted).tolist() if before + k not in self._next_to_touch]
+        return [k for k in np.flatnonzero(wanted).tolist() if before + k not in self._barred]
 
     @staticmethod
     def _open(rows: np.ndarray, wanted: np.ndarray, came_down: int) -> np.ndarray:
@@ -383,7 +383,7 @@ class FreeSpace:
         None where a light touch is next to all of them. `wedged` as in `return_path`.
         """
         rows = self._places.rows()
-        places = [k for k in places if k not in self._next_to_touch]
+        places = [k for k in places if k not in self._barred]
         if not places:
             return None
         off = rows[places, OFF_SURFACE]

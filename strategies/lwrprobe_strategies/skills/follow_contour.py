@@ -122,7 +122,7 @@ def sliding_speed(tip: Tip, frame: TrackingFrame, onward: np.ndarray, careful: b
         speed = min(speed, tip.level_limit(onward))
     if careful:
         speed = min(speed, tip.control.stick_speed(tip.overhangs.reach(tip.here)))
-    speed = min(speed, tip.climb_limit(onward), tip.wedge_limit(onward))
+    speed = min(speed, tip.climb_limit(onward))
     return min(speed, tip.stick_limit(onward)) if tip.stick_may_meet else speed
 
 

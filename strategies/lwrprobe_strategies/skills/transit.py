@@ -56,7 +56,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
                 goal = slowed(goal, min(speed, touching))
             else:  # off a surface, where the probe has been, the path is not quite the one on which it came
                 goal = slowed(goal, min(speed, tip.near_limit(direction(tip.here, waypoint.place))))
-            if touches(tip, waypoint):
+            if ends_in_contact(tip, waypoint):
                 return Ended.CONTACT
             try:
                 yield goal
@@ -66,7 +66,7 @@ def transit(tip: Tip, path: Sequence[Waypoint], rotation: np.ndarray | None = No
             rests = rests + tip.period if tip.seen.goal_reached else 0.0
             if waypoint.reached(tip.seen.pose) or rests >= AT_REST:
                 break
-        if touches(tip, waypoint):
+        if ends_in_contact(tip, waypoint):
             return Ended.CONTACT
     return Ended.ARRIVED
 
@@ -77,8 +77,8 @@ def speed_to(tip: Tip, waypoint: Waypoint, rotation: np.ndarray) -> float:
     return min(tip.speeds(turn).at(waypoint.speed_limit, along) for turn in (tip.seen.pose[:3, :3], rotation))
 
 
-def touches(tip: Tip, waypoint: Waypoint) -> bool:
-    """Whether something is touched on the path to a waypoint; it is followed from then on."""
+def ends_in_contact(tip: Tip, waypoint: Waypoint) -> bool:
+    """Whether something is touched on the path to a waypoint; it is the contact that is tracked from then on."""
     if meets(tip, waypoint):
         tip.leaving = False
     if tip.touches:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from errno import ENOENT
-from io import FileIO
+from io import FileIO, StringIO
 from os import strerror
 from pathlib import Path
 from time import monotonic
@@ -97,7 +98,9 @@ class Recorder:
     def transition(self, time: float, state: str, event: str, following: str) -> None:
         """One step of the strategy's state machine."""
         if self._state_file is not None:
-            self._write(self._state_file, f"{time:.4f},{state},{event},{following}\n")
+            row = StringIO()  # an event may have a comma
+            csv.writer(row, lineterminator="\n").writerow([f"{time:.4f}", state, event, following])
+            self._write(self._state_file, row.getvalue())
         if self.bag is not None:
             self.bag.log(f"{state}: {event}, then {following}")
 
