@@ -483,9 +483,10 @@ class Coverage(SkillStrategy):
         return (line.raised or line.low) and not self.foot_followed and wall and above
 
     def _beside_the_line(self) -> bool:
-        """Whether what is touched stands beside the line, on the path to its beginning."""
-        line = self.frame.line
-        return self.tip.trace.ended is transit and abs(self.tip.here[line.aside] - line.place) > BESIDE_LINE
+        """Whether what is touched on the path to the line's beginning stands beside the line, or behind its end."""
+        line, here = self.frame.line, self.tip.here
+        off = max(abs(float(here[line.aside]) - line.place), line.sign * (float(here[line.axis]) - line.end))
+        return self.tip.trace.ended is transit and off > BESIDE_LINE
 
     def _led_in_under(self) -> bool:
         """Whether the line has led in under what stands ahead, so that the stick comes near that."""

@@ -676,3 +676,17 @@ def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_
     with suppress(StopIteration):
         next(strategy.program())
     assert tried.count(tried[0]) == tries
+
+
+@pytest.mark.parametrize(
+    ("place", "again"),
+    [((0.0, -0.02), False), ((0.0, 0.04), True), ((0.003, -0.02), True), ((0.0, -0.048), False)],
+)
+def test_what_the_path_to_a_line_touches_beside_it_or_behind_its_end_is_not_followed(place, again):
+    """The line before had touched the far side of the same object when it was broken off: this one was not driven."""
+    strategy, line = GridVersion(), Line(1, 0.0, -0.05, -0.015, 0.006, low=True)
+    strategy.start(task(approach=0.03))
+    strategy.begin_line(line)
+    strategy.tip.observe(seen([*place, 0.02], 1.0))
+    strategy.tip.trace.ended = transit
+    assert strategy._beside_the_line() == again
