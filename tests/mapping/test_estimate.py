@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from lwrprobe.contracts import Area, InputError
-from lwrprobe.mapping import estimate
-from lwrprobe.mapping.estimate import SurfaceEstimate, predicted_height
+from lwrprobe.mapping import nearest_places
+from lwrprobe.mapping.estimate import MAX_POINTS, SurfaceEstimate, predicted_height
 from lwrprobe.mapping.estimate_kernels import lower_to_nearest
 
 AREA = Area(np.array([-0.06, -0.05, 0.006]), np.array([0.06, 0.05, 0.05]))
@@ -172,6 +174,59 @@ def test_where_the_sphere_passed_nothing_is():
     assert beside(known) < beside(without)
 
 
+@pytest.mark.parametrize(("above", "full"), [(0.007, False), (0.0095, True)])
+def test_what_was_passed_takes_nothing_away_that_is_hardly_farther_from_a_contact(above, full):
+    """Over a table, between two lines on it, 12 mm from both: its top goes on from one to the other."""
+    known = SurfaceEstimate(AREA, 0.015)
+    cell = np.floor((np.array([0.0, 0.0, TOP - 1e-4]) - known._origin) / known.edge).astype(int)
+    place = known._origin + known.edge * cell
+    for x, y in itertools.product((-0.012, 0.012), np.arange(-0.03, 0.0301, 0.002)):
+        known.touch(np.array([place[0] + x, place[1] + y, TOP]), UP)
+    known.passed(place + np.array([0.0, 0.0, above]))
+    known.update()
+    assert known._inside()[tuple(cell)] == full
+
+
+def naive_connected(inside, touched):
+    """What is left of inside points (a, b, c): no point that outside ones do not come to, by whole steps from a side or
+    from the top; and none that inside ones do not come to from a point that is `touched`."""
+
+    def spread(begin, allowed):
+        begin, seen = [place for place in begin if allowed[place]], np.zeros(allowed.shape, dtype=bool)
+        while begin:
+            place = begin.pop()
+            if seen[place]:
+                continue
+            seen[place] = True
+            for axis, step in itertools.product(range(3), (-1, 1)):
+                other = tuple(place[a] + step * (a == axis) for a in range(3))
+                if all(0 <= i < n for i, n in zip(other, allowed.shape)) and allowed[other]:
+                    begin.append(other)
+        return seen
+
+    every, last = [tuple(place) for place in np.argwhere(np.ones(inside.shape))], np.array(inside.shape) - 1
+    border = [p for p in every if p[0] in (0, last[0]) or p[1] in (0, last[1]) or p[2] == last[2]]
+    filled = ~spread(border, ~inside)
+    return spread([place for place in every if touched[place]], filled)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_estimate_has_no_cavities_and_no_pieces_without_a_contact(seed):
+    rng, known = np.random.default_rng(seed), SurfaceEstimate(AREA, 0.015)
+    shape = known._touched.square.shape
+    inside = rng.uniform(size=shape) < 0.6
+    inside[5:25, 5:25, :12] = True
+    inside[9:15, 9:15, 0:6] = False  # open below alone: the object goes on there
+    inside[30:34, 6:10, 4:8] = True
+    far = np.where(rng.uniform(size=shape) < 0.01, rng.uniform(0.0, 1.5, shape), 3.0) * known.edge
+    known._touched.square = far**2
+    found = known._connected(inside)
+    np.testing.assert_array_equal(found, naive_connected(inside, far <= 2.0 * known.edge))
+    assert found[9:15, 9:15, 0:6].all()
+    assert (found & ~inside).any()
+    assert (inside & ~found).any()
+
+
 def test_the_tallest_place_near_others_is_that_of_a_full_search():
     estimate = SurfaceEstimate(AREA, 0.015)
     for x in np.arange(-0.03, 0.031, 0.002):
@@ -201,19 +256,19 @@ def test_only_new_contacts_are_gone_through(monkeypatch):
         lower_to_nearest(square, owner, origin, edge, places, weights, first)
 
     known = table([(x, y) for x in np.linspace(-0.04, 0.04, 100) for y in np.arange(-0.04, 0.0401, 0.002)])
-    monkeypatch.setattr(estimate, "lower_to_nearest", counted)
+    monkeypatch.setattr(nearest_places, "lower_to_nearest", counted)
     for place in line(0.0101):
         known.touch(np.array([*place, TOP]), UP)
     known.update()
     known.update()
     assert len(known) > 4000
-    assert sum(rows) == len(line(0.0101))
+    assert rows == [len(line(0.0101)), len(line(0.0101)), 0], "by distance, by weighted distance, and of walls none"
 
 
 def test_the_grid_keeps_its_size_in_a_large_area():
     large = SurfaceEstimate(Area(np.array([-0.2, -0.2, 0.0]), np.array([0.2, 0.2, 0.2])), 0.015)
     assert large.faces().reach == 0.015
-    assert 0.4 * 0.4 * 0.2 / large.edge**3 == pytest.approx(estimate.MAX_POINTS)
+    assert 0.4 * 0.4 * 0.2 / large.edge**3 == pytest.approx(MAX_POINTS)
 
 
 @pytest.mark.parametrize("reach", [0.0, -0.01, np.nan, np.inf])

@@ -285,6 +285,28 @@ def test_lines_of_the_grid_come_when_strokes_remove_little_and_the_object_goes_o
     assert line.place == late.grid.x[0]
 
 
+@pytest.mark.parametrize(("share", "lines_first"), [(0.25, True), (1.1, False)])
+def test_lines_of_the_grid_come_when_they_remove_more_per_second_than_a_stroke(monkeypatch, share, lines_first):
+    """Compared by the error that is left alone, 23 lines over `combination` had come before strokes worth more."""
+    known, here = outlined(height=0.03), np.array([0.0, -0.1, 0.06])
+    whole, lines = known.faces(), tall_scheduler(known, 1e-6)
+    below = whole.only(whole.centres[:, 2] < lines.height)
+    worth = float((below.expected() * below.areas).sum())
+    stroke = lines._best(whole.above(lines.height), here)
+    seconds = share * worth / stroke.score
+    monkeypatch.setattr(StrokeScheduler, "_seconds_of_grid", lambda self, area: seconds)
+    lines.next(here)
+    assert lines.grid_now == lines_first
+
+
+def test_the_lines_of_the_grid_take_longer_over_more_lines_and_over_more_surface_below_them():
+    lines = tall_scheduler(outlined(height=0.03), 1e-6)
+    time = lines._seconds_of_grid(0.0)
+    assert lines._seconds_of_grid(0.01) - time == pytest.approx(0.01 / (0.015 * lines._task.contour_speed))
+    lines.grid = Grid(np.tile(lines.grid.x, 2), 2 * len(lines.grid))
+    assert lines._seconds_of_grid(0.0) == pytest.approx(2.0 * time)
+
+
 def test_lines_of_the_grid_come_in_the_end_where_another_part_may_stand_that_was_not_seen():
     known, here = outlined(), np.array([0.0, -0.1, 0.06])
     over_top(known, 0.0)

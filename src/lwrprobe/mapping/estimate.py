@@ -2,8 +2,9 @@
 
 The estimate is coarse and quick. It serves to plan strokes and to decide when to stop; the mesh is made otherwise.
 
-- A grid point takes its side, inside or outside, from the tangent plane of the nearest contact. Where a place that the
-  sphere passed without a contact is nearer, the point is outside. Nothing is taken to stand at the area's sides.
+- A grid point takes its side, inside or outside, from the tangent plane of the nearest contact. It is outside where a
+  place that the sphere passed without a contact is clearly nearer. Nothing is taken to stand at the area's sides.
+  There are no closed cavities, and no pieces without a contact.
 - Faces between points of different sides are the surface.
 - The expected error of a face is (s + s0) (d / D)^2 + g max(d - D, 0) with d its distance to the nearest contact, at
   most D in the first term, and s the surprise about it. A difference in height counts less above one on a wall. Where
@@ -22,7 +23,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from lwrprobe.contracts import Area, InputError
-from lwrprobe.mapping.estimate_kernels import lower_to_nearest
+from lwrprobe.mapping.nearest_places import NearestPlaces
 
 REACH = 0.015
 """m, D unless something else is wanted: beyond it a curve of a man-made object is not foreseen."""
@@ -37,6 +38,9 @@ APART = 0.002
 """m between two contacts that are kept."""
 FREE_APART = 0.003
 """m between two places without a contact that are kept."""
+FREE_FARTHER = 1.5
+"""Times the distance to a place without a contact, up to which the nearest contact says more: the surface is where the
+contact is, and anywhere beyond that place."""
 SMOOTH = 0.0005
 """m, s0: expected error at the distance D of a surface that has not surprised."""
 FIRST = 0.003
@@ -58,6 +62,8 @@ ROUNDED = 1.5
 """Weight of a distance from a contact that is on neither: most are on rounded edges, which do not go on far."""
 FOOT = 4.0
 """Reaches, within which a wall is the one under the edge of a level surface."""
+TOUCHED = 2.0
+"""Cells from a grid point inside to a contact, up to which the contact is one on this piece of the object."""
 ASIDE = 0.35
 """Share of the nearest contact's normal across a face, below which that contact is on another surface."""
 UNTOUCHED, NONE_ALIKE = 0.8, 4.0
@@ -165,11 +171,10 @@ class SurfaceEstimate:
         """m between neighbouring grid points."""
         shape = tuple(np.maximum(np.ceil(extent / edge), 2).astype(np.int64))
         self._origin = 0.5 * (area.lower + area.upper - edge * (np.array(shape) - 1))
-        self._square = np.full(shape, np.inf)
-        self._owner = np.full(shape, -1, np.int64)
-        self._wall_square, self._wall_owner = self._square.copy(), self._owner.copy()
-        self._free_square = self._to_sides() ** 2
-        self._free_owner = np.full(shape, -1, np.int64)
+        self._touched, self._weighted, self._touched_walls, self._free = (
+            NearestPlaces(self._origin, edge, shape) for _ in range(4)
+        )
+        self._free.square[:] = (self._to_sides(shape) / FREE_FARTHER) ** 2  # nothing at all is beyond the sides
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
@@ -203,9 +208,7 @@ class SurfaceEstimate:
         if self._new or self._new_free:
             self._within = None
         if self._new_free:
-            places = np.array(self._new_free)
-            ones = np.ones((len(places), 3))
-            lower_to_nearest(self._free_square, self._free_owner, self._origin, self.edge, places, ones, 0)
+            self._free.add(np.array(self._new_free))
             self._new_free.clear()
         if not self._new:
             self._stroke_ended |= stroke_ended
@@ -216,13 +219,10 @@ class SurfaceEstimate:
         self._stroke_ended = stroke_ended
         places, normals = np.array(self._new), np.array(self._new_normals)
         surprise = self._surprise_of(places)
-        weights = _weights(normals)
-        lower_to_nearest(self._square, self._owner, self._origin, self.edge, places, weights, len(self._centres))
-        walls = np.flatnonzero(np.abs(normals[:, 2]) < WALL)
-        lower_to_nearest(
-            self._wall_square, self._wall_owner, self._origin, self.edge, places[walls], weights[walls],
-            len(self._walls),
-        )  # fmt: skip
+        weights, walls = _weights(normals), np.flatnonzero(np.abs(normals[:, 2]) < WALL)
+        self._touched.add(places)
+        self._weighted.add(places, weights)
+        self._touched_walls.add(places[walls], weights[walls])
         self._walls = np.concatenate([self._walls, walls + len(self._centres)])
         self._centres = np.concatenate([self._centres, places])
         self._normals = np.concatenate([self._normals, normals])
@@ -232,7 +232,6 @@ class SurfaceEstimate:
 
     def faces(self) -> Faces:
         """The estimated surface as of the last update; without faces while nothing has been touched."""
-        owner = self._owner
         if not len(self._centres):
             empty = np.empty((0, 3))
             return Faces(empty, np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0), empty, self._reach)
@@ -255,8 +254,8 @@ class SurfaceEstimate:
             found.append((self._origin + self.edge * (where + offset), within, np.full(len(where), axis), outwards))
         centres, within, axes, outwards = (np.concatenate(part) for part in zip(*found))
         points = tuple(within.T)
-        normals = self._normals[owner[points]]
-        distances = np.maximum(np.sqrt(self._square[points]) - 0.5 * self.edge, 0.0)
+        normals = self._normals[self._weighted.owner[points]]
+        distances = np.maximum(np.sqrt(self._weighted.square[points]) - 0.5 * self.edge, 0.0)
         across = np.abs(normals[np.arange(len(axes)), axes])
         # A slope has faces on each of its steps. Farther away, such a face is one of a surface that was not touched.
         untouched = (across < ASIDE) & (distances > 2.0 * self.edge)
@@ -304,31 +303,48 @@ class SurfaceEstimate:
     def _inside(self) -> np.ndarray:
         """(nx, ny, nz) bool of the grid points, as of the last update."""
         if self._within is None:
-            self._within = self._found_inside()
+            self._within = self._connected(self._found_inside())
         return self._within
 
+    def _connected(self, inside: np.ndarray) -> np.ndarray:
+        """(nx, ny, nz) bool, `inside` without cavities, and without pieces on which no contact is.
+
+        The sphere comes from the sides or from above; what it cannot come to is no surface of its centres. The tangent
+        planes of contacts all around meet deep in the object, and far from all contacts in the air.
+        """
+        cells, count = ndimage.label(~inside)
+        open_air = np.zeros(count + 1, dtype=bool)
+        for border in (cells[0], cells[-1], cells[:, 0], cells[:, -1], cells[:, :, -1]):
+            open_air[border] = True
+        open_air[0] = False
+        pieces, count = ndimage.label(~open_air[cells])
+        nearest = ndimage.minimum(self._touched.square, pieces, np.arange(count + 1))
+        touched = nearest <= (TOUCHED * self.edge) ** 2
+        touched[0] = False
+        return np.asarray(touched[pieces])
+
     def _found_inside(self) -> np.ndarray:
-        inside = (self._height(self._owner) < 0.0) & (self._square <= self._free_square)
+        owner, nearest = self._touched.owner, self._touched.square
+        inside = (self._height(owner) < 0.0) & (nearest <= FREE_FARTHER**2 * self._free.square)
         if not len(self._walls):
             return inside
         # A level surface ends at the wall under its edge; a wall that goes up from it bounds something else.
-        wall = self._walls[self._wall_owner]
-        under = self._centres[wall, 2] < self._centres[self._owner, 2]
-        under &= (self._normals[self._owner, 2] > LEVEL) & (self._wall_square < (FOOT * self._reach) ** 2)
+        wall = self._walls[self._touched_walls.owner]
+        under = self._centres[wall, 2] < self._centres[owner, 2]
+        under &= (self._normals[owner, 2] > LEVEL) & (self._touched_walls.square < (FOOT * self._reach) ** 2)
         return inside & ~(under & (self._height(wall) > 0.0))
 
     def _height(self, owner: np.ndarray) -> np.ndarray:
         """(nx, ny, nz) m, of the grid points over the tangent plane of a contact of each, by their numbers."""
-        along = [low + self.edge * np.arange(n) for low, n in zip(self._origin, self._square.shape)]
+        along = [low + self.edge * np.arange(n) for low, n in zip(self._origin, owner.shape)]
         centres, normals = self._centres, self._normals
         return sum(
             normals[owner, axis] * (np.expand_dims(x, tuple({0, 1, 2} - {axis})) - centres[owner, axis])
             for axis, x in enumerate(along)
         )
 
-    def _to_sides(self) -> np.ndarray:
+    def _to_sides(self, shape: tuple[int, ...]) -> np.ndarray:
         """(nx, ny, nz) m, from each grid point to the nearest of the area's four sides."""
-        shape = self._square.shape
         away = []
         for axis in range(2):
             x = self._origin[axis] + self.edge * np.arange(shape[axis])

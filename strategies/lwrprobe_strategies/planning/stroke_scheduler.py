@@ -20,12 +20,12 @@ from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import FreeSpace
-from lwrprobe_strategies.planning.lines import OVERLAP, Line, Z
+from lwrprobe_strategies.planning.lines import OVERLAP, Line, Y, Z
 from lwrprobe_strategies.planning.low_sides import SideOrientations
 from lwrprobe_strategies.planning.outward_lines import outward_lines
 from lwrprobe_strategies.planning.paths import Speeds, seconds
 from lwrprobe_strategies.planning.scheduler import LineScheduler
-from lwrprobe_strategies.planning.strokes import Stroke, StrokePlanner
+from lwrprobe_strategies.planning.strokes import LIFT, Stroke, StrokePlanner
 from lwrprobe_strategies.planning.unseen_places import longest_unseen
 from lwrprobe_strategies.planning.upright_body import body as parts_of_body
 
@@ -125,12 +125,16 @@ class StrokeScheduler(LineScheduler):
         self.expected = faces.error()[0]
         self.share = min(self._aim / max(self.expected, 1e-9), 1.0)
         self._means.append((self._spent, self.expected))
-        self.grid_now |= self._grid_left and self._grid_is_worth_more(whole)
-        if self.grid_now and (line := self._line_of_grid(here)) is not None:
-            return line
-        stroke = self._best(faces, here)
+        stroke = None if self.grid_now else self._best(faces, here)
+        no_stroke_left = stroke is None and not self.grid_now
+        if self._grid_left and (stroke is None or self._grid_is_worth_more(whole, stroke)):
+            self.grid_now = True
+            if (line := self._line_of_grid(here)) is not None:
+                return line
+            if stroke is None and not no_stroke_left:
+                stroke = self._best(faces, here)
         if stroke is None:
-            return self._line_of_grid(here) if self._grid_left else None
+            return None
         self._driven += 1
         self._spent += stroke.seconds
         self._planner.driven(faces, stroke)
@@ -147,9 +151,8 @@ class StrokeScheduler(LineScheduler):
         there = self._estimate.footprint(self.height)
         return longest_unseen(self._area, seen, there, reach) > UNSEEN * reach
 
-    def _grid_is_worth_more(self, whole: Faces) -> bool:
-        """Whether more is expected of the lines of the grid, and of those after them, than of strokes."""
-        above = self._faces
+    def _grid_is_worth_more(self, whole: Faces, stroke: Stroke) -> bool:
+        """Whether the lines of the grid, and those after them, are expected to remove more per second than a stroke."""
         if not self._tall:
             return False
         if self.expected < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
@@ -159,8 +162,17 @@ class StrokeScheduler(LineScheduler):
         for half, bottom in parts_of_body(self._task):  # as far as the object is as it is estimated
             tallest = self._estimate.tallest_beside(whole.centres, half)
             below &= whole.centres[:, Z] >= tallest + keep - bottom
-        worth_below = float((whole.expected() * whole.areas)[below].sum())
-        return worth_below > float((above.expected() * above.areas).sum())
+        worth, area = (float(values[below].sum()) for values in (whole.expected() * whole.areas, whole.areas))
+        return worth > stroke.score * self._seconds_of_grid(area)
+
+    def _seconds_of_grid(self, below: float) -> float:
+        """s, about, of all lines of the grid, and of the lines up what is `below` them, m^2.
+
+        Most lines of the grid are driven from both ends, and each leaves the surface and comes to it.
+        """
+        task, along = self._task, float(self._area.upper[Y] - self._area.lower[Y])
+        over = 2.0 * len(self.grid) * (2.0 * LIFT + along / self._speeds.guarded(ASIDE))
+        return over + below / (self._spacing * task.contour_speed)
 
     def _line_of_grid(self, here: np.ndarray) -> Line | None:
         """The next line of the grid, or of those that close its gaps; None when none is left.
