@@ -187,6 +187,18 @@ def test_what_was_passed_takes_nothing_away_that_is_hardly_farther_from_a_contac
     assert known._inside()[tuple(cell)] == full
 
 
+def test_no_wall_goes_up_through_a_top_that_was_touched_beside_its_edge():
+    """Over the ends of `combination` walls were expected up to the area's top, 27 mm over what was touched there."""
+    known = SurfaceEstimate(Area(AREA.lower, np.array([0.06, 0.05, 0.08])), 0.015)
+    for y in np.arange(-0.03, 0.0301, 0.002):
+        for z in np.arange(0.01, 0.037, 0.002):
+            known.touch(np.array([0.03, y, z]), np.array([1.0, 0.0, 0.0]))
+        known.touch(np.array([0.02, y, TOP]), UP)
+    known.update()
+    assert known.footprint(TOP).any()
+    assert not known.footprint(TOP + 0.015).any(), "the wall's contacts are the nearest up to 10 mm over its edge"
+
+
 def naive_connected(inside, touched):
     """What is left of inside points (a, b, c): no point that outside ones do not come to, by whole steps from a side or
     from the top; and none that inside ones do not come to from a point that is `touched`."""

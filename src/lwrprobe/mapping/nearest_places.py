@@ -26,10 +26,6 @@ class NearestPlaces:
         self.square, self.owner = np.full(shape, np.inf), np.full(shape, -1, np.int64)
         self._count = 0
 
-    def __len__(self) -> int:
-        """Places so far."""
-        return self._count
-
     def add(self, places: np.ndarray, weights: np.ndarray | None = None) -> None:
         """Add places (n, 3) m.
 
