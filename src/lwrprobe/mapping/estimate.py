@@ -174,7 +174,8 @@ class SurfaceEstimate:
         self._touched, self._weighted, self._touched_walls, self._free = (
             NearestPlaces(self._origin, edge, shape) for _ in range(4)
         )
-        self._free.square[:] = (self._to_sides(shape) / FREE_FARTHER) ** 2  # nothing at all is beyond the sides
+        # Nothing at all is beyond the sides: they say as much more than a contact as that more than a free place.
+        self._free.square[:] = (self._to_sides(shape) / FREE_FARTHER**2) ** 2
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
