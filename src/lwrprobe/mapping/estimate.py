@@ -41,6 +41,8 @@ FREE_APART = 0.003
 FREE_FARTHER = 1.5
 """Times the distance to a place without a contact, up to which the nearest contact says more: the surface is where the
 contact is, but only somewhere beyond that place. From 1 to 2, it leaves the fewest grid points on the wrong side."""
+SIDES_NEARER = 1.05
+"""Times as far away as the area's sides a contact has to be for a place to be outside: nothing is beyond the sides."""
 SMOOTH = 0.0005
 """m, s0: expected error at the distance D of a surface that has not surprised."""
 FIRST = 0.003
@@ -174,8 +176,7 @@ class SurfaceEstimate:
         self._touched, self._weighted, self._touched_walls, self._free = (
             NearestPlaces(self._origin, edge, shape) for _ in range(4)
         )
-        # Nothing at all is beyond the sides: they say as much more than a contact as that more than a free place.
-        self._free.square[:] = (self._to_sides(shape) / FREE_FARTHER**2) ** 2
+        self._free.square[:] = (self._to_sides(shape) / (SIDES_NEARER * FREE_FARTHER)) ** 2
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
