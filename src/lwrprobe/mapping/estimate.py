@@ -41,8 +41,6 @@ FREE_APART = 0.003
 FREE_FARTHER = 1.5
 """Times the distance to a place without a contact, up to which the nearest contact says more: the surface is where the
 contact is, but only somewhere beyond that place. From 1 to 2, it leaves the fewest grid points on the wrong side."""
-SIDES_NEARER = 1.05
-"""Times as far away as the area's sides a contact has to be for a place to be outside: nothing is beyond the sides."""
 SMOOTH = 0.0005
 """m, s0: expected error at the distance D of a surface that has not surprised."""
 FIRST = 0.003
@@ -176,7 +174,7 @@ class SurfaceEstimate:
         self._touched, self._weighted, self._touched_walls, self._free = (
             NearestPlaces(self._origin, edge, shape) for _ in range(4)
         )
-        self._free.square[:] = (self._to_sides(shape) / (SIDES_NEARER * FREE_FARTHER)) ** 2
+        self._to_sides = _to_sides(area, [low + edge * np.arange(n) for low, n in zip(self._origin, shape)])
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
         self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
@@ -328,6 +326,7 @@ class SurfaceEstimate:
     def _found_inside(self) -> np.ndarray:
         owner, nearest = self._touched.owner, self._touched.square
         inside = (self._height(owner) < 0.0) & (nearest <= FREE_FARTHER**2 * self._free.square)
+        inside &= self._weighted.square <= self._to_sides**2
         if not len(self._walls):
             return inside
         # A level surface ends at the wall under its edge; a wall that goes up from it bounds something else.
@@ -344,15 +343,6 @@ class SurfaceEstimate:
             normals[owner, axis] * (np.expand_dims(x, tuple({0, 1, 2} - {axis})) - centres[owner, axis])
             for axis, x in enumerate(along)
         )
-
-    def _to_sides(self, shape: tuple[int, ...]) -> np.ndarray:
-        """(nx, ny, nz) m, from each grid point to the nearest of the area's four sides."""
-        away = []
-        for axis in range(2):
-            x = self._origin[axis] + self.edge * np.arange(shape[axis])
-            near = np.minimum(x - self._area.lower[axis], self._area.upper[axis] - x)
-            away.append(np.expand_dims(np.maximum(near, 0.0), tuple({0, 1, 2} - {axis})))
-        return np.broadcast_to(np.minimum(*away), shape).copy()
 
     def _surprise_of(self, places: np.ndarray) -> np.ndarray:
         """(n, 2) m, surprise about new places (n, 3) brought to the distance D, and its weight."""
@@ -392,6 +382,12 @@ class SurfaceEstimate:
     def _cells(self, points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         cells = np.floor((points - self._area.lower) / COARSE).astype(np.int64)
         return np.clip(cells, 0, np.array(shape) - 1)
+
+
+def _to_sides(area: Area, along: list[np.ndarray]) -> np.ndarray:
+    """(nx, ny, 1) m, from grid points at the places `along` each axis to the nearest of the area's four sides."""
+    x, y = (np.minimum(along[axis] - area.lower[axis], area.upper[axis] - along[axis]) for axis in range(2))
+    return np.maximum(np.minimum(x[:, None, None], y[None, :, None]), 0.0)
 
 
 def predicted_height(queries: np.ndarray, centres: np.ndarray, normals: np.ndarray, length: float) -> np.ndarray:

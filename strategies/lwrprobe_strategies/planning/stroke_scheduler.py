@@ -125,21 +125,17 @@ class StrokeScheduler(LineScheduler):
         self.expected = faces.error()[0]
         self.share = min(self._aim / max(self.expected, 1e-9), 1.0)
         self._means.append((self._spent, self.expected))
-        stroke = None if self.grid_now else self._best(faces, here)
-        no_stroke_left = stroke is None and not self.grid_now
-        if self._grid_left and (stroke is None or self._grid_is_worth_more(whole, stroke)):
+        strokes_now = not self.grid_now
+        stroke = self._best(faces, here) if strokes_now else None
+        if stroke is not None and not (self._grid_left and self._grid_is_worth_more(whole, stroke)):
+            return self._line_of_stroke(stroke)
+        if self._grid_left:
             self.grid_now = True
             if (line := self._line_of_grid(here)) is not None:
                 return line
-            if stroke is None and not no_stroke_left:
+            if not strokes_now:  # the lines have shown more
                 stroke = self._best(faces, here)
-        if stroke is None:
-            return None
-        self._driven += 1
-        self._spent += stroke.seconds
-        self._planner.driven(faces, stroke)
-        self.chained = stroke.chained
-        return stroke.line if stroke.chained else self._above(stroke.line)
+        return None if stroke is None else self._line_of_stroke(stroke)
 
     # Lines of the grid, where the object goes on below what strokes touch
 
@@ -200,6 +196,14 @@ class StrokeScheduler(LineScheduler):
         return line
 
     # Strokes
+
+    def _line_of_stroke(self, stroke: Stroke) -> Line:
+        """The line of a stroke that is driven now."""
+        self._driven += 1
+        self._spent += stroke.seconds
+        self._planner.driven(self._faces, stroke)
+        self.chained = stroke.chained
+        return stroke.line if stroke.chained else self._above(stroke.line)
 
     def _best(self, faces: Faces, here: np.ndarray) -> Stroke | None:
         success = self._planner.success(faces)
