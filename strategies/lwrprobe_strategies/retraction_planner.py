@@ -95,7 +95,7 @@ class RetractionPlanner:
     def back_out(self) -> list[Waypoint]:
         """Back on the probe's own path, right along what it touched, to where the path up is free or for some way."""
         free = self._tip.free
-        return return_path(free, wedged=True) or return_path(free, SOME_WAY, wedged=True)
+        return self._raised(return_path(free, wedged=True) or return_path(free, SOME_WAY, wedged=True))
 
     def slid_out(self, begin: np.ndarray) -> None:
         """The tip has tried to slide out of a place (3,): the next line begins where it is now, if that is off it."""
@@ -120,18 +120,32 @@ class RetractionPlanner:
 
         Waypoints that the arm cannot reach from here, and those to which the body may not go, are left out. What leads
         off a wall may lead beyond the range of a joint, and what leads off something above leads down; what leads along
-        it, as the probe came, does neither. Off a side that leans out the body may come too low by a fraction of a
-        millimetre: then the path leads off it level.
+        it, as the probe came, does neither.
         """
         if self._tip.body is not None:
             self._tip.body.survey()
         path = self._fallback() if self.stays else self._off_or_back()
         for k, waypoint in enumerate(path):
-            if self._leads_to(waypoint):
-                return path[k:]
-            if self._tip.body is not None and self._leads_to(self._level(waypoint)):
-                return [self._level(later) for later in path[k:]]
+            if self._leads_to(waypoint) or (self._tip.body is not None and self._leads_to(self._level(waypoint))):
+                return self._raised(path[k:])
         return path
+
+    def _raised(self, path: list[Waypoint]) -> list[Waypoint]:
+        """The path, level where the body may come no lower: off a side that leans out it leads down by a little."""
+        body, begin = self._tip.body, self._tip.seen.pose
+        if body is None:
+            return path
+        raised = []
+        for waypoint in path:
+            lower = self._pose_at(waypoint)
+            raised.append(waypoint if body.allows(begin, lower) else self._level(waypoint))
+            begin = self._pose_at(raised[-1])
+        return raised
+
+    def _pose_at(self, waypoint: Waypoint) -> np.ndarray:
+        """(4, 4), of the tip at a waypoint."""
+        held = self._tip.seen.pose[:3, :3] if waypoint.rotation is None else waypoint.rotation
+        return tip_pose(waypoint.place, held)
 
     def _level(self, waypoint: Waypoint) -> Waypoint:
         """As high as the tip is, or nearly: as far as places off a surface are beside the path on which it came."""
@@ -178,7 +192,7 @@ class RetractionPlanner:
     def _leads_to(self, waypoint: Waypoint) -> bool:
         """Whether the probe may go straight to a waypoint."""
         seen, body = self._tip.seen, self._tip.body
-        pose = tip_pose(waypoint.place, seen.pose[:3, :3] if waypoint.rotation is None else waypoint.rotation)
+        pose = self._pose_at(waypoint)
         if body is not None and not body.allows(seen.pose, pose):
             return False
         return not seen.blocked or self._tip.task.reachable([pose])

@@ -458,20 +458,22 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
 
 
 class BodyAbove:
-    """A body that may come no lower than with the sphere at a height [m]."""
+    """A body that may come no lower than with the sphere at a height [m], up to a place `end` m along x."""
 
-    def __init__(self, height):
-        self._height = height
+    def __init__(self, height, end):
+        self._height, self._end = height, end
 
     def survey(self):
         """Nothing more is known."""
 
     def allows(self, begin, end):
-        return bool(end[2, 3] > self._height)
+        return bool(end[2, 3] > self._height or end[0, 3] > self._end)
 
 
-@pytest.mark.parametrize(("height", "level"), [(0.0, False), (0.0199, True)])
-def test_the_way_back_off_a_side_that_leans_out_is_level_where_the_body_may_come_no_lower(height, level):
+@pytest.mark.parametrize(
+    ("height", "end", "first"), [(0.0, 1.0, 0.0195), (0.0199, 1.0, 0.02), (0.0199, -0.005, 0.0195)]
+)
+def test_the_way_back_off_a_side_that_leans_out_is_level_where_the_body_may_come_no_lower(height, end, first):
     """It leads off along the normal, half a millimetre down, and the body was 0.04 mm too deep: the run had ended."""
     out = np.array([0.0, -0.87, -0.5])
     strategy = GridVersion()
@@ -481,15 +483,15 @@ def test_the_way_back_off_a_side_that_leans_out_is_level_where_the_body_may_come
     tip.observe(
         replace(seen([0.001, 0.0, 0.02], 1.0), contact=replace(seen([0.001, 0.0, 0.02], 1.0).contact, normal=out))
     )
-    tip.body = BodyAbove(height)
+    tip.body = BodyAbove(height, end)
     planner = RetractionPlanner(tip, DOWN, 0.01)
     planner.go_back()
     places = np.array([waypoint.place for waypoint in planner.path()])
     assert len(places) >= 1
     assert places[-1, 0] < -0.008
     assert (places[:, 1] < -0.0008).all(), "off the surface"
-    heights = 0.02 if level else 0.0195
-    assert places[:, 2] == pytest.approx(np.full(len(places), heights), abs=1e-4)
+    assert places[0, 2] == pytest.approx(first, abs=1e-4)
+    assert places[-1, 2] == pytest.approx(0.02 if height else 0.0195, abs=1e-4)
 
 
 @pytest.mark.parametrize("reach", [0.1, 0.02])
