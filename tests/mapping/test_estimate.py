@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lwrprobe.contracts import Area, InputError
-from lwrprobe.mapping import nearest_places
+from lwrprobe.mapping import estimate, nearest_places
 from lwrprobe.mapping.estimate import MAX_POINTS, SurfaceEstimate, predicted_height
 from lwrprobe.mapping.estimate_kernels import lower_to_nearest
 
@@ -112,6 +112,23 @@ def test_a_surprise_raises_the_expected_error_and_agreement_lowers_it():
         return faces.roughness[np.argmin(np.linalg.norm(faces.centres - there, axis=1))]
 
     assert rough(flat) < rough(table(line(0.0))) < rough(stepped)
+
+
+def test_what_was_predicted_from_close_by_counts_little(monkeypatch):
+    """Scaled to the distance D one by one, errors of 0.1 mm at 6 mm had made 12 mm of the expected error elsewhere."""
+    off = 0.0003
+    monkeypatch.setattr(estimate, "predicted_height", lambda queries, *of: np.full(len(queries), off))
+    known = table(line(0.0))
+    for x in (0.007, 0.021):
+        for _, y in line(x):
+            known.touch(np.array([x, y, TOP]), UP)
+        known.update()
+    near, far = (0.007 / 0.015) ** 2, (0.014 / 0.015) ** 2
+    old = estimate.OLDER
+    expected = (off - estimate.NOISE) * (1.0 + old) / (old * near + far)
+    faces = known.faces()
+    there = np.linalg.norm(faces.centres - [0.014, 0.0, TOP], axis=1) < 0.005
+    assert faces.roughness[there] - estimate.SMOOTH == pytest.approx(expected, rel=0.15)
 
 
 def test_updates_within_a_stroke_leave_the_expected_error_as_one_update_after_it_does():

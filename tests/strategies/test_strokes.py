@@ -290,8 +290,7 @@ def test_lines_of_the_grid_come_when_they_remove_more_per_second_than_a_stroke(m
     """Compared by the error that is left alone, 23 lines over `combination` had come before strokes worth more."""
     known, here = outlined(height=0.03), np.array([0.0, -0.1, 0.06])
     whole, lines = known.faces(), tall_scheduler(known, 1e-6)
-    below = whole.only(whole.centres[:, 2] < lines.height)
-    worth = float((below.expected() * below.areas).sum())
+    worth = float((whole.expected() * whole.areas).sum())
     stroke = lines._best(whole.above(lines.height), here)
     seconds = share * worth / stroke.score
     monkeypatch.setattr(StrokeScheduler, "_seconds_of_grid", lambda self, area: seconds)

@@ -10,7 +10,8 @@ The estimate is coarse and quick. It serves to plan strokes and to decide when t
   most D in the first term, and s the surprise about it. A difference in height counts less above one on a wall. Where
   the nearest contact is on another surface, d leads to the nearest one that faces as the face does.
 - Surprise is how far new contacts were from where the contacts before them predicted the surface, by a local Gaussian
-  process on values and gradients. It is brought to the distance D in the same way in which the expected error grows.
+  process on values and gradients. It is brought to the distance D as the expected error grows: the sum of the errors
+  of the contacts around, over the sum of their (d / D)^2, so that what was predicted from close by counts little.
 """
 
 from __future__ import annotations
@@ -177,7 +178,7 @@ class SurfaceEstimate:
         self._to_sides = _to_sides(area, [low + edge * np.arange(n) for low, n in zip(self._origin, shape)])
         self._walls = np.empty(0, np.int64)  # numbers of the contacts on upright walls
         self._centres, self._normals = np.empty((0, 3)), np.empty((0, 3))
-        self._surprise = np.empty((0, 2))  # m, sum and weight, of each contact
+        self._surprise = np.empty((0, 2))  # see `_surprise_of`
         self._within: np.ndarray | None = None  # see `_inside`; None when not computed yet
         self._stroke = 0  # number of the first contact of the present stroke
         self._stroke_ended = False
@@ -345,7 +346,7 @@ class SurfaceEstimate:
         )
 
     def _surprise_of(self, places: np.ndarray) -> np.ndarray:
-        """(n, 2) m, surprise about new places (n, 3) brought to the distance D, and its weight."""
+        """(n, 2), the error of the prediction of new places (n, 3) in m, and (d / D)^2, by which it is divided."""
         found = np.zeros((len(places), 2))
         if self._stroke < 2:
             return found
@@ -360,12 +361,12 @@ class SurfaceEstimate:
             return found
         rows, near = chosen[telling], near[telling]
         off = np.maximum(np.abs(predicted_height(places[rows], kept[near], normals[near], LENGTH)) - NOISE, 0.0)
-        scale = (self._reach / np.minimum(distance[telling, 0], self._reach)) ** 2
-        found[rows, 0], found[rows, 1] = np.minimum(off * scale, self._reach), 1.0
+        share = (np.minimum(distance[telling, 0], self._reach) / self._reach) ** 2
+        found[rows, 0], found[rows, 1] = np.minimum(off, self._reach * share), share
         return found
 
     def _roughness(self, points: np.ndarray) -> np.ndarray:
-        """(n,) m, surprise about places (n, 3): mean over the contacts around each of them."""
+        """(n,) m, surprise about places (n, 3), from the contacts around each of them."""
         extent = self._area.upper - self._area.lower
         shape = tuple(np.ceil(extent / COARSE).astype(np.int64) + 1)
         measured = self._surprise[:, 1] > 0.0

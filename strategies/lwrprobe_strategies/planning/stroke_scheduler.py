@@ -148,27 +148,30 @@ class StrokeScheduler(LineScheduler):
         return longest_unseen(self._area, seen, there, reach) > UNSEEN * reach
 
     def _grid_is_worth_more(self, whole: Faces, stroke: Stroke) -> bool:
-        """Whether the lines of the grid, and those after them, are expected to remove more per second than a stroke."""
+        """Whether the lines of the grid, and those after them, are expected to remove more per second than a stroke.
+
+        They remove all that is expected where the probe comes, if the object is as it is estimated.
+        """
         if not self._tall:
             return False
         if self.expected < COARSE * self._aim or self._stalled(LITTLE_PATIENCE):
             return True
-        below = whole.centres[:, Z] < self.height
+        heights, lowest = whole.centres[:, Z], np.full(len(whole.areas), -np.inf)
         keep = self._task.clearance_threshold - self._task.probe.radius
-        for half, bottom in parts_of_body(self._task):  # as far as the object is as it is estimated
-            tallest = self._estimate.tallest_beside(whole.centres, half)
-            below &= whole.centres[:, Z] >= tallest + keep - bottom
-        worth, area = (float(values[below].sum()) for values in (whole.expected() * whole.areas, whole.areas))
+        for half, bottom in parts_of_body(self._task):
+            lowest = np.maximum(lowest, self._estimate.tallest_beside(whole.centres, half) + keep - bottom)
+        reached = heights >= np.minimum(lowest, self.height)
+        worth, area = (float(values[reached].sum()) for values in (whole.expected() * whole.areas, whole.areas))
         return worth > stroke.score * self._seconds_of_grid(area)
 
-    def _seconds_of_grid(self, below: float) -> float:
-        """s, about, of all lines of the grid, and of the lines up what is `below` them, m^2.
+    def _seconds_of_grid(self, area: float) -> float:
+        """s, about, of all lines of the grid and those after them, over a surface of an `area`, m^2.
 
         Most lines of the grid are driven from both ends, and each leaves the surface and comes to it.
         """
         task, along = self._task, float(self._area.upper[Y] - self._area.lower[Y])
         over = 2.0 * len(self.grid) * (2.0 * LIFT + along / self._speeds.guarded(ASIDE))
-        return over + below / (self._spacing * task.contour_speed)
+        return over + area / (self._spacing * task.contour_speed)
 
     def _line_of_grid(self, here: np.ndarray) -> Line | None:
         """The next line of the grid, or of those that close its gaps; None when none is left.
