@@ -12,6 +12,7 @@ from lwrprobe.bench.sampled_lines import sample_lines, voxelised
 from lwrprobe.cli.app import app
 from lwrprobe.contracts import FormatError
 from lwrprobe.evaluation.run_folder import read_run
+from lwrprobe.exploration.procedures.recover import recover
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.meshes import read_mesh, write_mesh
@@ -53,6 +54,32 @@ def test_a_run_that_was_killed_is_read_to_its_last_whole_line(run_folder):
     assert np.allclose(run.record.points, record.points, atol=1e-7)
     assert np.allclose(run.record.free_path, record.free_path)
     assert run.summary is None
+
+
+def test_where_the_stick_leaned_is_read_and_is_nowhere_in_an_older_run(run_folder, tmp_path):
+    older = read_run(run_folder[0])
+    assert older.record.leaning is None
+    assert not older.trace[:, 7].any()
+    folder = shutil.copytree(run_folder[0], tmp_path / "block")
+    header, *rows = (folder / "trace.csv").read_text().splitlines()
+    leans = [0.2 if i % 3 == 0 else 0.01 for i in range(len(rows))]
+    lines = [f"{header},lean", *(f"{row},{lean}" for row, lean in zip(rows, leans))]
+    (folder / "trace.csv").write_text("\n".join(lines) + "\n")
+    run = read_run(folder)
+    assert run.trace[:, 7] == pytest.approx(leans)
+    assert run.record.leaning == pytest.approx(run.record.free_path[::3])
+    (folder / "trace.csv").write_text("\n".join([*lines, rows[0]]) + "\n")
+    with pytest.raises(FormatError, match=r"8 numbers"):
+        read_run(folder)
+
+
+def test_a_recovered_run_keeps_the_path_of_an_older_one(run_folder, tmp_path):
+    folder = shutil.copytree(run_folder[0], tmp_path / "block")
+    before = read_run(folder).trace
+    with open(folder / "trace.csv", "a") as file:
+        file.write("9.0,0.0,0")
+    assert recover(folder).dropped["trace.csv"] == 1
+    assert read_run(folder).trace == pytest.approx(before)
 
 
 def test_contacts_are_read_as_the_run_corrected_them(run_folder, tmp_path):

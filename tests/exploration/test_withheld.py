@@ -20,7 +20,7 @@ def recorded(seconds, withheld=None):
         line, at = divmod(k, 100)
         pose[:3, 3] = 0.5 * (area.lower + area.upper)
         pose[:2, 3] = area.lower[:2] + np.array([0.008 * line + 0.005, 0.001 * at])
-        recorder.trace_row(0.1 * k, pose[:3, 3], 0.0, False, 1.0, "transit")
+        recorder.trace_row(0.1 * k, pose[:3, 3], 0.0, False, 1.0, "transit", 0.0)
         recorder.swept.note(Observation(0.1 * k, pose.copy(), np.zeros(3), np.zeros(3)))
     if withheld is not None:
         recorder.withhold(withheld)

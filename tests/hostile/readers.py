@@ -174,7 +174,7 @@ def well_formed(folder: Path) -> dict[str, list[bytes]]:
     found["bag.db3"] = [_sqlite_bag(folder / "sqlite")]
     rows = "\n".join(",".join(f"{v:.4f}" for v in row) for row in generator.normal(size=(5, 9)))
     found["contacts.csv"] = [f"{CONTACT_COLUMNS}\n{rows}\n".encode()]
-    rows = "\n".join(",".join(f"{v:.4f}" for v in row) + ",approach" for row in generator.normal(size=(5, 7)))
+    rows = "\n".join(",".join(f"{v:.4f}" for v in row) + ",approach,0.02" for row in generator.normal(size=(5, 7)))
     found["trace.csv"] = [f"{TRACE_COLUMNS}\n{rows}\n".encode()]
     found["summary.json"] = [b'{"scene": "box", "seed": 1, "status": "done", "contacts": 3, "coverage": 0.5}']
     rows_of_log = np.zeros((15, 48))

@@ -18,6 +18,7 @@ from lwrprobe.reconstruction.distance_kernels import (
     foot_on_triangle,
     scatter,
 )
+from lwrprobe.reconstruction.evidence import gather
 from lwrprobe.reconstruction.evidence_kernels import weighted_median
 from lwrprobe.reconstruction.grid import Grid
 from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
@@ -219,3 +220,16 @@ def test_weighted_median(pairs):
     found = weighted_median(np.ascontiguousarray(values), np.ascontiguousarray(weights))
     assert weights[values <= found].sum() >= 0.5 * weights.sum() - 1e-9
     assert weights[values >= found].sum() >= 0.5 * weights.sum() - 1e-9
+
+
+def test_space_above_the_sphere_is_free_where_the_stick_was_upright_alone():
+    """Under an overhang, between two lines over it, a leaning stick had cut through the object up to its top."""
+    grid = Grid.around(np.array([-0.02, -0.02, 0.0]), np.array([0.02, 0.02, 0.08]), 0.002)
+    tops = np.array([[x, 0.0, 0.06] for x in (-0.006, 0.006)])
+    up, visited = np.tile([0.0, 0.0, 1.0], (2, 1)), np.vstack([tops, [0.0, 0.0, 0.02]])
+    visited[:2, 2] += 0.005
+    over = tuple(np.rint((np.array([0.0, 0.0, 0.05]) - grid.origin) / grid.step).astype(int))
+    bounds = [gather(grid, tops, up, visited, np.array([True, True, stood]), 2, 0.005).bound for stood in (True, False)]
+    upright, leaning = (float(bound[over]) for bound in bounds)
+    assert upright > 0.0
+    assert leaning < -0.004

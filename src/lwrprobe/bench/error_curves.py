@@ -120,7 +120,7 @@ def certified(exploration: Exploration) -> dict[str, float]:
 
 
 def lifts(trace: np.ndarray) -> int:
-    """How often the probe was lifted off what it touches and went elsewhere; trace (k, 7) as of the recorder."""
+    """How often the probe was lifted off what it touches and went elsewhere; trace (k, 8) as of the recorder."""
     touching = np.flatnonzero(trace[:, 5] > 0.0)
     path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trace[:, 1:4], axis=0), axis=1))])
     return int(np.count_nonzero(np.diff(path[touching])[np.diff(touching) > 1] > LIFT))

@@ -39,6 +39,8 @@ class TouchRecord:
     times : (n,) s, or None
     free_path : (k, 3) m, centres of the sphere along the path while it touched nothing, in order of time, or None.
         A step between two rows longer than `free_gap` is not a swept segment
+    leaning : (l, 3) m, centres of the sphere along the path while the stick leaned, in order of time, or None where it
+        was upright all the time. Above these the stick has shown nothing to be free
     probe_radius : m, or None where unknown (a cloud from elsewhere)
     table : m, height of the table, or None
     lowest : m, lowest height the sphere's centre was allowed to, or None
@@ -52,6 +54,7 @@ class TouchRecord:
     times: np.ndarray | None = None
     free_path: np.ndarray | None = None
     free_gap: float = 0.01
+    leaning: np.ndarray | None = None
     probe_radius: float | None = None
     table: float | None = None
     lowest: float | None = None

@@ -22,6 +22,9 @@ HIDING_FILE = "hiding.ply"
 
 _CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "confidence")
 _TRACE = ("time", "x", "y", "z", "force", "touching", "clearance")
+_LEAN = "lean"
+LEANS = 0.03
+"""rad from the vertical, from which on the stick leans: its upper end is then as far aside as it is thick."""
 
 
 @dataclass(slots=True)
@@ -36,7 +39,7 @@ class RunFolder:
     record : contacts and free path, as the run's mesh is made of them; without what was touched after the object had
         moved, and without the table
     force : (n,) N, of each contact
-    trace : (k, 7) time s, x y z m, force N, touching 0 or 1, clearance m
+    trace : (k, 8) time s, x y z m, force N, touching 0 or 1, clearance m, lean of the stick rad
     """
 
     folder: Path
@@ -83,13 +86,15 @@ def read_run(folder: str | Path, corrected: bool = True) -> RunFolder:
         contacts = contacts[contacts[:, 0] < moved]
     if summary is not None and summary.table_found is not None:
         contacts = contacts[~TablePlane.of(summary.table_found).touched(contacts[:, 1:4], contacts[:, 4:7])]
-    trace = read_table(folder / "trace.csv", _TRACE) if (folder / "trace.csv").is_file() else np.empty((0, len(_TRACE)))
+    path = folder / "trace.csv"
+    trace = read_table(path, _TRACE, (_LEAN,)) if path.is_file() else np.empty((0, len(_TRACE) + 1))
     record = TouchRecord(
         points=contacts[:, 1:4],
         normals=contacts[:, 4:7],
         confidence=contacts[:, 8],
         times=contacts[:, 0],
         free_path=trace[trace[:, 5] == 0.0, 1:4],
+        leaning=leaning_places(trace),
         probe_radius=scene.probe.radius,
         table=scene.table.height if scene.table.present else None,
         lowest=scene.area.lower[2],
@@ -124,8 +129,17 @@ def _pitch(scene: Scene) -> float | None:
     return float(step) if isinstance(step, int | float) and step > 0.0 else None
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
-    """(n, columns) numbers of a file that was written line by line; columns after these may hold text."""
+def leaning_places(trace: np.ndarray) -> np.ndarray | None:
+    """(l, 3) m, of a trace (k, 8), where the stick leaned; None where it did nowhere."""
+    leaning: np.ndarray = trace[trace[:, 7] > LEANS, 1:4]
+    return leaning if len(leaning) else None
+
+
+def read_table(path: Path, columns: tuple[str, ...], later: tuple[str, ...] = ()) -> np.ndarray:
+    """(n, columns + later) numbers of a file that was written line by line; columns after the first ones may hold text.
+
+    The `later` ones stand somewhere after those, and are 0 in files of older runs, which do not have them.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -135,11 +149,16 @@ def read_table(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     if tuple(header.split(",")[: len(columns)]) != columns:
         raise FormatError(f"{path}: line 1: columns {header!r}; allowed: {','.join(columns)}")
     lines = body.split("\n")[:-1]  # what follows the last line's end was cut off
-    rows = np.empty((len(lines), len(columns)))
+    rows = np.zeros((len(lines), len(columns) + len(later)))
+    names = header.split(",")
+    places = {len(columns) + k: names.index(name) for k, name in enumerate(later) if name in names}
     for i, line in enumerate(lines):
         cells = line.split(",")
         try:
-            rows[i] = [float(cell) for cell in cells[: len(columns)]]
-        except ValueError:
-            raise FormatError(f"{path}: line {i + 2}: {line!r}; allowed: {len(columns)} numbers") from None
+            rows[i, : len(columns)] = [float(cell) for cell in cells[: len(columns)]]
+            for column, place in places.items():
+                rows[i, column] = float(cells[place])
+        except (ValueError, IndexError):
+            count = len(columns) + len(places)
+            raise FormatError(f"{path}: line {i + 2}: {line!r}; allowed: {count} numbers") from None
     return rows

@@ -345,7 +345,7 @@ class _Page:
             free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
             so_far = TouchRecord(
                 record.points[:n], normals=_first(record.normals, n), confidence=_first(record.confidence, n),
-                free_path=free, probe_radius=record.probe_radius, table=record.table,
+                free_path=free, leaning=record.leaning, probe_radius=record.probe_radius, table=record.table,
                 lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
             made = _surface(self.run, so_far)

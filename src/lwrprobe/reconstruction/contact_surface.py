@@ -45,6 +45,7 @@ _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, 
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _LEAST = 5e-5  # m, of the options that are lengths: finer grids do not fit into memory
 _WITNESSES = 10  # contacts on a part of the body that floats, from which on it is one
+_AS_LEANING = 0.002  # m: so near to a place where the stick leaned it is taken to lean, which errs to the safe side
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
 _NEAR = 0.9  # of the pitch: how far from data the field is taken
@@ -274,7 +275,14 @@ def _evidence(
     inferred = below + lower
     points = np.vstack([touches.points, inferred.points - touches.radius * inferred.normals])
     normals = np.vstack([clusters.normals[clusters.label], inferred.normals])  # a single one is too noisy to lean by
-    return gather(grid, points, normals, visited, len(touching), touches.radius)
+    return gather(grid, points, normals, visited, _stood(visited, touches.leaning), len(touching), touches.radius)
+
+
+def _stood(visited: np.ndarray, leaning: np.ndarray) -> np.ndarray:
+    """(k,) bool: at which places (k, 3) the stick was upright, by those (l, 3) at which it was `leaning`."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(leaning).query(visited)[0] > _AS_LEANING
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:

@@ -69,18 +69,25 @@ class Evidence:
 
 
 def gather(
-    grid: Grid, points: np.ndarray, normals: np.ndarray, visited: np.ndarray, touching: int, radius: float
+    grid: Grid,
+    points: np.ndarray,
+    normals: np.ndarray,
+    visited: np.ndarray,
+    stood: np.ndarray,
+    touching: int,
+    radius: float,
 ) -> Evidence:
     """Evidence from contacts (n, 3), their normals, and the centres (k, 3) that the sphere visited.
 
-    The first `touching` of the centres are those of contacts.
+    The stick was upright where it `stood` (k,) bool: only there nothing is above. The first `touching` of the centres
+    are those of contacts.
     """
     from scipy.ndimage import distance_transform_edt
 
     solid, free = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, -1, dtype=np.int64)
     mark_places(visited, grid.origin, grid.step, free)
     mark_below(points, normals, radius, grid.origin, grid.step, free, touching, solid)
-    mark_above(visited, grid.origin, grid.step, solid, free)
+    mark_above(visited, stood, grid.origin, grid.step, solid, free)
     nodes = grid.nodes()
     places = []
     for marks, source in ((solid, points), (free, visited)):

@@ -74,14 +74,14 @@ def mark_below(points, normals, radius, origin, step, free, contacts, solid):
 
 
 @kernel
-def mark_above(places, origin, step, solid, free):
-    """Columns over visited places are free up to the next solid node: the stick was there."""
+def mark_above(places, stood, origin, step, solid, free):
+    """Columns over visited places, where an upright stick `stood` (bool), are free up to the next solid node."""
     nx, ny, nz = free.shape
     for p in range(places.shape[0]):
         i = int(np.rint((places[p, 0] - origin[0]) / step))
         j = int(np.rint((places[p, 1] - origin[1]) / step))
         k = int(np.rint((places[p, 2] - origin[2]) / step))
-        if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+        if not stood[p] or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
             continue
         k += 1
         while k < nz and solid[i, j, k] < 0:

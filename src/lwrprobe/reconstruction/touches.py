@@ -28,6 +28,7 @@ class Touches:
     confidence : (n,) 0..1
     radius : m, of the sphere, or of the virtual one where the record has none
     visited : (k, 3) m, where the sphere's centre has been without touching, dense along its path
+    leaning : (l, 3) m, where it has been while the stick leaned, likewise
     table : m, or None when the object is seen from below as well
     lowest : m, lowest centre
     noise, normal_noise : m and rad, standard deviations of a point along its normal, and of the normal
@@ -39,6 +40,7 @@ class Touches:
     confidence: np.ndarray
     radius: float
     visited: np.ndarray
+    leaning: np.ndarray
     table: float | None
     lowest: float
     noise: float
@@ -64,11 +66,12 @@ def prepare(record: TouchRecord, spacing: float) -> Touches:
     table = _table(record, points, seen_below, without)
     lowest = float(centres[:, 2].min()) if record.lowest is None else min(record.lowest, float(centres[:, 2].min()))
     visited = np.empty((0, 3)) if record.free_path is None else _dense(record.free_path, record.free_gap, spacing)
+    leaning = np.empty((0, 3)) if record.leaning is None else _dense(record.leaning, record.free_gap, spacing)
     if record.free_path is None:
         without.append("free path")
     noise = float(np.hypot(_RAW_NOISE, record.resolution / np.sqrt(12.0)))
     normal_noise = _NORMAL_NOISE if record.normals is not None else _GUESSED_NORMAL_NOISE
-    return Touches(points, normals, confidence, radius, visited, table, lowest, noise, normal_noise, without)
+    return Touches(points, normals, confidence, radius, visited, leaning, table, lowest, noise, normal_noise, without)
 
 
 def _usable(record: TouchRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -59,7 +59,8 @@ class Run:
     scene : as it was run
     contacts : what the mesh is made from: without the table, and without what was touched after the object had moved
     record : the same as the reconstructors take it
-    trace : (k, 7) path of the sphere's centre: time s, x y z m, force N, touching 0 or 1, clearance m
+    trace : (k, 8) path of the sphere's centre: time s, x y z m, force N, touching 0 or 1, clearance m, lean of
+        the stick rad
     summary : all figures, see `Summary`
     folder : where the run lies on disk, None where it does not
     voxels : the map where it is at hand, None = it is read from the folder

@@ -127,7 +127,7 @@ class _Pictures:
             normals = None if record.normals is None else record.normals[:n]
             confidence = None if record.confidence is None else record.confidence[:n]
             part = TouchRecord(
-                record.points[:n], normals=normals, confidence=confidence, free_path=free,
+                record.points[:n], normals=normals, confidence=confidence, free_path=free, leaning=record.leaning,
                 probe_radius=record.probe_radius, table=record.table, lowest=record.lowest, pitch=record.pitch,
             )  # fmt: skip
             try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import dist, hypot
+from math import acos, dist, hypot
 from operator import sub
 
 import numpy as np
@@ -108,4 +108,5 @@ class RunRecord:
             near = seen.clearance
             distance = near.distance if near is not None else np.inf
             state = self._pipeline.progress().state
-            self._recorder.trace_row(seen.time, tip, force, seen.contact is not None, distance, state)
+            lean = acos(min(max(-seen.pose.item(2, 2), -1.0), 1.0))
+            self._recorder.trace_row(seen.time, tip, force, seen.contact is not None, distance, state, lean)

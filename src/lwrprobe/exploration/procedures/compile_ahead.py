@@ -149,7 +149,7 @@ def _make_contacts(scene: Scene, recorder: Recorder, voxels: VoxelMap) -> None:
     for k, x in enumerate(np.linspace(lower[0], upper[0], 60)):
         pose = np.eye(4)
         pose[:3, 3] = x, middle[1], upper[2]
-        recorder.trace_row(0.1 * k, pose[:3, 3], 0.0, False, np.inf, "free")
+        recorder.trace_row(0.1 * k, pose[:3, 3], 0.0, False, np.inf, "free", 0.0)
         recorder.swept.note(Observation(0.1 * k, pose, np.zeros(3), np.zeros(3)))
 
 

@@ -154,6 +154,7 @@ def _moved(record: TouchRecord, found: Registration) -> TouchRecord:
         times=record.times,
         free_path=found.points(free),
         free_gap=record.free_gap,
+        leaning=None if record.leaning is None else found.points(record.leaning),
         probe_radius=record.probe_radius,
         table=record.table,
         lowest=record.lowest,
@@ -174,6 +175,7 @@ def _join(a: TouchRecord, b: TouchRecord) -> TouchRecord:
 
     assert a.times is not None
     assert b.times is not None
+    leaning = [record.leaning for record in (a, b) if record.leaning is not None]
     return TouchRecord(
         points=both("points"),
         normals=both("normals"),
@@ -181,6 +183,7 @@ def _join(a: TouchRecord, b: TouchRecord) -> TouchRecord:
         times=np.concatenate([a.times, a.times.max() + b.times]),
         free_path=both("free_path"),
         free_gap=min(a.free_gap, b.free_gap),
+        leaning=np.concatenate(leaning) if leaning else None,
         probe_radius=a.probe_radius,
         table=a.table,
         lowest=min(low for low in (a.lowest, b.lowest) if low is not None),

@@ -78,6 +78,8 @@ def _whole_lines(path: Path, columns: str, numbers: int) -> int:
         return 0
     content = path.read_bytes()
     lines = content.split(b"\n")
+    if lines[0] and columns.startswith(lines[0].decode("utf-8", "replace")):  # an older run's: it has fewer columns
+        columns = lines[0].decode("utf-8")
     ended, rest = lines[1:-1], lines[-1]
     kept = [line for line in ended if _is_row(line, numbers, columns.count(",") + 1)]
     dropped = len(ended) - len(kept) + bool(rest)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lwrprobe.exploration.recording.run_bag import RunBag
 
 CONTACT_COLUMNS = "time,x,y,z,nx,ny,nz,force,confidence"
-TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state"
+TRACE_COLUMNS = "time,x,y,z,force,touching,clearance,state,lean"
 STATE_COLUMNS = "time,state,event,next"
 
 LOOK_EVERY = 0.5
@@ -62,7 +62,7 @@ class Recorder:
         """s, from which on what was recorded is kept out of what follows the run."""
         self.accepted = 0
         """Contacts of this part of the run, those that are withheld or left out afterwards among them."""
-        self._trace: list[tuple[float, float, float, float, float, bool, float]] = []
+        self._trace: list[tuple[float, float, float, float, float, bool, float, float]] = []
         if earlier is not None:
             self._take_over(earlier)
         self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS, earlier is not None)
@@ -85,13 +85,15 @@ class Recorder:
         self.passed.append((contact.time, contact.point + radius * contact.normal))
 
     def trace_row(
-        self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str
+        self, time: float, tip: np.ndarray, force: float, touching: bool, clearance: float, state: str, lean: float
     ) -> None:
-        """Where the sphere's centre is, whether it touches, and what the strategy is doing."""
+        """Where the sphere's centre is, whether it touches, what the strategy is doing, and how far the stick leans."""
         x, y, z = tip.tolist()
-        self._trace.append((time, x, y, z, force, touching, clearance))
+        self._trace.append((time, x, y, z, force, touching, clearance, lean))
         if self._trace_file is not None:
-            line = f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state}\n"
+            line = (
+                f"{time:.4f},{x:.6f},{y:.6f},{z:.6f},{force:.4f},{int(touching)},{clearance:.5f},{state},{lean:.4f}\n"
+            )
             self._write(self._trace_file, line)
             self._look()
 
@@ -142,8 +144,8 @@ class Recorder:
         return np.array([c.normal for c in self.contacts]).reshape(-1, 3)
 
     def trace(self) -> np.ndarray:
-        """(k, 7): time, x, y, z, force, touching, clearance."""
-        return np.array(self._trace, dtype=np.float64).reshape(-1, 7)
+        """(k, 8): time, x, y, z, force, touching, clearance, lean."""
+        return np.array(self._trace, dtype=np.float64).reshape(-1, 8)
 
     @property
     def places(self) -> int:
@@ -160,7 +162,10 @@ class Recorder:
         self.folder.mkdir(parents=True, exist_ok=True)
         lines = [CONTACT_COLUMNS + "\n", *map(_line, self.contacts)]
         (self.folder / "contacts.csv").write_text("".join(lines), encoding="utf-8")
-        rows = [f"{t:.4f},{x:.6f},{y:.6f},{z:.6f},{f:.4f},{int(on)},{c:.5f},\n" for t, x, y, z, f, on, c in self._trace]
+        rows = [
+            f"{t:.4f},{x:.6f},{y:.6f},{z:.6f},{f:.4f},{int(on)},{c:.5f},,{lean:.4f}\n"
+            for t, x, y, z, f, on, c, lean in self._trace
+        ]
         (self.folder / "trace.csv").write_text("".join([TRACE_COLUMNS + "\n", *rows]), encoding="utf-8")
 
     def close(self) -> None:
@@ -191,7 +196,7 @@ class Recorder:
             self.contacts.append(contact)
             self.sequences.append(NO_SAMPLE)
             self.states.append(None)
-        self._trace += [(*row[:5], bool(row[5]), row[6]) for row in earlier.trace.tolist()]
+        self._trace += [(*row[:5], bool(row[5]), *row[6:]) for row in earlier.trace.tolist()]
 
     def _open(self, name: str, header: str, go_on: bool) -> FileIO | None:
         if self.folder is None:

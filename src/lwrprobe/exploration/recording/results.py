@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import InputError, Reconstruction, TouchRecord, TriangleMesh
-from lwrprobe.evaluation.run_folder import CLOUD_FILE
+from lwrprobe.evaluation.run_folder import CLOUD_FILE, leaning_places
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS, Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
@@ -18,11 +18,12 @@ from lwrprobe.scene import Scene, write_scene
 
 def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap, line_spacing: float | None) -> TouchRecord:
     """What a reconstructor is given: contacts, or the map's voxels, and the path on which nothing was touched."""
-    free = recorder.free_path()
+    free, leaning = recorder.free_path(), leaning_places(recorder.trace())
     if scene.reconstruction.points == "voxels":
         return TouchRecord(
             points=voxels.centres(),
             free_path=free,
+            leaning=leaning,
             probe_radius=scene.probe.radius,
             table=scene.table.height if scene.table.present else None,
             lowest=scene.area.lower[2],
@@ -35,6 +36,7 @@ def touch_record(recorder: Recorder, scene: Scene, voxels: VoxelMap, line_spacin
         confidence=np.array([c.confidence_score for c in recorder.contacts]),
         times=np.array([c.time for c in recorder.contacts]),
         free_path=free,
+        leaning=leaning,
         probe_radius=scene.probe.radius,
         table=scene.table.height if scene.table.present else None,
         lowest=scene.area.lower[2],
@@ -75,7 +77,7 @@ def write_run(
     out : made when missing
     record : contacts with normals, times and confidence
     force : (n,) N, of each contact
-    trace : (k, 7) as `Recorder.trace` gives it
+    trace : (k, 8) as `Recorder.trace` gives it
     run : (n,) number of the run that each contact comes from, where several were merged
 
     Raises InputError for a folder that cannot be written to.
@@ -96,8 +98,8 @@ def write_run(
         scalars["run"] = run.astype(np.float64)
     np.savetxt(out / "contacts.csv", np.column_stack(columns), form, ",", header=header, comments="")
     np.savetxt(
-        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f"], ",",
-        header=TRACE_COLUMNS.removesuffix(",state"), comments="",
+        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f", "%.4f"], ",",
+        header=TRACE_COLUMNS.replace(",state", ""), comments="",
     )  # fmt: skip
     write_shapes(out, scene, Cloud(record.points, record.normals, scalars), voxels, mesh, summary)
     summary.write(out / "summary.json")
