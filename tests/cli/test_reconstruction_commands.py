@@ -13,6 +13,7 @@ from lwrprobe.cli.app import app
 from lwrprobe.contracts import FormatError
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.exploration.procedures.recover import recover
+from lwrprobe.exploration.recording.recorder import TRACE_COLUMNS
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.reconstruction.meshes import read_mesh, write_mesh
@@ -73,13 +74,24 @@ def test_where_the_stick_leaned_is_read_and_is_nowhere_in_an_older_run(run_folde
         read_run(folder)
 
 
-def test_a_recovered_run_keeps_the_path_of_an_older_one(run_folder, tmp_path):
+@pytest.mark.parametrize("columns", [7, 8])
+def test_a_recovered_run_keeps_the_path_of_an_older_one_and_of_a_merged_one(run_folder, tmp_path, columns):
     folder = shutil.copytree(run_folder[0], tmp_path / "block")
+    rows = [",".join(row.split(",")[:columns]) for row in (folder / "trace.csv").read_text().splitlines()]
+    (folder / "trace.csv").write_text("\n".join(rows) + "\n")
     before = read_run(folder).trace
     with open(folder / "trace.csv", "a") as file:
         file.write("9.0,0.0,0")
     assert recover(folder).dropped["trace.csv"] == 1
     assert read_run(folder).trace == pytest.approx(before)
+
+
+@pytest.mark.parametrize("cut", ["", "time,x", "time,x,y,z,force,touching,clearance,state"])
+def test_a_table_that_was_cut_in_its_header_is_made_anew(run_folder, tmp_path, cut):
+    folder = shutil.copytree(run_folder[0], tmp_path / "block")
+    (folder / "trace.csv").write_text(cut)
+    recover(folder)
+    assert (folder / "trace.csv").read_text() == TRACE_COLUMNS + "\n"
 
 
 def test_contacts_are_read_as_the_run_corrected_them(run_folder, tmp_path):

@@ -78,8 +78,9 @@ def _whole_lines(path: Path, columns: str, numbers: int) -> int:
         return 0
     content = path.read_bytes()
     lines = content.split(b"\n")
-    if lines[0] and columns.startswith(lines[0].decode("utf-8", "replace")):  # an older run's: it has fewer columns
-        columns = lines[0].decode("utf-8")
+    header = lines[0].decode("utf-8", "replace")
+    if len(lines) > 1 and header.split(",")[:numbers] == columns.split(",")[:numbers]:
+        columns = header  # those of an older run, or of several that were merged
     ended, rest = lines[1:-1], lines[-1]
     kept = [line for line in ended if _is_row(line, numbers, columns.count(",") + 1)]
     dropped = len(ended) - len(kept) + bool(rest)
