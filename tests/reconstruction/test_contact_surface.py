@@ -627,3 +627,23 @@ def test_one_wrong_contact_in_swept_air_leaves_no_solid_there(scenes):
     found = surface(replace(record, free_path=np.vstack([record.free_path, *flown]), **more))
     assert found.mesh.vertices[:, 2].max() < 0.052
     assert error(found.mesh, solid).mean < 1e-4
+
+
+@pytest.mark.parametrize("leans", [False, True])
+def test_the_places_where_the_stick_leaned_are_those_above_which_nothing_is_free(scenes, monkeypatch, leans):
+    _, record = scenes("block")
+    leaning, seen = record.free_path[500:700], []
+    gather = contact_surface.gather
+
+    def watched(grid, points, normals, visited, stood, touching, radius):
+        seen.append((visited, stood))
+        return gather(grid, points, normals, visited, stood, touching, radius)
+
+    monkeypatch.setattr(contact_surface, "gather", watched)
+    surface(replace(record, leaning=leaning if leans else None), compare=False)
+    [(visited, stood)] = seen
+    apart = np.array([np.linalg.norm(leaning - place, axis=1).min() for place in visited])
+    assert stood.any()
+    assert not leans or not stood[apart < 0.001].any()
+    assert stood[apart > 0.005].all()
+    assert leans or stood.all()

@@ -39,13 +39,13 @@ class TouchRecord:
     times : (n,) s, or None
     free_path : (k, 3) m, centres of the sphere along the path while it touched nothing, in order of time, or None.
         A step between two rows longer than `free_gap` is not a swept segment
-    leaning : (l, 3) m, centres of the sphere along the path while the stick leaned, in order of time, or None where it
-        was upright all the time. Above these the stick has shown nothing to be free
     probe_radius : m, or None where unknown (a cloud from elsewhere)
     table : m, height of the table, or None
     lowest : m, lowest height the sphere's centre was allowed to, or None
     resolution : m, voxel edge when the points are voxel centres, 0 for raw contacts
     pitch : m, distance between the scan's lines, or None where unknown
+    leaning : (l, 3) m, centres of the sphere along the path while the stick leaned, in order of time, or None where it
+        was upright all the time. Above these the stick has shown nothing to be free
     """
 
     points: np.ndarray
@@ -54,12 +54,12 @@ class TouchRecord:
     times: np.ndarray | None = None
     free_path: np.ndarray | None = None
     free_gap: float = 0.01
-    leaning: np.ndarray | None = None
     probe_radius: float | None = None
     table: float | None = None
     lowest: float | None = None
     resolution: float = 0.0
     pitch: float | None = None
+    leaning: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self.points = np.ascontiguousarray(self.points, dtype=np.float64)

@@ -24,7 +24,7 @@ _CONTACTS = ("time", "x", "y", "z", "nx", "ny", "nz", "force", "confidence")
 _TRACE = ("time", "x", "y", "z", "force", "touching", "clearance")
 _LEAN = "lean"
 LEANS = 0.03
-"""rad from the vertical, from which on the stick leans: its upper end is then as far aside as it is thick."""
+"""rad from the vertical, from which on the stick leans: the upper end of one 50 mm long is then 1.5 mm aside."""
 
 
 @dataclass(slots=True)

@@ -282,7 +282,9 @@ def _stood(visited: np.ndarray, leaning: np.ndarray) -> np.ndarray:
     """(k,) bool: at which places (k, 3) the stick was upright, by those (l, 3) at which it was `leaning`."""
     from scipy.spatial import cKDTree
 
-    return cKDTree(leaning).query(visited)[0] > _AS_LEANING
+    if not len(leaning):
+        return np.ones(len(visited), dtype=bool)
+    return np.asarray(cKDTree(leaning).query(visited)[0] > _AS_LEANING)
 
 
 def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
