@@ -94,6 +94,9 @@ class Estimator(Protocol):
     def set_lever_error(self, error: float) -> None:
         """m, error of torque over force from now on (`Settings.lever_error`)."""
 
+    def set_noise(self, noise: WrenchNoise) -> None:
+        """Noise of one reading from now on (`Settings.noise`)."""
+
 
 class SampleEstimator:
     """An estimator that looks at one sample alone.
@@ -125,6 +128,10 @@ class SampleEstimator:
     def set_lever_error(self, error: float) -> None:
         """See `Estimator.set_lever_error`."""
         self._params[kernels.P_LEVER_ERROR] = error
+
+    def set_noise(self, noise: WrenchNoise) -> None:
+        """See `Estimator.set_noise`."""
+        self._params[kernels.P_FORCE_NOISE], self._params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
 
 
 def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
@@ -241,6 +248,10 @@ class FusedEstimator:
     def set_lever_error(self, error: float) -> None:
         """See `Estimator.set_lever_error`."""
         self._params[kernels.P_LEVER_ERROR] = error
+
+    def set_noise(self, noise: WrenchNoise) -> None:
+        """See `Estimator.set_noise`."""
+        self._params[kernels.P_FORCE_NOISE], self._params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
 
     @property
     def friction(self) -> tuple[float, float]:

@@ -82,3 +82,8 @@ class WrenchNoise:
         """Gaussian noise of `counts` resolution steps, with the quantisation's 1/sqrt(12) step added in squares."""
         scale = float(np.sqrt(counts * counts + 1.0 / 12.0))
         return cls(scale * probe.force_resolution, scale * probe.torque_resolution)
+
+    def or_louder(self, measured: Vector) -> WrenchNoise:
+        """This noise, or that of readings at rest where it is larger: (6,) standard deviations in N and N·m."""
+        force, torque = np.sqrt(np.mean(np.square(measured).reshape(2, 3), axis=1)).tolist()
+        return WrenchNoise(max(self.force, force), max(self.torque, torque))

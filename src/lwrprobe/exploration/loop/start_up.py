@@ -85,6 +85,7 @@ class StartUp:
         found = agreed_bias(self._pipeline.conditioner, lambda: self.listen(seconds), self._step_back, rotation)
         if not found.outcome.taken:
             raise SafetyStop(f"the bias cannot be taken at the start: {found.outcome.reason}")
+        self._pipeline.adopt_noise(found.outcome.noise)
 
     def listen(self, seconds: float) -> list[WrenchSample]:
         """The sensor's samples while the arm rests."""

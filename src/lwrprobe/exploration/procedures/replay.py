@@ -344,3 +344,4 @@ class Replay:
             outcome = agreed_bias(conditioner, listen, lambda: None, rotation).outcome
         if not outcome.taken:
             raise SafetyStop(f"the bias cannot be taken from the recording: {outcome.reason}")
+        self.pipeline.adopt_noise(outcome.noise)

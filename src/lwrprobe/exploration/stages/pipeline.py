@@ -14,6 +14,7 @@ from lwrprobe.contact import (
     Estimator,
     TorqueAgreement,
     WrenchConditioner,
+    WrenchNoise,
     check_estimator,
     make_estimator,
 )
@@ -131,6 +132,13 @@ class Pipeline:
     def raised(self) -> float:
         """m by which the strategy has raised the area's upper end."""
         return self.strategy.raised if isinstance(self.strategy, RaisingStrategy) else 0.0
+
+    def adopt_noise(self, measured: np.ndarray) -> None:
+        """Expect the noise (6,) N and N·m of readings at rest, where that is more than stated.
+
+        With less, the estimator takes noise for a sphere that sticks, and its normals lead the sphere off the surface.
+        """
+        self.estimator.set_noise(WrenchNoise.of(self.probe).or_louder(measured))
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
