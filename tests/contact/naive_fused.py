@@ -349,18 +349,18 @@ def sliding_agrees(g, p, s, m, cov, normal, total, force, speed, noise, common):
 
 
 def add_sliding(g, p, s, m, cov, normal, total, force, travel, common):
-    """(slides, total, slip)."""
+    """(how the sphere moves along the surface, total, slip)."""
     speed, dt = np.linalg.norm(g.velocity), g.time - s.time
     slip, slip_speed = slip_velocity(g, s, normal, p)
     if s.begun == 0.0 or slip_speed < p.min_speed or travel < 0.3 * speed * dt:
         s.streak = 0.0
-        return False, total, slip
+        return fk.RESTS, total, slip
     size = np.linalg.norm(g.force)
     change = abs(size - s.force)
-    if change > 12.0 * size * dt + 4.0 * p.force_noise:
-        return False, total, slip
     across = np.cross(force / size, slip)
     sine = np.linalg.norm(across)
+    if change > 12.0 * size * dt + 4.0 * p.force_noise:
+        return fk.SLIPS if sine >= 0.4 and slip @ s.slip > 0.87 else fk.RESTS, total, slip
     noise = np.hypot(np.sqrt(s.speed_var), change / max(dt, 1e-6) * p.hidden_compliance)
     if sine < 0.4 or not sliding_agrees(g, p, s, m, cov, normal, total, force, speed, noise, common):
         loosen_offset(p, s, 0.02)
@@ -368,7 +368,7 @@ def add_sliding(g, p, s, m, cov, normal, total, force, travel, common):
             s.axis = 0.0
             s.info = np.zeros((3, 3))
         s.streak = 0.0
-        return False, total, slip
+        return fk.RESTS, total, slip
     s.streak = s.streak + 1.0 if slip @ s.slip > 0.87 else 1.0
     s.slip = slip.copy()
     if speed >= p.min_speed:
@@ -376,7 +376,7 @@ def add_sliding(g, p, s, m, cov, normal, total, force, travel, common):
         total = total + np.outer(v, v) / ((noise / speed) ** 2 + p.slip_angle**2)
     aim = (noise / slip_speed) ** 2 + p.slip_angle**2
     variance = (p.force_noise / size) ** 2 + max(0.0, 1.0 - sine**2) * aim
-    return True, total + np.outer(unit(across), unit(across)) / (variance + 1e-12), slip
+    return fk.SLIDES, total + np.outer(unit(across), unit(across)) / (variance + 1e-12), slip
 
 
 def add_friction(g, p, mu, mu_var, sliding, slip, total, force):
@@ -488,7 +488,8 @@ def fused(g, p, s):
     travel = advance(g, p, s)
     watch_velocity(g, p, s)
     m = consistent_torque(g, cov, m)
-    sliding, total, slip = add_sliding(g, p, s, m, cov, normal, total, force, travel, common)
+    motion, total, slip = add_sliding(g, p, s, m, cov, normal, total, force, travel, common)
+    sliding = motion == fk.SLIDES
     if sliding:
         learn_offset(g, p, s, raw, cov, force)
         doubt_memory(s, axis, common)
@@ -499,7 +500,10 @@ def fused(g, p, s):
     mu, mu_var = s.friction, s.friction_var
     if sliding:
         learn_friction(p, s, normal, total, slip, force)
-    total = add_friction(g, p, mu, mu_var, sliding and s.streak >= 4.0, slip, total, force)
+    if motion == fk.SLIPS:
+        total = add_friction(g, p, mu, mu_var + 0.01 * mu**2, True, slip, total, force)
+    else:
+        total = add_friction(g, p, mu, mu_var, sliding and s.streak >= 4.0, slip, total, force)
     normal = smallest_direction(total, normal)
     own = tangent_spread(total, normal)
     sigma = np.hypot(own, shared_error(axis, own, s.axis, common))

@@ -240,6 +240,50 @@ def test_learning_the_zero_is_a_dense_kalman_step():
     assert 10 < sum(used) < 50
 
 
+@pytest.mark.parametrize("mu", [0.3, 0.5])
+def test_a_sphere_that_bounces_while_it_slips_keeps_its_normal(mu):
+    """Four samples on the surface, three off it: the force changes all the time, the slip goes on at 15 mm/s.
+
+    Before that one sample contradicts the sliding, so that nothing is remembered, and the torque tells little.
+    """
+    rng = np.random.default_rng(3)
+    estimator = make_estimator("fused", PROBE)
+    estimator.set_noise(WrenchNoise(0.01, 6e-5))
+    n, v, dt = np.array([0.0, 0.0, 1.0]), np.array([0.015, 0.0, 0.0]), 0.008
+    presses = [0.8] * 60 + 8 * [0.0, 0.0, 0.0, 0.45, 1.05, 0.75, 0.4]
+    errors, before = [], 0.0
+    for k, press in enumerate(presses):
+        if press:
+            drag = -mu if k == 59 else mu
+            force = press * (n - drag * naive.unit(v))
+            wrench = naive.contact_wrench(PROBE, np.eye(3), [(n, force)], time=k * dt, rng=rng, counts=3.0)
+            leaving = np.array([0.0, 0.0, -1e-5 * (press - before) / dt])  # 1e5 N/m
+            contact = estimator.estimate(wrench, k * dt * v, np.eye(3), v + leaving)
+            errors.append(naive.angle(contact.normal, n))
+        before = press
+    assert max(errors[60:]) < 0.25 * np.degrees(np.arctan(mu))
+
+
+def test_a_noise_that_is_told_later_counts_from_then_on():
+    loud = WrenchNoise(0.01, 6e-5)
+    n = naive.unit([0.2, 0.1, 1.0])
+    wrench = naive.contact_wrench(PROBE, np.eye(3), [(n, 0.8 * n)])
+    for name in ("wrench_axis", "fused"):
+        told = make_estimator(name, PROBE)
+        told.set_noise(loud)
+        made = make_estimator(name, PROBE, Settings(noise=loud))
+        usual = make_estimator(name, PROBE)
+        scores = [e.estimate(wrench, STILL, np.eye(3), STILL).confidence_score for e in (told, made, usual)]
+        assert scores[0] == scores[1] < scores[2]
+
+
+def test_the_noise_of_readings_at_rest_counts_where_it_is_more_than_is_stated():
+    stated = WrenchNoise.of(PROBE)
+    assert stated.or_louder(np.zeros(6)) == stated
+    louder = stated.or_louder(np.array([0.01, 0.02, 0.02, 0.0, 0.0, 0.0]))
+    assert (louder.force, louder.torque) == (pytest.approx(np.sqrt(3e-4)), stated.torque)
+
+
 # What is not to be trusted
 
 

@@ -104,6 +104,8 @@ RING = 16
 ROW = 5
 STATE = S_RING + RING * ROW
 
+RESTS, SLIPS, SLIDES = 0, 1, 2  # how the sphere moves along the surface
+
 _RUN = 0.15  # weight of a new sample in the running mismatch
 _GATE = 13.8  # chi-squared, 2 degrees of freedom, 0.1 %
 _OFFSET_GATE = 16.3  # chi-squared, 3 degrees of freedom, 0.1 %
@@ -125,6 +127,7 @@ _REFUTED_GROWTH = 0.02  # relative growth of that variance with each sample that
 _SAME_SLIP = 0.87  # cosine between the slips of two samples in a row: a sphere that turns back sticks first
 _MIN_TRAVEL = 0.3  # smallest ratio of travel to speed times period while sliding
 _TRANSIENT = 12.0  # 1/s, relative change of force beyond which nothing slides steadily
+_DEVELOPING = 0.1  # share of mu, one standard deviation, by which the friction of a slip with a changing force is off
 _MIN_SINE = 0.4  # least sine between force and slip for sliding
 _AMBIGUOUS_CONFIDENCE = 0.3
 _SHARED_CONFIDENCE = 0.4  # to which an error that all axes share lowers the confidence, and no farther
@@ -155,7 +158,8 @@ def fused(given, params, state, out):
     travel = advance(given, params, state)
     watch_velocity(given, params, state)
     consistent_torque(given, cov, m)
-    sliding = add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, common)
+    motion = add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, common)
+    sliding = motion == SLIDES
     if sliding:
         learn_offset(given, params, state, raw, cov, out)
         doubt_memory(state, axis, common)
@@ -168,7 +172,8 @@ def fused(given, params, state, out):
     if sliding:
         learn_friction(given, params, state, normal, total, slip, out)
     # The stick bends before the sphere slips: a slip that has just begun need not take all of the friction yet.
-    slid = sliding and state[S_STREAK] >= _FRICTION_STREAK
+    slid = motion == SLIPS or (sliding and state[S_STREAK] >= _FRICTION_STREAK)
+    mu_var += (_DEVELOPING * mu) ** 2 if motion == SLIPS else 0.0
     add_friction(given, params, mu, mu_var, slid, slip, total, out)
     smallest_direction(total, normal)
     own = tangent_spread(total, normal)
@@ -509,20 +514,22 @@ def spread(state, variance):
 def add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, common):
     """Motion and friction plane, if the wrench axis does not contradict them; `slip` gets the unit slip direction.
 
-    Returns whether the sphere slides.
+    Returns SLIDES, else SLIPS where the sphere goes on along its last slip while the force changes, else RESTS.
     """
     speed = magnitude(given, I_VELOCITY)
     slip_speed = slip_velocity(given, state, normal, params, slip)
     dt = given[I_TIME] - state[S_TIME]
     if state[S_BEGUN] == 0.0 or slip_speed < params[P_MIN_SPEED] or travel < _MIN_TRAVEL * speed * dt:
         state[S_STREAK] = 0.0
-        return False
+        return RESTS
     f0, f1, f2 = out[O_FORCE], out[O_FORCE + 1], out[O_FORCE + 2]
     force = magnitude(given, I_FORCE)
-    if abs(force - state[S_FORCE]) > _TRANSIENT * force * dt + 4.0 * params[P_FORCE_NOISE]:
-        return False  # the tip moves into the surface or off it
     w0, w1, w2 = cross(f0 / force, f1 / force, f2 / force, slip[0], slip[1], slip[2])
     oblique = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+    same = slip[0] * state[S_SLIP] + slip[1] * state[S_SLIP + 1] + slip[2] * state[S_SLIP + 2]
+    if abs(force - state[S_FORCE]) > _TRANSIENT * force * dt + 4.0 * params[P_FORCE_NOISE]:
+        # The tip moves into the surface or off it: its path is not along it, but friction opposes the slip.
+        return SLIPS if oblique >= _MIN_SINE and same > _SAME_SLIP else RESTS
     drift = abs(force - state[S_FORCE]) / max(dt, 1e-6) * params[P_HIDDEN_COMPLIANCE]
     noise = math.sqrt(state[S_SPEED_VAR] + drift * drift)
     if oblique < _MIN_SINE or not sliding_agrees(
@@ -532,8 +539,7 @@ def add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, 
         if state[S_STREAK] > 0.0:
             forget_normal(state)
         state[S_STREAK] = 0.0
-        return False
-    same = slip[0] * state[S_SLIP] + slip[1] * state[S_SLIP + 1] + slip[2] * state[S_SLIP + 2]
+        return RESTS
     state[S_STREAK] = state[S_STREAK] + 1.0 if same > _SAME_SLIP else 1.0
     for i in range(3):
         state[S_SLIP + i] = slip[i]
@@ -545,7 +551,7 @@ def add_sliding(given, params, state, m, cov, normal, total, out, slip, travel, 
     aim = (noise / slip_speed) ** 2 + params[P_SLIP_ANGLE] ** 2
     variance = (params[P_FORCE_NOISE] / force) ** 2 + lean * lean * aim
     add_square(total, w0 / oblique, w1 / oblique, w2 / oblique, 1.0 / (variance + 1e-12))
-    return True
+    return SLIDES
 
 
 @kernel
