@@ -207,6 +207,24 @@ def test_where_no_line_has_passed_beside_a_tall_object_one_comes_from_the_border
     assert ends == ([] if low == 0.006 else near + far), "a side that is touched down to its foot needs none"
 
 
+def test_past_a_side_before_which_a_plate_was_touched_comes_a_line_although_the_side_is_touched_down_to_its_foot():
+    memory, xs = ContactMemory(), [-0.01, 0.0, 0.01, 0.03]
+    touch_block(memory, xs, top=0.05, low=0.006)
+    pose = np.eye(4)
+    pose[2, 3] = -0.075
+    body = LinkShape("body", "cylinder", (0.01, 0.05), pose)
+
+    def places():
+        lines = outer_parts(memory.contacts(), memory.trail(), np.array(xs), task(links=(body,)), 0.03, 0.01)
+        return [(line.place, line.begin) for line in lines]
+
+    assert places() == []
+    plate = np.array([0.0, 0.045, 0.013])
+    memory.add(plate, plate - np.array([0.0, 0.0, 0.005]), np.array([0.0, 0.0, 1.0]), 0.0)
+    # Beside the touch of the plate, and one line on: the body is wider than a line.
+    assert places() == [(x, BORDER) for x in xs[:3]], "and none on the other side, nor far from it"
+
+
 def test_a_body_wider_than_a_line_gets_the_line_beside_as_well_up_to_the_outline_there():
     memory = ContactMemory()
     touch_block(memory, [-0.02, -0.01, 0.0], top=0.04, low=0.030)  # a side that is left

@@ -216,7 +216,10 @@ class GapPlanner:
         return self._on_floor(plate) if len(plate) else []
 
     def _left_treads(self) -> list[Line]:
-        """Over plates that the grid has passed above: along y, and along x where no line along y is left."""
+        """Over plates that the grid has passed above: along y, and along x where no line along y is left.
+
+        Where none is left, past the sides before which a plate goes on: what that shows lets the body come down there.
+        """
         body = self._body
         assert body is not None
         body.survey()
@@ -225,7 +228,7 @@ class GapPlanner:
             lines = treads(contacts, trail, axis, places, self._task, self._spacing, body)
             if new := self._not_planned_before(lines, self._treads):
                 return new
-        return []
+        return self._not_planned_before(self._outer_parts(), self._treads)
 
     # What passes have in common
 

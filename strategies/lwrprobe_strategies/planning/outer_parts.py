@@ -1,7 +1,8 @@
 """Lines beside the object, where those of the grid have not passed: they show where the body behind the stick may go.
 
 A level contour comes around the object to the next line of the grid, and a line that is given up is left: what lies
-between the object and the border then stays unknown, and no side below the grid's height can be touched.
+between the object and the border then stays unknown. No side below the grid's height can be touched there, and no plate
+on which the object stands.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from lwrprobe.contracts import Task
-from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Y, POINT
+from lwrprobe_strategies.planning.contact_memory import NORMAL, NORMAL_X, NORMAL_Y, NORMAL_Z, POINT
 from lwrprobe_strategies.planning.lines import ON_LINE, Line, X, Y, Z
 from lwrprobe_strategies.planning.low_sides import FACING, WORTH, left_below
+from lwrprobe_strategies.planning.treads import UPWARDS
 from lwrprobe_strategies.planning.upright_body import lowest_beside
 
 AT_BORDER = 0.003
@@ -26,7 +28,8 @@ def outer_parts(
     """From the border to where the object was touched, at `places` (n,) m, for each side on which no line has passed.
 
     Only where something is left below, there or beside the next line, and where an upright body would clear what was
-    touched: it is wider than a line, and what is unknown beside it holds it up as well.
+    touched: it is wider than a line, and what is unknown beside it holds it up as well. And where a tread below the
+    grid was touched before that side: it most likely goes on there.
 
     Parameters
     ----------
@@ -39,7 +42,16 @@ def outer_parts(
     area = task.area
     for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
         facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]
-        left = np.array([place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)])
+        if not len(facing):
+            continue
+        treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
+        left = np.array(
+            [
+                place
+                for place in places.tolist()
+                if _left(place, border, facing, contacts, task, pitch) or _before(sign, place, facing, treads, pitch)
+            ]
+        )
         for place in np.sort(places).tolist():
             if not (np.abs(left - place) < pitch + ON_LINE).any():
                 continue
@@ -63,6 +75,12 @@ def _left(place: float, border: float, facing: np.ndarray, contacts: np.ndarray,
     if low[Z] - whole.height <= 0.5 * pitch:
         return False
     return left_below(whole, low[POINT], away, 0.0, contacts, pitch) > WORTH * pitch * pitch
+
+
+def _before(sign: float, place: float, facing: np.ndarray, treads: np.ndarray, pitch: float) -> bool:
+    """Whether one of the treads (n, 10) was touched before the side that was touched there."""
+    near = treads[np.abs(treads[:, X] - place) < pitch + ON_LINE]
+    return bool((sign * near[:, Y] > _outline(sign, place, facing)).any())
 
 
 def _outline(sign: float, place: float, facing: np.ndarray) -> float:
