@@ -104,6 +104,20 @@ def test_between_lines_that_went_lower_a_side_is_not_carried_on():
         assert (np.abs(walls.points[:, 0] - x) < 0.004).any(), "below the others it goes on"
 
 
+@pytest.mark.parametrize(("off_foot", "stands"), [(0.012, True), (0.018, False)])
+def test_a_wall_that_ends_just_above_a_floor_nearby_stands_on_it(off_foot, stands):
+    """Neither the wall's foot nor the floor within a line distance of it was touched."""
+    floor = Box(shape="box", size=(0.16, 0.16, 0.03), at=Pose(xyz=(0.0, 0.0, 0.015)))
+    tower = Box(shape="box", size=(0.06, 0.04, 0.08), at=Pose(xyz=(0.0, 0.0, 0.04)))
+    record = sample_lines(Solid.from_shapes([floor, tower]), PITCH, 0.25)
+    x, y, z = record.points.T
+    beside = np.maximum(np.abs(x) - 0.03, np.abs(y) - 0.02) < PITCH
+    kept = ~beside | (z > 0.03 + off_foot)
+    walls, _ = found(replace(record, points=record.points[kept], normals=record.normals[kept]))
+    below = walls.points[np.maximum(np.abs(walls.points[:, 0]) - 0.03, np.abs(walls.points[:, 1]) - 0.02) < PITCH]
+    assert (below[:, 2] < 0.03).any() != stands
+
+
 def test_nothing_goes_down_through_a_floor():
     floor = Box(shape="box", size=(0.16, 0.16, 0.03), at=Pose(xyz=(0.0, 0.0, 0.015)))
     tower = Box(shape="box", size=(0.06, 0.04, 0.08), at=Pose(xyz=(0.0, 0.0, 0.04)))

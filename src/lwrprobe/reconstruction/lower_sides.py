@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _STEP = 0.5  # of the pitch, between places
 _DEEP = 1.0  # of the pitch: so far the contacts themselves show how a side goes on
 _ACROSS = 0.75  # of the pitch: so far beside a place contacts on a floor tell of it
+_FOOT_ON = 2.0, 1.0  # of the pitch: so far aside, and so little below the end of a side, is the floor it stands on
 _PASSED = 0.9  # radii: so near to where the sphere's centre passed freely nothing is
 _UNDER = -0.97  # z of the normal at which a side has become an underside
 _CUT = 3.0  # radii: so far below its end free space shows that a side does not go on
@@ -159,5 +160,7 @@ def _stopped(side: LowerSide, row: np.ndarray, clusters: Clusters, pitch: float)
     floor = top & (height < side.end[2])
     run, _ = side.plan_view(row)
     middle = (ahead[other] < 2.0 * run[:, None]) & (height[other] < row[:, 2:])
-    over = np.linalg.norm(row[:, None, :2] - clusters.points[floor, :2], axis=2) < _ACROSS * pitch
+    aside_of = np.linalg.norm(row[:, None, :2] - clusters.points[floor, :2], axis=2)
+    just_below = side.end[2] - height[floor] < _FOOT_ON[1] * pitch
+    over = (aside_of < _ACROSS * pitch) | (just_below & (aside_of < _FOOT_ON[0] * pitch))
     return middle.any(axis=1) | (over & (height[floor] > row[:, 2:])).any(axis=1)
