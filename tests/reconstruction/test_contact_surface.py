@@ -6,6 +6,7 @@ from pathlib import Path
 import naive_reconstruction as naive
 import numpy as np
 import pytest
+from partly_touched import upper_part
 from scipy.spatial import cKDTree
 
 from lwrprobe.bench.sampled_lines import NOISE, NORMAL_NOISE, sample_lines, voxelised
@@ -647,3 +648,22 @@ def test_the_places_where_the_stick_leaned_are_those_above_which_nothing_is_free
     assert not leans or not stood[apart < 0.001].any()
     assert stood[apart > 0.005].all()
     assert leans or stood.all()
+
+
+def test_nothing_counts_as_free_above_where_a_side_is_carried_on(scenes, monkeypatch):
+    """No stick has been there: below a side that was touched with a leaning stick the object is above."""
+    _, record = scenes("block")
+    record, seen = upper_part(record, 0.035), []
+    gather = contact_surface.gather
+
+    def watched(grid, points, normals, visited, stood, touching, radius):
+        seen.append((visited[:touching], stood[:touching]))
+        return gather(grid, points, normals, visited, stood, touching, radius)
+
+    monkeypatch.setattr(contact_surface, "gather", watched)
+    surface(record, compare=False)
+    [(places, stood)] = seen
+    below = places[:, 2] < 0.03
+    assert below.any()
+    assert not stood[below].any()
+    assert stood[~below].mean() > 0.9

@@ -272,10 +272,12 @@ def _evidence(
 ) -> Evidence:
     touching = np.vstack([touches.centres, lower.points[lower.normals[:, 2] > LEANING]])
     visited = np.vstack([touching, touches.visited, _ring(touches, pitch, grid.step)])
+    stood = _stood(visited, touches.leaning)
+    stood[len(touches.centres) : len(touching)] = False  # no stick has been where a side is carried on
     inferred = below + lower
     points = np.vstack([touches.points, inferred.points - touches.radius * inferred.normals])
     normals = np.vstack([clusters.normals[clusters.label], inferred.normals])  # a single one is too noisy to lean by
-    return gather(grid, points, normals, visited, _stood(visited, touches.leaning), len(touching), touches.radius)
+    return gather(grid, points, normals, visited, stood, len(touching), touches.radius)
 
 
 def _stood(visited: np.ndarray, leaning: np.ndarray) -> np.ndarray:
