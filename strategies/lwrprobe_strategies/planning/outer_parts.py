@@ -39,21 +39,15 @@ def outer_parts(
     pitch : m, between two lines
     """
     lines: list[Line] = []
-    area = task.area
+    area, treads = task.area, contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
     for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
         facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]
         if not len(facing):
             continue
-        treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
-        left = np.array(
-            [
-                place
-                for place in places.tolist()
-                if _left(place, border, facing, contacts, task, pitch) or _before(sign, place, facing, treads, pitch)
-            ]
-        )
+        left = [place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)]
+        left += [place for place in places.tolist() if _before(sign, place, facing, treads, pitch)]
         for place in np.sort(places).tolist():
-            if not (np.abs(left - place) < pitch + ON_LINE).any():
+            if not (np.abs(np.array(left) - place) < pitch + ON_LINE).any():
                 continue
             own = trail[np.abs(trail[:, X] - place) < ON_LINE, Y]
             end = sign * _outline(sign, place, facing)
