@@ -630,19 +630,25 @@ def test_one_wrong_contact_in_swept_air_leaves_no_solid_there(scenes):
     assert error(found.mesh, solid).mean < 1e-4
 
 
-@pytest.mark.parametrize("leans", [False, True])
-def test_the_places_where_the_stick_leaned_are_those_above_which_nothing_is_free(scenes, monkeypatch, leans):
-    _, record = scenes("block")
-    leaning, seen = record.free_path[500:700], []
-    gather = contact_surface.gather
+@pytest.fixture
+def given_as_free(monkeypatch):
+    """Of each call of `gather`: the places of the sphere, where the stick stood upright, and how many are contacts."""
+    seen, gather = [], contact_surface.gather
 
     def watched(grid, points, normals, visited, stood, touching, radius):
-        seen.append((visited, stood))
+        seen.append((visited, stood, touching))
         return gather(grid, points, normals, visited, stood, touching, radius)
 
     monkeypatch.setattr(contact_surface, "gather", watched)
+    return seen
+
+
+@pytest.mark.parametrize("leans", [False, True])
+def test_the_places_where_the_stick_leaned_are_those_above_which_nothing_is_free(scenes, given_as_free, leans):
+    _, record = scenes("block")
+    leaning = record.free_path[500:700]
     surface(replace(record, leaning=leaning if leans else None), compare=False)
-    [(visited, stood)] = seen
+    [(visited, stood, _)] = given_as_free
     apart = np.array([np.linalg.norm(leaning - place, axis=1).min() for place in visited])
     assert stood.any()
     assert not leans or not stood[apart < 0.001].any()
@@ -650,19 +656,12 @@ def test_the_places_where_the_stick_leaned_are_those_above_which_nothing_is_free
     assert leans or stood.all()
 
 
-def test_nothing_counts_as_free_above_where_a_side_is_carried_on(scenes, monkeypatch):
+def test_nothing_counts_as_free_above_where_a_side_is_carried_on(scenes, given_as_free):
     """No stick has been there: below a side that was touched with a leaning stick the object is above."""
     _, record = scenes("block")
-    record, seen = upper_part(record, 0.035), []
-    gather = contact_surface.gather
-
-    def watched(grid, points, normals, visited, stood, touching, radius):
-        seen.append((visited[:touching], stood[:touching]))
-        return gather(grid, points, normals, visited, stood, touching, radius)
-
-    monkeypatch.setattr(contact_surface, "gather", watched)
-    surface(record, compare=False)
-    [(places, stood)] = seen
+    surface(upper_part(record, 0.035), compare=False)
+    [(visited, stood, touching)] = given_as_free
+    places, stood = visited[:touching], stood[:touching]
     below = places[:, 2] < 0.03
     assert below.any()
     assert not stood[below].any()

@@ -98,7 +98,25 @@ class Estimator(Protocol):
         """Noise of one reading from now on (`Settings.noise`)."""
 
 
-class SampleEstimator:
+class KernelEstimator:
+    """What all estimators can be told later: it is in the parameters (n,) of their kernel, see `shared_params`."""
+
+    _params: np.ndarray
+
+    def set_indentation(self, compliance: float) -> None:
+        """See `Estimator.set_indentation`."""
+        self._params[kernels.P_INDENTATION] = as_indentation(compliance)
+
+    def set_lever_error(self, error: float) -> None:
+        """See `Estimator.set_lever_error`."""
+        self._params[kernels.P_LEVER_ERROR] = error
+
+    def set_noise(self, noise: WrenchNoise) -> None:
+        """See `Estimator.set_noise`."""
+        self._params[kernels.P_FORCE_NOISE], self._params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
+
+
+class SampleEstimator(KernelEstimator):
     """An estimator that looks at one sample alone.
 
     `force_direction` is the thesis's (Rau 2017): `point = centre - r f/|f|`, wrong by r sin(atan(mu)) along the surface
@@ -120,18 +138,6 @@ class SampleEstimator:
 
     def reset(self) -> None:
         """Nothing is remembered."""
-
-    def set_indentation(self, compliance: float) -> None:
-        """See `Estimator.set_indentation`."""
-        self._params[kernels.P_INDENTATION] = as_indentation(compliance)
-
-    def set_lever_error(self, error: float) -> None:
-        """See `Estimator.set_lever_error`."""
-        self._params[kernels.P_LEVER_ERROR] = error
-
-    def set_noise(self, noise: WrenchNoise) -> None:
-        """See `Estimator.set_noise`."""
-        self._params[kernels.P_FORCE_NOISE], self._params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
 
 
 def make_estimator(name: str, probe: Probe, settings: Settings | None = None) -> Estimator:
@@ -200,7 +206,7 @@ class Given:
         return Contact(time, out[0:3], out[3:6], out[6:9], self._centre.copy(), confidence, REASONS[reason])
 
 
-class FusedEstimator:
+class FusedEstimator(KernelEstimator):
     """Both single-sample estimators with their noise models, friction estimated while sliding, and previous normals.
 
     Each source is a quadratic form in the normal, weighted by its variance (see `fused_kernels`): the wrench axis; the
@@ -240,18 +246,6 @@ class FusedEstimator:
     def reset(self) -> None:
         """Forget the surface; keep the estimate of the friction."""
         self._state[fused_kernels.S_BEGUN] = 0.0
-
-    def set_indentation(self, compliance: float) -> None:
-        """See `Estimator.set_indentation`."""
-        self._params[kernels.P_INDENTATION] = as_indentation(compliance)
-
-    def set_lever_error(self, error: float) -> None:
-        """See `Estimator.set_lever_error`."""
-        self._params[kernels.P_LEVER_ERROR] = error
-
-    def set_noise(self, noise: WrenchNoise) -> None:
-        """See `Estimator.set_noise`."""
-        self._params[kernels.P_FORCE_NOISE], self._params[kernels.P_TORQUE_NOISE] = noise.force, noise.torque
 
     @property
     def friction(self) -> tuple[float, float]:

@@ -44,10 +44,15 @@ def outer_parts(
         facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]
         if not len(facing):
             continue
-        left = [place for place in places.tolist() if _left(place, border, facing, contacts, task, pitch)]
-        left += [place for place in places.tolist() if _before(sign, place, facing, treads, pitch)]
+        left = np.array(
+            [
+                place
+                for place in places.tolist()
+                if _before(sign, place, facing, treads, pitch) or _left(place, border, facing, contacts, task, pitch)
+            ]
+        )
         for place in np.sort(places).tolist():
-            if not (np.abs(np.array(left) - place) < pitch + ON_LINE).any():
+            if not (np.abs(left - place) < pitch + ON_LINE).any():
                 continue
             own = trail[np.abs(trail[:, X] - place) < ON_LINE, Y]
             end = sign * _outline(sign, place, facing)
