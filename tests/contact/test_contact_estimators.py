@@ -279,9 +279,19 @@ def test_a_noise_that_is_told_later_counts_from_then_on():
 
 def test_the_noise_of_readings_at_rest_counts_where_it_is_more_than_is_stated():
     stated = WrenchNoise.of(PROBE)
-    assert stated.or_louder(np.zeros(6)) == stated
-    louder = stated.or_louder(np.array([0.01, 0.02, 0.02, 0.0, 0.0, 0.0]))
-    assert (louder.force, louder.torque) == (pytest.approx(np.sqrt(3e-4)), stated.torque)
+    silent = WrenchNoise.mean_of(np.zeros(6))
+    assert stated.or_louder(silent) == stated
+    loud = WrenchNoise.mean_of(np.array([0.01, 0.02, 0.02, 0.0, 0.0, 0.0]))
+    assert loud.force == pytest.approx(np.sqrt(3e-4))
+    assert stated.or_louder(loud) == WrenchNoise(loud.force, stated.torque)
+
+
+def test_noise_is_compared_with_noise_in_force_and_in_torque():
+    stated = WrenchNoise(0.002, 1e-5)
+    assert WrenchNoise(0.006, 1e-5).over(stated) == pytest.approx(3.0)
+    assert WrenchNoise(0.001, 2e-5).over(stated) == pytest.approx(2.0)
+    assert WrenchNoise(0.0, 0.0).over(WrenchNoise(0.0, 0.0)) == 1.0
+    assert WrenchNoise(0.001, 0.0).over(WrenchNoise(0.0, 0.0)) == np.inf
 
 
 # What is not to be trusted

@@ -7,6 +7,7 @@ import csv
 import pytest
 
 import lwrprobe as lp
+from lwrprobe.contact import WrenchNoise
 
 LOUD = {"drivers.sim.noise_force": 0.009, "drivers.sim.noise_torque": 6e-5}
 
@@ -20,3 +21,7 @@ def test_contacts_are_not_lost_on_plain_faces(tmp_path):
     with (run.folder / "states.csv").open() as rows:
         lost = sum(row["event"] == "contact lost" for row in csv.DictReader(rows))
     assert lost < 60
+    stated = WrenchNoise.of(run.scene.probe.as_probe())
+    over = LOUD["drivers.sim.noise_torque"] / stated.torque
+    assert run.summary.noise_at_rest["over_stated"] == pytest.approx(over, rel=0.1)
+    assert any("as noisy at rest" in sentence for sentence in run.summary.warnings)

@@ -24,6 +24,8 @@ FINE = dict(rejected_share=0.02, true_peak_force_n=2.9, link_collisions=0, wrenc
         ({"torque": {"disagreement": 0.05, "over_expected": 1.6}}, "torque and force disagree by 5.0%"),
         ({"torque": {"disagreement": 0.01, "over_expected": 1.0}}, None),
         ({"torque": {"disagreement": 0.02, "over_expected": 1.4}}, None),
+        ({"noise_at_rest": {"force_n": 0.01, "torque_nm": 5e-5, "over_stated": 3.0}}, "is 3.0 times as noisy at rest"),
+        ({"noise_at_rest": {"force_n": 0.003, "torque_nm": 1.6e-5, "over_stated": 1.0}}, None),
         ({"force_control": {"warnings": ["the loop reacts after 26 ms"]}}, "the loop reacts after 26 ms"),
         ({"link_collisions": 2}, "hit something 2 times"),
         ({"wrench_counters": {"samples": 900, "lost": 100}}, "10.0% of the wrench samples were lost"),

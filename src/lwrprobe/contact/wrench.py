@@ -83,7 +83,16 @@ class WrenchNoise:
         scale = float(np.sqrt(counts * counts + 1.0 / 12.0))
         return cls(scale * probe.force_resolution, scale * probe.torque_resolution)
 
-    def or_louder(self, measured: Vector) -> WrenchNoise:
-        """This noise, or that of readings at rest where it is larger: (6,) standard deviations in N and N·m."""
-        force, torque = np.sqrt(np.mean(np.square(measured).reshape(2, 3), axis=1)).tolist()
-        return WrenchNoise(max(self.force, force), max(self.torque, torque))
+    @classmethod
+    def mean_of(cls, measured: Vector) -> WrenchNoise:
+        """Of readings with (6,) standard deviations in N and N·m: the root of the mean square over three axes."""
+        return cls(*np.sqrt(np.mean(np.square(measured).reshape(2, 3), axis=1)).tolist())
+
+    def or_louder(self, other: WrenchNoise) -> WrenchNoise:
+        """This noise, or the other one where that is larger."""
+        return WrenchNoise(max(self.force, other.force), max(self.torque, other.torque))
+
+    def over(self, other: WrenchNoise) -> float:
+        """How many times as large as another one this is, in force or in torque; zero beside zero is 1."""
+        both = ((self.force, other.force), (self.torque, other.torque))
+        return max(mine / theirs if theirs > 0.0 else 1.0 if mine == 0.0 else np.inf for mine, theirs in both)

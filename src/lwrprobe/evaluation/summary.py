@@ -94,6 +94,9 @@ class Summary:
     untouched: list[Table] = field(default_factory=list)
     """Places of the mesh that no contact vouches for, largest first: `area_mm2` [mm^2], `place` [mm, lower and upper
     corner of the box around it], `reason`."""
+    noise_at_rest: Table | None = None
+    """Noise of the sensor at rest, when its bias was last taken: `force_n` [N] and `torque_nm` [N*m], one standard
+    deviation on one axis; `over_stated`, how many times as large as the probe's resolutions let expect."""
     stillness: Table | None = None
     """Object-motion monitor: `moved_since_s` [s, None = never], `contradiction_mm` [mm], `pushed_mm` [mm];
     `torque_disagreement`: slope at which the path led into the surface by the torque and not by the force."""

@@ -6,6 +6,8 @@ from lwrprobe.evaluation.summary import Summary
 
 REJECTED = 0.10
 """Share of the touches that may be rejected without a word."""
+NOISY = 1.5
+"""Times the stated noise that the sensor may have at rest. Readings of 0.5 s or more tell it to a few percent."""
 DISAGREE = 1.5
 """Times two standard deviations: of nine numbers of a sensor that is as stated, one passes two in a fifth of all runs,
 and three in a hundredth."""
@@ -28,6 +30,12 @@ def run_warnings(summary: Summary, limit: float) -> list[str]:
     share = summary.rejected_share
     if share is not None and share > REJECTED:
         found.append(f"{share:.1%} of the touches were rejected as not certain enough; at most {REJECTED:.0%} is usual")
+    noise = summary.noise_at_rest or {}
+    if noise.get("over_stated", 1.0) > NOISY:
+        found.append(
+            f"the sensor is {noise['over_stated']:.1f} times as noisy at rest as [probe] states: its contacts are less "
+            "certain; check its cables, supply and what vibrates near it"
+        )
     torque = summary.torque or {}
     if torque.get("over_expected", 1.0) > DISAGREE:
         found.append(

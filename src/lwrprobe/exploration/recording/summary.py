@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lwrprobe.contact import WrenchNoise
 from lwrprobe.contracts import Area, Bounds, GroundTruth, InputError, LeftOut, Reconstruction, TriangleMesh
 from lwrprobe.control import approach_speed
 from lwrprobe.evaluation import (
@@ -102,6 +103,7 @@ def summarise(
         bridged=[zone.as_dict() for zone in _bridged(recorder, scene, pitch)],
         open_borders=[side.as_dict() for side in open_borders(points, normals, scene.probe.radius, pipeline.explored)],
         untouched=_untouched(scene, points, normals, surface, pitch, pipeline),
+        noise_at_rest=_noise_at_rest(pipeline),
         stillness=pipeline.object_motion.report() if pipeline.object_motion is not None else None,
         torque=pipeline.torque.report() if pipeline.torque is not None else None,
         error_budget=budget.report() if budget is not None else None,
@@ -117,6 +119,18 @@ def summarise(
         machine=machine(),
         line_spacing_m=pipeline.line_spacing,
     )
+
+
+def _noise_at_rest(pipeline: Pipeline) -> dict[str, float] | None:
+    noise = pipeline.noise_at_rest
+    if noise is None:
+        return None
+    over = noise.over(WrenchNoise.of(pipeline.probe))
+    return {
+        "force_n": round(noise.force, 6),
+        "torque_nm": round(noise.torque, 8),
+        "over_stated": round(over, 2),
+    }
 
 
 def _search(bounds: Bounds | None) -> dict[str, Any]:

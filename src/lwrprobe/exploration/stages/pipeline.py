@@ -95,6 +95,8 @@ class Pipeline:
     left_out: list[LeftOut] = field(default_factory=list)
     line_spacing: float | None = None
     """m between two neighbouring lines of the strategy, known once it has started; None for one without lines."""
+    noise_at_rest: WrenchNoise | None = None
+    """Of the readings from which the bias was last taken; None before that."""
 
     def progress(self) -> Progress:
         """How far the strategy is; PluginError, naming it, for what is no `Progress`."""
@@ -138,7 +140,8 @@ class Pipeline:
 
         With less, the estimator takes noise for a sphere that sticks, and its normals lead the sphere off the surface.
         """
-        self.estimator.set_noise(WrenchNoise.of(self.probe).or_louder(measured))
+        self.noise_at_rest = WrenchNoise.mean_of(measured)
+        self.estimator.set_noise(WrenchNoise.of(self.probe).or_louder(self.noise_at_rest))
 
     def place_tip(self, pose: np.ndarray, q: np.ndarray) -> None:
         """Let the generator rest at a pose (4, 4), which the joints hold at q (n,)."""
