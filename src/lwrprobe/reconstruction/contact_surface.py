@@ -36,6 +36,7 @@ from lwrprobe.reconstruction.hermite_field import HermiteData, HermiteField
 from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides, moved_to_field
+from lwrprobe.reconstruction.prisms import find_prisms
 from lwrprobe.reconstruction.rulings import find_rulings, upright_walls
 from lwrprobe.reconstruction.settling import predicted_better, settled
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
@@ -153,6 +154,7 @@ class ContactSurface:
         inferred, known = below + lower, touched.data
         if not lines:
             known += work.run("rulings", lambda: find_rulings(touches))
+            known += work.run("prisms", lambda: find_prisms(touches))
         known += inferred
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
