@@ -8,6 +8,7 @@ from lwrprobe.reconstruction import contact_surface
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.prisms import find_prisms
+from lwrprobe.reconstruction.rulings import fine_clusters
 from lwrprobe.reconstruction.touches import prepare
 
 RADIUS = 0.005
@@ -23,7 +24,8 @@ def record(*contacts, path=AWAY):
 
 
 def prisms(*contacts, path=AWAY):
-    return find_prisms(prepare(record(*contacts, path=path), 0.001))
+    touches = prepare(record(*contacts, path=path), 0.001)
+    return find_prisms(touches, fine_clusters(touches))
 
 
 def outline(height, half=HALF):
@@ -156,7 +158,7 @@ def test_where_the_sphere_passed_below_a_side_there_is_none():
 def test_the_mesh_of_a_box_that_few_strokes_touched(monkeypatch):
     with_prisms = ContactSurface().reconstruct(record(*FEW)).mesh
     empty = HermiteData(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0))
-    monkeypatch.setattr(contact_surface, "find_prisms", lambda touches: empty)
+    monkeypatch.setattr(contact_surface, "find_prisms", lambda touches, fine: empty)
     without = ContactSurface().reconstruct(record(*FEW)).mesh
 
     def off(mesh):

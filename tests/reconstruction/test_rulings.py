@@ -12,7 +12,7 @@ from lwrprobe.reconstruction import contact_surface
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.ruling_kernels import best_rulings, refuted
-from lwrprobe.reconstruction.rulings import find_rulings
+from lwrprobe.reconstruction.rulings import find_rulings, fine_clusters
 from lwrprobe.reconstruction.touches import prepare
 from lwrprobe.scene import load_scene
 
@@ -34,6 +34,10 @@ def touched(points, normals, path=((0.2, 0.2, 0.2), (0.2, 0.2, 0.21))):
     )
 
 
+def rulings(touches):
+    return find_rulings(touches, fine_clusters(touches))
+
+
 def level_lines(height, ys, xs):
     """Contacts every millimetre along x on a level surface, and one far below: they have to span a solid."""
     points = np.array([*((x, y, height) for y in ys for x in np.arange(*xs, 0.001)), (0.1, 0.1, 0.0)])
@@ -50,7 +54,7 @@ def circles(radius, heights):
 
 
 def test_a_plane_between_two_lines():
-    found = find_rulings(touched(*level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))))
+    found = rulings(touched(*level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))))
     assert len(found.points) > 50
     assert np.allclose(found.points[:, 2], 0.05 + RADIUS, atol=1e-9)
     assert np.allclose(found.normals, UP)
@@ -58,7 +62,7 @@ def test_a_plane_between_two_lines():
 
 
 def test_the_wall_of_a_cylinder_between_two_circles():
-    found = find_rulings(touched(*circles(0.024, (0.006, 0.046))))
+    found = rulings(touched(*circles(0.024, (0.006, 0.046))))
     assert len(found.points) > 50
     assert np.allclose(np.linalg.norm(found.points[:, :2], axis=1), 0.024 + RADIUS, atol=1e-4)
 
@@ -66,10 +70,10 @@ def test_the_wall_of_a_cylinder_between_two_circles():
 def test_circles_of_different_size_are_joined_along_a_cone_alone():
     points, normals = circles(0.024, (0.006,))
     small, alike = circles(0.014, (0.046,))
-    assert not len(find_rulings(touched(np.vstack([points, small]), np.vstack([normals, alike]))).points)
+    assert not len(rulings(touched(np.vstack([points, small]), np.vstack([normals, alike]))).points)
     lean = np.array([0.0, 0.0, 0.25])  # the normals of the cone through both circles
     normals, alike = ((n + lean) / np.hypot(1.0, 0.25) for n in (normals, alike))
-    found = find_rulings(touched(np.vstack([points, small]), np.vstack([normals, alike])))
+    found = rulings(touched(np.vstack([points, small]), np.vstack([normals, alike])))
     feet = found.points - RADIUS * found.normals
     assert len(feet) > 50
     assert np.allclose(np.linalg.norm(feet[:, :2], axis=1), 0.024 - 0.25 * (feet[:, 2] - 0.006), atol=2e-4)
@@ -80,14 +84,14 @@ def test_a_ball_has_none():
     normals = np.array(
         [(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in angles for b in np.arange(0, 6.28, 0.7)]
     )
-    assert not len(find_rulings(touched(0.04 * normals + [0.0, 0.0, 0.05], normals)).points)
+    assert not len(rulings(touched(0.04 * normals + [0.0, 0.0, 0.05], normals)).points)
 
 
 def test_a_gap_that_the_sphere_went_into_ends_the_plane():
     points, normals = level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))
     slot = [(0.0, 0.0, 0.08), (0.0, 0.0, 0.03)]
-    near = np.linalg.norm(find_rulings(touched(points, normals, slot)).points[:, :2], axis=1)
-    everywhere = np.linalg.norm(find_rulings(touched(points, normals)).points[:, :2], axis=1)
+    near = np.linalg.norm(rulings(touched(points, normals, slot)).points[:, :2], axis=1)
+    everywhere = np.linalg.norm(rulings(touched(points, normals)).points[:, :2], axis=1)
     assert near.min() > 0.008 > everywhere.min()
 
 
@@ -95,7 +99,7 @@ def test_what_stands_on_a_plane_and_what_is_sunk_into_it_end_it():
     points, normals = level_lines(0.05, (-0.02, 0.02), (-0.04, 0.04))
     for height in (0.06, 0.04):
         line, up = level_lines(height, (0.0,), (-0.04, 0.04))
-        found = find_rulings(touched(np.vstack([points, line]), np.vstack([normals, up])))
+        found = rulings(touched(np.vstack([points, line]), np.vstack([normals, up])))
         assert not (np.abs(found.points[:, 2] - 0.05 - RADIUS) < 1e-6).any()
 
 
@@ -109,7 +113,7 @@ def block(half, top, x, heights=(0.006,)):
 
 def upright(points, normals):
     """Places on upright walls that face along x."""
-    found = find_rulings(touched(points, normals))
+    found = rulings(touched(points, normals))
     return found.points[found.normals[:, 0] > 0.9]
 
 
@@ -158,7 +162,7 @@ def test_few_strokes_over_flat_faces_make_a_better_mesh(monkeypatch):
     solid = load_scene("bridge").solid()
     found = mesh_error(ContactSurface().reconstruct(record).mesh, solid, 0.007, samples=4000)
     none = HermiteData(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0))
-    monkeypatch.setattr(contact_surface, "find_rulings", lambda touches: none)
+    monkeypatch.setattr(contact_surface, "find_rulings", lambda touches, fine: none)
     without = mesh_error(ContactSurface().reconstruct(record).mesh, solid, 0.007, samples=4000)
     assert found.mean < 0.9 * without.mean
 

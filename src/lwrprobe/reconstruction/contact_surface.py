@@ -37,7 +37,7 @@ from lwrprobe.reconstruction.hermite_rbf import HermiteRbf
 from lwrprobe.reconstruction.inner_edges import CROWDED, meet
 from lwrprobe.reconstruction.lower_sides import find_lower_sides, moved_to_field
 from lwrprobe.reconstruction.prisms import find_prisms
-from lwrprobe.reconstruction.rulings import find_rulings, upright_walls
+from lwrprobe.reconstruction.rulings import find_rulings, fine_clusters, upright_walls
 from lwrprobe.reconstruction.settling import predicted_better, settled
 from lwrprobe.reconstruction.touches import Touches, line_pitch, prepare, regular_lines
 from lwrprobe.reconstruction.undersides import find_undersides
@@ -147,14 +147,15 @@ class ContactSurface:
         settings = WallSettings(pitch, touches.radius, touches.lowest, touches.noise, apart)
         touched = HermiteField(_hermite_data(clusters, touches), 2.0 * pitch)
         below = work.run("undersides", lambda: find_undersides(touches, clusters, touched, pitch))
-        upright = None if lines else upright_walls(touches)
+        fine = None if lines else fine_clusters(touches)
+        upright = None if fine is None else upright_walls(fine, touches.radius)
         lower, common = work.run("lower sides", lambda: find_lower_sides(touches, clusters, apart, upright))
         lower = moved_to_field(lower, common, touched)
         evidence = work.run("evidence", lambda: _evidence(grid, touches, clusters, below, lower, pitch))
         inferred, known = below + lower, touched.data
-        if not lines:
-            known += work.run("rulings", lambda: find_rulings(touches))
-            known += work.run("prisms", lambda: find_prisms(touches))
+        if fine is not None:
+            known += work.run("rulings", lambda: find_rulings(touches, fine))
+            known += work.run("prisms", lambda: find_prisms(touches, fine))
         known += inferred
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))

@@ -14,13 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.clusters import Clusters
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.ruling_kernels import refuted
 from lwrprobe.reconstruction.touches import Touches
 
-_FINE = 0.4
-"""Radii: size of the clusters whose normals are compared."""
 _ACROSS = 0.05
 """Share of a normal along the axis, up to which it lies across it (3 degrees)."""
 _MOST = 0.3
@@ -52,9 +50,8 @@ _BESIDE, _OFF, _DEEP = 0.5, 1e-3, 2.0
 """Radii beside a line, m off it, and radii below it: where something must lie to refute a place."""
 
 
-def find_prisms(touches: Touches) -> HermiteData:
-    """Places of the sphere's centre far from contacts, as they follow where the object is a prism; else none."""
-    fine = cluster(touches.centres, touches.normals, touches.confidence, _FINE * touches.radius)
+def find_prisms(touches: Touches, fine: Clusters) -> HermiteData:
+    """Places of the sphere's centre far from contacts, as they follow from `fine_clusters` on a prism; else none."""
     none = np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
     found = [_along(axis, fine.points, fine.normals, touches) or none for axis in _axes(fine.normals)]
     places, normals, error = (np.concatenate(rows) for rows in zip(none, *found))

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.clusters import Clusters, cluster
 from lwrprobe.reconstruction.hermite_field import HermiteData
 from lwrprobe.reconstruction.ruling_kernels import best_rulings, refuted
 from lwrprobe.reconstruction.touches import Touches
@@ -54,12 +54,16 @@ _HOLLOW = 2.0
 """Times that depth, down to which what was touched speaks against it: farther on it may be the far wall of a hollow."""
 
 
-def find_rulings(touches: Touches) -> HermiteData:
-    """Places of the sphere's centre on rulings, far from contacts."""
+def fine_clusters(touches: Touches) -> Clusters:
+    """The contacts in clusters so small that the normals in one are the same, of which rulings and prisms are found."""
+    return cluster(touches.centres, touches.normals, touches.confidence, _FINE * touches.radius)
+
+
+def find_rulings(touches: Touches, fine: Clusters) -> HermiteData:
+    """Places of the sphere's centre on rulings between `fine_clusters`, far from contacts."""
     from scipy.spatial import cKDTree
 
     radius = touches.radius
-    fine = cluster(touches.centres, touches.normals, touches.confidence, _FINE * radius)
     one, other, share = _through_cells(fine.points, fine.normals, radius)
     begin, finish = fine.points[one], fine.points[other]
     normals = (1.0 - share)[:, None] * fine.normals[one] + share[:, None] * fine.normals[other]
@@ -82,10 +86,9 @@ def find_rulings(touches: Touches) -> HermiteData:
     return HermiteData(places[kept], normals[kept], deviation, np.full(len(deviation), touches.normal_noise))
 
 
-def upright_walls(touches: Touches) -> tuple[np.ndarray, np.ndarray]:
+def upright_walls(fine: Clusters, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Contacts (n, 3) m on walls that go straight up to a top right behind them, and their level normals (n, 3)."""
-    fine = cluster(touches.centres, touches.normals, touches.confidence, _FINE * touches.radius)
-    feet = np.unique(_up_to_tops(fine.points, fine.normals, touches.radius)[0])
+    feet = np.unique(_up_to_tops(fine.points, fine.normals, radius)[0])
     normals = fine.normals[feet] * [1.0, 1.0, 0.0]
     return fine.points[feet], normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
