@@ -43,6 +43,7 @@ from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
+from lwrprobe_strategies.planning.free_space import SIDE
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
@@ -90,6 +91,11 @@ BACK = 2.0
 distance counts as known."""
 SET_OUT = 0.001
 """m from where a path begins, within which what it meets keeps the tip where it is, and does not stand in its way."""
+SHORT_OF = 0.008
+"""m before the end of a line that met nothing, from which on the same line higher up is driven with care again: the
+sphere is 3 mm wider than the stick."""
+WORTH = 0.003
+"""m that are known to be free ahead, from which on they are driven fast, in a piece of their own."""
 ONWARD = 0.2
 """Share of a retraction along the line: the grid's direction is kept."""
 
@@ -127,6 +133,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
+        self._led: tuple[Line | None, float] = None, 0.0  # the last line that met nothing, and how far along its axis
         self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
@@ -293,15 +300,27 @@ class Coverage(SkillStrategy):
         start = retraction[-1].place if retraction else tip.here
         before = tip.rotation
         tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
-        speeds, clear = tip.speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
+        speeds, clear = tip.expected_speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
         met = np.array(self._met).reshape(-1, 3)
-        departure = Departure(start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go, met)
+        held = before if not retraction or retraction[-1].rotation is None else retraction[-1].rotation
+        departure = Departure(
+            start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go,
+            self._fits, self._fits_along, self.upright, held, met,
+        )  # fmt: skip
         return transit(tip, retraction + departure.path_to(line), before)
 
     def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether a path may lead from one pose (4, 4) to another: the arm can, and the body may."""
         body = self.tip.body
         return self.task.reachable([begin, end]) and (body is None or body.allows(begin, end))
+
+    def _fits(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether all of the probe is known to fit from one pose (4, 4) to another."""
+        return self.tip.body is not None and self.tip.body.fits(begin, end)
+
+    def _fits_along(self, line: Line) -> float:
+        """m on a line's axis, up to which all of the upright probe is known to fit from its beginning on."""
+        return line.begin if self.tip.body is None else self.tip.body.fits_to(line, self.upright)
 
     def approach_again(self) -> Procedure | None:
         """Back from what the path met to the beginning of the line, and there by what is known now."""
@@ -318,13 +337,17 @@ class Coverage(SkillStrategy):
     def along_line(self) -> Procedure:
         """On along the line until something is touched."""
         self.frame = self.frame.upright()
-        line = self.frame.line
+        line, known = self.frame.line, self._known_to()
 
-        def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float]:
+        def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float | None]:
             before = self._neighbour_distance if self.tip.overhangs.found else 0.0
+            times: float | None
             end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
             aside = abs(float(here[line.aside]) - line.place)
-            if aside > BESIDE_LINE:
+            on_line = aside <= BESIDE_LINE and float(here[Z]) >= line.height - BESIDE_LINE
+            if on_line and line.sign * (known - float(here[line.axis])) > WORTH:
+                end, times = known, None
+            elif aside > BESIDE_LINE:
                 back = float(here[line.axis]) + line.sign * BACK * aside
                 end = line.sign * min(line.sign * back, line.sign * end)
             target = line.at(end)
@@ -333,6 +356,25 @@ class Coverage(SkillStrategy):
 
         rest, self._stand_still_first = self._stand_still_first, False
         return guarded_move(self.tip, line.at(line.end), line.ahead, next_stretch, line.grid_x, rest)
+
+    def _known_to(self) -> float:
+        """m on the present line's axis, up to which all of the probe is known to fit."""
+        line, body = self.frame.line, self.tip.body
+        if body is None or line.on_surface or self.tip.rotation is not self.line_rotation:
+            return line.begin
+        known = [body.fits_to(line, self.line_rotation), *self._stick_led_to(line)]
+        return max(known) if line.sign > 0.0 else min(known)
+
+    def _stick_led_to(self, line: Line) -> list[float]:
+        """m on a leaning line's axis, up to which the stick has been on the same line lower down; empty without one."""
+        below, reached = self._led
+        if below is None or line.rotation is None or line.rotation is not below.rotation:
+            return []
+        if (line.axis, line.place, line.sign) != (below.axis, below.place, below.sign) or line.height < below.height:
+            return []
+        behind = (line.height - below.height) * line.rotation[:Z, Z] / line.rotation[Z, Z]  # m, the stick, up there
+        beside, along = abs(float(behind[line.aside])), reached + float(behind[line.axis]) - line.sign * SHORT_OF
+        return [along] if beside < SIDE else []
 
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
@@ -437,6 +479,8 @@ class Coverage(SkillStrategy):
     def give_up(self, met: bool = True) -> Procedure | None:
         """Leave the line where the tip is, because of what it has `met` or not; its fallback comes next, or another."""
         ended = self.tip.trace.ended
+        if ended is guarded_move:
+            self._led = self.frame.line, float(self.tip.here[self.frame.line.axis])
         self.lines.give_up(self.frame.line, ended is not guarded_move, ended is reapproach, met)
         return None
 

@@ -17,12 +17,12 @@ from lwrprobe_strategies.planning.lines import Z
 from lwrprobe_strategies.skills import Procedure, follow_contour, reorient
 from lwrprobe_strategies.supervisor import Program
 
-MORE = float(np.radians(10.0))
-"""rad by which it leans further where leaning has not helped."""
+MORE, LEAST_MORE = float(np.radians(10.0)), float(np.radians(5.0))
+"""rad by which it leans further where leaning has not helped; and below which the turn is not worth it: the next threat
+comes a few millimetres later, and a turn in contact is the hardest on the force, most of all with a stick that leans
+far."""
 MAX_THREATS = 4
 """On one line; what still comes near after as many turns is given up."""
-SAME = 0.05
-"""Change of the rotation's elements, below which a turn is not worth it (3 degrees)."""
 SURFACE_WEIGHT = 2.0
 """Weight of the surface's normal against the direction of the threat: the surface is certain, the threat one pair."""
 
@@ -76,9 +76,9 @@ class OrientationChange(Coverage):
         if self.tip.rotation is self.upright:
             return self._on_along_line()
         foot = np.array([*tip.here[:Z], self.task.area.lower[Z]])
-        min_angle = self.planner.angle(tip.rotation) + MORE
-        rotation = self.planner.lean(self._away(), [tip.here], [foot], min_angle)
-        if rotation is None or np.abs(rotation - tip.rotation).max() < SAME:
+        now = self.planner.angle(tip.rotation)
+        rotation = self.planner.lean(self._away(), [tip.here], [foot], now + MORE)
+        if rotation is None or self.planner.angle(rotation) < now + LEAST_MORE:
             return self.give_up()
         self._before_turn, tip.rotation = tip.rotation, rotation
         return self.turn()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from math import hypot, inf
 
@@ -39,6 +40,8 @@ reaches 3 mm further out, would have met a plain wall before. Where it touches n
 then stands out, and where it was not touched it may do so by a little more."""
 CLEAR = 1.25
 """Times the wanted force, from which on one contact of the stick is certain."""
+LEAST_SHARE = 0.1
+"""Of a speed, to which a stiff arm may slow it in the choice of a path."""
 TOWARDS = 0.3
 """Share of the sideways motion towards what is near; a motion along a wall has less."""
 
@@ -225,7 +228,21 @@ class Tip:
         control = self.control
         level = UNEXPECTED * control.stick_speed(self.task.probe.sensor_distance)
         guarded = partial(control.approach_speed, rotation=rotation)
-        return Speeds(self.task.free_speed, control.column_speed, guarded, level)
+        return Speeds(self.task.free_speed, control.column_speed, guarded, level, self.known_speed)
+
+    def expected_speeds(self, rotation: np.ndarray) -> Speeds:
+        """As `speeds`, for the choice of a path: what may touch along a stick that leans to where the arm is stiff is
+        slowed (`ForceStage`).
+        """
+        speeds, axis = self.speeds(rotation), rotation[:, 2]
+        share = min(max(1.0 + self.task.stiffness * float(axis @ self.task.softer @ axis), LEAST_SHARE), 1.0)
+        return replace(speeds, guarded=lambda along: share * speeds.guarded(along))
+
+    @property
+    def known_speed(self) -> float:
+        """m/s where all of the probe is known to fit: a slip of that knowledge is met softly, across the stick."""
+        rotation = self.rotation
+        return min(UNEXPECTED * self.control.approach_speed(rotation[:, 0], rotation), self.task.free_speed)
 
     def normal(self) -> np.ndarray:
         """(3,) unit: the contact's normal; the tracked one while the force is too small for a contact.

@@ -10,10 +10,11 @@ from lwrprobe.contracts import LinkShape
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.gap_planner import LOWER, GapPlanner
+from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.outer_parts import outer_parts
 from lwrprobe_strategies.planning.scheduler import LineScheduler
-from strategy_task import AREA, task
+from strategy_task import AREA, DOWN, task
 
 BORDER = float(AREA.upper[1])
 NEAR, FAR = np.array([0.0, -BORDER, 0.0]), np.array([0.0, BORDER, 0.0])
@@ -86,6 +87,18 @@ def test_lower_lines_are_planned_again_until_what_they_have_shown_lets_none_go_l
     assert low == [0.03, 0.02, 0.01]
 
 
+def test_before_lines_that_lean_come_upright_ones_that_show_where_they_may_go_fast():
+    options, leaning = CoverageConfig(first_line="border", find_ends=False), turned(UP, np.array([0.0, -1.0, 0.0]), 0.3)
+    body = Body()
+    body.lowest = lambda line, rotation: (np.array([line.begin, line.end]), np.zeros(2))
+    body.fits_to = lambda line, rotation: line.begin
+    lines = LineScheduler(task(), ContactMemory(), options, body=body)
+    low = iter([[Line(1, 0.0, -BORDER, 0.0, 0.006, low=True, rotation=leaning @ DOWN)]])
+    lines._gaps._low_sides = lambda axis, places: next(low, []) if axis == 1 else []
+    found = [line for line in iter(lines._gaps.next_pass, None) if line]
+    assert [(line.survey, line.rotation is DOWN) for some in found for line in some] == [(True, True), (False, False)]
+
+
 def test_lower_lines_that_always_show_a_little_more_come_to_an_end():
     options = CoverageConfig(first_line="border", find_ends=False)
     lines = LineScheduler(task(), ContactMemory(), options, body=Body())
@@ -111,6 +124,16 @@ def test_a_side_that_a_low_line_did_not_touch_is_tried_again_half_way_up_until_t
     for other, touched in ((low, True), (replace(low, low=False), False), (replace(low, ceiling=np.inf), False)):
         lines.give_up(other, touched)
         assert not lines.next(NEAR).low
+
+
+def test_nothing_comes_in_the_place_of_a_line_that_shows_what_is_free():
+    lines = grid_alone()
+    survey = Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.030, survey=True)
+    lines.give_up(survey, touched=False)
+    assert not lines.next(NEAR).low
+    beside = Line(1, 0.01, BORDER, 0.02, 0.006, low=True, ceiling=0.030)
+    lines.give_up(beside, touched=False)
+    assert lines.next(NEAR).height == pytest.approx(0.018), "nor does it say that the sides beside it recede"
 
 
 @pytest.mark.parametrize(("place", "heights"), [(0.01, []), (-0.01, []), (0.02, [0.018, 0.024])])

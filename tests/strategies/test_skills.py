@@ -209,6 +209,25 @@ def test_a_line_that_is_come_back_to_aslant_is_as_slow_as_the_stick_may_be_met_t
     assert asked[0] == pytest.approx(np.array([-aside, 0.05, 0.0]) / np.hypot(aside, 0.05))
 
 
+def test_where_all_of_the_probe_is_known_to_fit_a_guarded_move_is_fast_and_nowhere_else():
+    known, end, speeds = np.array([0.0, 0.03, 0.05]), np.array([0.0, 0.05, 0.05]), []
+
+    def stretch(here):
+        return (known, None) if here[1] < 0.0298 else (end, np.inf)
+
+    strategy, _ = run(
+        lambda tip: guarded_move(tip, end, stretch=stretch),
+        over(lambda place: 1.0, [0.0, 0.0, 0.05]),
+        change=lambda _, surface: speeds.append((surface.place[1], float(np.linalg.norm(surface.velocity)))),
+    )
+    assert strategy.end is Ended.NO_CONTACT
+    fast, slow = ([speed for y, speed in speeds if low < y < high] for low, high in ((0.0, 0.03), (0.031, 0.05)))
+    unknown = strategy.tip.control.approach_speed(np.array([0.0, 1.0, 0.0]), strategy.tip.rotation)
+    assert max(fast) == pytest.approx(strategy.tip.known_speed, rel=0.02)
+    assert strategy.tip.known_speed > 2.0 * unknown
+    assert max(slow) <= unknown * 1.001
+
+
 @pytest.mark.parametrize("above", [0.0, 5e-5])
 def test_a_spiral_ends_after_one_turn_where_the_gears_keep_the_tip_a_little_above_its_bottom(above):
     surface = over(lambda place: 1.0, [0.02, 0.0, 0.05 + above])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -50,6 +50,10 @@ class Departure:
     speeds : how fast it may be
     clear : whether a path may lead sideways through the unknown, from one place (3,) to another
     allows : whether a path may lead from one pose (4, 4) to another, anywhere
+    known : whether all of the probe is known to fit from one pose (4, 4) to another
+    known_along : m on a line's axis, up to which all of an upright probe is known to fit from its beginning on
+    upright : (3, 3), the orientation of an upright probe
+    held : (3, 3), the orientation in which the probe sets out; None = as it is to be driven
     met : (n, 3) m, where paths have met something on the way: no path leads there again
     """
 
@@ -60,6 +64,10 @@ class Departure:
     speeds: Speeds
     clear: Clear = lambda begin, end: True
     allows: Clear = lambda begin, end: True
+    known: Clear = lambda begin, end: False
+    known_along: Callable[[Line], float] = lambda line: line.begin
+    upright: np.ndarray | None = None
+    held: np.ndarray | None = None
     met: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     def path_to(self, line: Line) -> list[Waypoint]:
@@ -78,7 +86,8 @@ class Departure:
         elif upright or _on_border(start, area):
             down = _down_at(start, top, free)
         else:  # what the upright stick has shown to be free is not where a leaning one goes
-            down = [Waypoint(start, SpeedLimit.GUARDED)]
+            known = self.known(tip_pose(above.place, turn), tip_pose(start, turn))
+            down = [Waypoint(start, SpeedLimit.KNOWN if known else SpeedLimit.GUARDED)]
         straight_down = [*up, above, *down]
         columns = [one for one in _known_columns(free, start, line.axis) if upright or _on_border(one, area)]
         paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
@@ -90,6 +99,8 @@ class Departure:
         paths += _as_it_came(start, here, turn, free)
         paths += _up_to(start, turn, self._to_column, free)
         paths += _along_border(line, here, turn, free)
+        paths += [] if line.on_surface else self._known_to(start)
+        paths += [] if upright or _on_border(start, area) else self._leaning_at_last(line)
         paths = [[*path, *touch] for path in paths]
         if upright and free.upright:
             paths += _level_over(line, here, turn, top, free)
@@ -97,6 +108,27 @@ class Departure:
             if self._may_take(path):
                 return path
         return [*straight_down, *touch]
+
+    def _known_to(self, start: np.ndarray) -> Iterator[list[Waypoint]]:
+        """To where a line begins, straight or around a corner, where all of the probe is known to fit."""
+        here, turn = self.here, self.turn
+        level, over = np.array([*start[:2], here[Z]]), np.array([*here[:2], start[Z]])
+        for corner in ([], [level], [over]):
+            places = [*corner, start]
+            poses = [tip_pose(here, turn if self.held is None else self.held), *(tip_pose(p, turn) for p in places)]
+            if all(self.known(*leg) for leg in pairwise(poses)):
+                yield [Waypoint(place, SpeedLimit.KNOWN, turn) for place in places]
+
+    def _leaning_at_last(self, line: Line) -> Iterator[list[Waypoint]]:
+        """Upright from the border along a line, as far as the probe is known to fit, and leaning from there on."""
+        border, top = float((self.area.lower if line.sign > 0.0 else self.area.upper)[line.axis]), self.area.upper[Z]
+        before = replace(line, begin=border, end=line.begin)
+        known = self.known_along(before)
+        if line.sign * (known - border) > 0.0:
+            over = Waypoint(np.array([*before.start[:2], top]), rotation=self.upright)
+            along = Waypoint(before.at(known), SpeedLimit.KNOWN, self.upright)
+            down = _down_at(before.start, float(top), self.free)
+            yield [*self._up, over, *down, along, Waypoint(line.start, SpeedLimit.GUARDED, self.turn)]
 
     @cached_property
     def _to_column(self) -> list[Waypoint]:

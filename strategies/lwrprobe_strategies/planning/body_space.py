@@ -1,5 +1,7 @@
 """Where the body behind the stick may go: it senses no contact, so it goes only where nothing can be.
 
+Where all of the probe is known to fit, sphere and stick may go faster than where they may touch something.
+
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
 touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere, and
 nothing is as high as the sphere's underside, there or right beside: a sphere on a steep side has its centre far above
@@ -82,6 +84,9 @@ class BodySpace:
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
         self._clear = BodyOverHeights(points, low, CELL, heights, self._top)  # with what the body keeps from touches
         self._keep = _cap(task.clearance_threshold + EDGE)
+        front = [_ball((1.0 - SUNK) * self._radius)]
+        front += [_surface(link) for link in task.probe.links if link.name == "stick"]
+        self._front = BodyOverHeights(np.concatenate(front), low, CELL, heights, self._top)
 
     @staticmethod
     def needed(task: Task) -> bool:
@@ -94,6 +99,7 @@ class BodySpace:
         self._task, self._top, self._changed = task, tallest_possible(task), True
         self._body.raise_top(self._top)
         self._clear.raise_top(self._top)
+        self._front.raise_top(self._top)
         self.survey()
 
     def note(self, pose: np.ndarray, touches: bool) -> None:
@@ -127,6 +133,7 @@ class BodySpace:
         self._body.lower(heights, WIDER, WORSE)
         self._body.heights = heights
         self._clear.heights = np.maximum(heights, self._kept(np.where(self._met, heights, -np.inf)))
+        self._front.heights = self._clear.heights
 
     @property
     def unknown(self) -> np.ndarray:
@@ -168,7 +175,7 @@ class BodySpace:
         if self.clears(begin, end, end[:3, 3] - begin[:3, 3]):
             return True
         depths = self._body.depth_on_path(begin, end)
-        return bool(depths.max() <= max(float(depths[0]) + STILL, WORSE))
+        return bool(depths.max() <= max(float(depths[0]), WORSE) + STILL)
 
     def keeps_clear(self, pose: np.ndarray) -> bool:
         """Whether the body keeps its distance from what was touched, as of the last survey, at a tip pose (4, 4)."""
@@ -176,7 +183,7 @@ class BodySpace:
 
     def knows(self, pose: np.ndarray) -> bool:
         """Whether all of the body is where it may be, at a tip pose (4, 4)."""
-        return bool(self.depth(pose[None])[0] <= WORSE)
+        return bool(self.depth(pose[None])[0] <= WORSE + STILL)
 
     def lowest(self, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `lowest_at`, where the body has to come to each place from the line's beginning."""
@@ -187,11 +194,42 @@ class BodySpace:
         """Places (n,) m on a line's axis, and the least heights (n,) m of the sphere's centre at which the body may be
         at each, with the tip held by `rotation` (3, 3), up to a square beside the line. It keeps its distance there.
         """
-        count = max(int(np.ceil(abs(line.end - line.begin) / STEP)), 1) + 1
-        poses, places = np.tile(np.eye(4), (3, count, 1, 1)), np.linspace(line.begin, line.end, count)
-        poses[..., :3, :3], poses[..., line.axis, 3], poses[..., Z, 3] = rotation, places, LOW
-        poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
-        return places, self._clear.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
+        return _needed(self._clear, line, rotation)
+
+    def fits(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Whether all of the probe is known to fit, straight from one tip pose (4, 4) to another.
+
+        Sphere and stick keep the body's distance from what was touched. As of the last survey.
+        """
+        return bool(self._front.depth_on_path(begin, end).max() <= WORSE + STILL) and self.allows(begin, end)
+
+    def fits_to(self, line: Line, rotation: np.ndarray) -> float:
+        """m on a line's axis, up to which `fits` holds from the line's beginning on, with the tip held by `rotation`
+        (3, 3); nothing fits where that is the beginning.
+        """
+        (places, front), (_, body) = _needed(self._front, line, rotation), _needed(self._clear, line, rotation)
+        short = np.maximum(front, body) > line.height + WORSE + STILL
+        return float(places[max(int(np.argmax(short)) - 1, 0)] if short.any() else line.end)
+
+
+def _needed(part: BodyOverHeights, line: Line, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `BodySpace.lowest_at`, for a part of the probe."""
+    count = max(int(np.ceil(abs(line.end - line.begin) / STEP)), 1) + 1
+    poses, places = np.tile(np.eye(4), (3, count, 1, 1)), np.linspace(line.begin, line.end, count)
+    poses[..., :3, :3], poses[..., line.axis, 3], poses[..., Z, 3] = rotation, places, LOW
+    poses[..., line.aside, 3] = line.place + CELL * np.array([[-1.0], [0.0], [1.0]])
+    return places, part.depth(poses.reshape(-1, 4, 4)).reshape(3, count).max(axis=0) + LOW
+
+
+def _ball(radius: float) -> np.ndarray:
+    """(k, 3) m, points on a ball around the tip."""
+    count = int(np.ceil(np.pi * radius / GRAIN)) + 1
+    rings = np.linspace(0.0, np.pi, count)
+    turn = np.linspace(0.0, 2.0 * np.pi, 2 * count, endpoint=False)
+    flat, height = radius * np.sin(rings), radius * np.cos(rings)
+    return np.stack(
+        [np.outer(flat, np.cos(turn)), np.outer(flat, np.sin(turn)), np.tile(height[:, None], 2 * count)], axis=-1
+    ).reshape(-1, 3)
 
 
 def _cap(radius: float) -> np.ndarray:

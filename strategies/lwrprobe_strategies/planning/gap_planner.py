@@ -20,6 +20,7 @@ from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
 from lwrprobe_strategies.planning.outer_parts import AT_BORDER, outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
+from lwrprobe_strategies.planning.survey_lines import survey_lines
 from lwrprobe_strategies.planning.treads import treads
 from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
 from lwrprobe_strategies.planning.upright_body import line_height
@@ -94,10 +95,14 @@ class GapPlanner:
             (across and sides, self._left_strips),
         )
         self._last, self._rounds = self._from_the_other_end, 0  # the latest pass, and times in a row that it came
+        self._held: list[Line] = []  # planned, and to be driven after what shows where they may go fast
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
 
     def next_pass(self) -> list[Line] | None:
         """The lines of the next pass, in the order of planning; None when no pass is left."""
+        if self._held:
+            held, self._held = self._held, []
+            return held
         if not self._passes:
             return None
         plan = self._passes.popleft()
@@ -107,7 +112,12 @@ class GapPlanner:
         most = {self._unpassed_parts: LOWER, self._lower_sides: LOWER, self._left_treads: np.inf}.get(plan, 0)
         if lines and self._rounds < most:
             self._passes.appendleft(plan)  # each of its lines shows more
-        return lines
+        if self._body is None:
+            return lines
+        surveys = survey_lines(lines, self._task.orientation, self._task.area, self._body, self._reachable)
+        if surveys:
+            self._held = lines
+        return surveys or lines
 
     def raise_area(self, task: Task) -> None:
         """The area of the task reaches higher than before."""

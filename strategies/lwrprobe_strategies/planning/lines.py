@@ -43,6 +43,7 @@ class Line:
     ceiling : m, height above which the surface was touched already
     rotation : (3, 3) in which it is driven, None = upright
     expected : m, height below which its side is expected to recede too far to be touched; None = nothing is known
+    survey : driven for what it shows to be free; nothing comes in its place
     free_end : the end lies in free space, from where the line may be driven as well
     """
 
@@ -57,6 +58,7 @@ class Line:
     outline: int = 0
     fallback: Line | None = None
     low: bool = False
+    survey: bool = False
     free_end: bool = False
     raised: bool = False
     foot_followed: bool = False

@@ -28,6 +28,8 @@ class SpeedLimit(Enum):
     """Nothing is there: the part of the probe that moves there has been there, or it lies above all that may be."""
     COLUMN = auto()
     """The stick has been there, and the sphere may meet something with its flank."""
+    KNOWN = auto()
+    """Neighbouring lines have shown that all of the probe fits: nothing is expected."""
     GUARDED = auto()
     """Something may be there: as slow as the stiffness in that direction demands."""
     LEVEL = auto()
@@ -44,12 +46,14 @@ class Speeds:
     column : m/s along the stick, where the stick has been and the sphere has not
     guarded : m/s at which something may be met, from a unit direction (3,)
     level : m/s across the stick, at which all of it may meet something unexpected
+    known : m/s, where all of the probe is known to fit
     """
 
     free: float
     column: float
     guarded: Callable[[np.ndarray], float]
     level: float = inf
+    known: float = inf
 
     def at(self, speed_limit: SpeedLimit, along: np.ndarray) -> float:
         """m/s along a unit direction (3,)."""
@@ -57,6 +61,8 @@ class Speeds:
             return self.free
         if speed_limit is SpeedLimit.COLUMN:
             return self.column
+        if speed_limit is SpeedLimit.KNOWN:
+            return min(self.known, self.free)
         return min(self.guarded(along), self.level if speed_limit is SpeedLimit.LEVEL else inf)
 
 

@@ -110,6 +110,8 @@ class LineScheduler:
         comes again from its other end, unless nothing was `touched` last or what it followed was `lost`: then nothing
         has blocked it.
         """
+        if line.survey:
+            return
         if line.low and not touched:
             self._missed.append(line)
             higher = self._higher(line, met)

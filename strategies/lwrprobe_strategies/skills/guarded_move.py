@@ -23,9 +23,9 @@ HELD_BACK = 5e-4
 FACING = -0.3
 """Normal along the motion, below which what is being left blocks the path."""
 
-Stretch = Callable[[np.ndarray], tuple[np.ndarray, float]]
+Stretch = Callable[[np.ndarray], tuple[np.ndarray, float | None]]
 """From a place (3,) to how far the tip may go in one piece (3,), and at how many times the speed at which the stick may
-be met."""
+be met; None where all of the probe is known to fit."""
 
 
 @skill(Overload, CollisionThreat, Blocked, seeks_contact=True)
@@ -56,16 +56,15 @@ def guarded_move(
     ax, ay, az = ahead.tolist()
     last = float(end @ ahead) - AT_END
     goal: Goal | None = None
-    speed, times = 0.0, inf
+    times: float | None = inf
     doubt = StickDoubt(rest)
     while True:
         if not doubt.found and (goal is None or tip.seen.goal_reached):
             target, times = (end, inf) if stretch is None else stretch(tip.here)
             along = direction(tip.here, target)
-            speed = tip.control.approach_speed(along, tip.seen.pose[:3, :3])
-            goal = Goal(tip.pose_at(target), min(speed, _expected(tip, along, times)), guarded_move.name)
-        if goal is not None:
-            goal = slowed(goal, min(speed, _expected(tip, along, times), tip.stick_limit(along)))
+            goal = Goal(tip.pose_at(target), _speed(tip, along, times), guarded_move.name)
+        elif goal is not None:
+            goal = slowed(goal, _speed(tip, along, times))
         try:
             if doubt.found or goal is None:
                 yield VelocityCommand(doubt.velocity(tip, ahead), reason=guarded_move.name)
@@ -86,9 +85,14 @@ def guarded_move(
             return Ended.NO_CONTACT
 
 
-def _expected(tip: Tip, ahead: np.ndarray, times: float) -> float:
-    """m/s along a unit vector (3,), so many times as fast as the stick may be met."""
-    return times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead), ahead) if times < inf else inf
+def _speed(tip: Tip, ahead: np.ndarray, times: float | None) -> float:
+    """m/s along a unit vector (3,); `times` as in `Stretch`."""
+    if times is None:
+        return min(tip.known_speed, tip.near_limit(ahead))
+    safe = min(tip.control.approach_speed(ahead, tip.seen.pose[:3, :3]), tip.stick_limit(ahead))
+    return (
+        min(safe, times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead), ahead)) if times < inf else safe
+    )
 
 
 def slowed(goal: Goal, speed: float) -> Goal:
