@@ -304,23 +304,24 @@ class Coverage(SkillStrategy):
         met = np.array(self._met).reshape(-1, 3)
         held = before if not retraction or retraction[-1].rotation is None else retraction[-1].rotation
         departure = Departure(
-            start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go,
-            self._fits, self._fits_along, self.upright, held, met,
-        )  # fmt: skip
+            start,
+            tip.rotation,
+            self.task.area,
+            tip.free,
+            speeds,
+            clear,
+            self._may_go,
+            tip.body,
+            self.upright,
+            held,
+            met,
+        )
         return transit(tip, retraction + departure.path_to(line), before)
 
     def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether a path may lead from one pose (4, 4) to another: the arm can, and the body may."""
         body = self.tip.body
         return self.task.reachable([begin, end]) and (body is None or body.allows(begin, end))
-
-    def _fits(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Whether all of the probe is known to fit from one pose (4, 4) to another."""
-        return self.tip.body is not None and self.tip.body.fits(begin, end)
-
-    def _fits_along(self, line: Line) -> float:
-        """m on a line's axis, up to which all of the upright probe is known to fit from its beginning on."""
-        return line.begin if self.tip.body is None else self.tip.body.fits_to(line, self.upright)
 
     def approach_again(self) -> Procedure | None:
         """Back from what the path met to the beginning of the line, and there by what is known now."""

@@ -94,10 +94,7 @@ def departure(here, found, held=LEANING):
     free = FreeSpace(AREA)
     for z in np.arange(0.108, FLOOR, -0.001):  # where a survey line came down
         free.note(pose((LINE.begin, 0.0, z)), None)
-    return Departure(
-        np.array(here), LEANING, AREA, free, SPEEDS, known=found.fits, held=held, upright=DOWN,
-        known_along=lambda line: found.fits_to(line, DOWN),
-    )  # fmt: skip
+    return Departure(np.array(here), LEANING, AREA, free, SPEEDS, body=found, upright=DOWN, held=held)
 
 
 def test_from_one_known_place_to_another_the_leaning_probe_goes_straight_and_not_over_the_top():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -10,6 +10,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from lwrprobe.contracts import Area
+from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.free_space import BORDER, GAP, UPRIGHT, FreeSpace
 from lwrprobe_strategies.planning.lines import DOWN, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import HELD, THERE, SpeedLimit, Speeds, Waypoint, seconds, tip_pose
@@ -50,8 +51,7 @@ class Departure:
     speeds : how fast it may be
     clear : whether a path may lead sideways through the unknown, from one place (3,) to another
     allows : whether a path may lead from one pose (4, 4) to another, anywhere
-    known : whether all of the probe is known to fit from one pose (4, 4) to another
-    known_along : m on a line's axis, up to which all of an upright probe is known to fit from its beginning on
+    body : where all of the probe is known to fit; None = nowhere
     upright : (3, 3), the orientation of an upright probe
     held : (3, 3), the orientation in which the probe sets out; None = as it is to be driven
     met : (n, 3) m, where paths have met something on the way: no path leads there again
@@ -64,8 +64,7 @@ class Departure:
     speeds: Speeds
     clear: Clear = lambda begin, end: True
     allows: Clear = lambda begin, end: True
-    known: Clear = lambda begin, end: False
-    known_along: Callable[[Line], float] = lambda line: line.begin
+    body: BodySpace | None = None
     upright: np.ndarray | None = None
     held: np.ndarray | None = None
     met: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
@@ -86,8 +85,8 @@ class Departure:
         elif upright or _on_border(start, area):
             down = _down_at(start, top, free)
         else:  # what the upright stick has shown to be free is not where a leaning one goes
-            known = self.known(tip_pose(above.place, turn), tip_pose(start, turn))
-            down = [Waypoint(start, SpeedLimit.KNOWN if known else SpeedLimit.GUARDED)]
+            fits = self.body is not None and self.body.fits(tip_pose(above.place, turn), tip_pose(start, turn))
+            down = [Waypoint(start, SpeedLimit.KNOWN if fits else SpeedLimit.GUARDED)]
         straight_down = [*up, above, *down]
         columns = [one for one in _known_columns(free, start, line.axis) if upright or _on_border(one, area)]
         paths = [[*up, *_beside(column, start, turn, top, free)] for column in columns]
@@ -99,8 +98,9 @@ class Departure:
         paths += _as_it_came(start, here, turn, free)
         paths += _up_to(start, turn, self._to_column, free)
         paths += _along_border(line, here, turn, free)
-        paths += [] if line.on_surface else self._known_to(start)
-        paths += [] if upright or _on_border(start, area) else self._leaning_at_last(line)
+        if self.body is not None and not line.on_surface:
+            paths += self._known_to(start, self.body)
+            paths += [] if upright or _on_border(start, area) else self._leaning_at_last(line, self.body)
         paths = [[*path, *touch] for path in paths]
         if upright and free.upright:
             paths += _level_over(line, here, turn, top, free)
@@ -109,21 +109,22 @@ class Departure:
                 return path
         return [*straight_down, *touch]
 
-    def _known_to(self, start: np.ndarray) -> Iterator[list[Waypoint]]:
+    def _known_to(self, start: np.ndarray, body: BodySpace) -> Iterator[list[Waypoint]]:
         """To where a line begins, straight or around a corner, where all of the probe is known to fit."""
         here, turn = self.here, self.turn
         level, over = np.array([*start[:2], here[Z]]), np.array([*here[:2], start[Z]])
         for corner in ([], [level], [over]):
             places = [*corner, start]
             poses = [tip_pose(here, turn if self.held is None else self.held), *(tip_pose(p, turn) for p in places)]
-            if all(self.known(*leg) for leg in pairwise(poses)):
+            if all(body.fits(*leg) for leg in pairwise(poses)):
                 yield [Waypoint(place, SpeedLimit.KNOWN, turn) for place in places]
 
-    def _leaning_at_last(self, line: Line) -> Iterator[list[Waypoint]]:
+    def _leaning_at_last(self, line: Line, body: BodySpace) -> Iterator[list[Waypoint]]:
         """Upright from the border along a line, as far as the probe is known to fit, and leaning from there on."""
         border, top = float((self.area.lower if line.sign > 0.0 else self.area.upper)[line.axis]), self.area.upper[Z]
         before = replace(line, begin=border, end=line.begin)
-        known = self.known_along(before)
+        assert self.upright is not None
+        known = body.fits_to(before, self.upright)
         if line.sign * (known - border) > 0.0:
             over = Waypoint(np.array([*before.start[:2], top]), rotation=self.upright)
             along = Waypoint(before.at(known), SpeedLimit.KNOWN, self.upright)
