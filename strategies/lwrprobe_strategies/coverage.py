@@ -359,9 +359,9 @@ class Coverage(SkillStrategy):
         return guarded_move(self.tip, line.at(line.end), line.ahead, next_stretch, line.grid_x, rest)
 
     def _known_to(self) -> float:
-        """m on the present line's axis, up to which all of the probe is known to fit."""
-        line, body = self.frame.line, self.tip.body
-        if body is None or line.on_surface or self.tip.rotation is not self.line_rotation:
+        """m on the present line's axis, up to which all of the probe is known to fit; asked for where it leans."""
+        line, body, held = self.frame.line, self.tip.body, self.tip.rotation
+        if body is None or held is self.upright or held is not self.line_rotation:
             return line.begin
         known = [body.fits_to(line, self.line_rotation), *self._stick_led_to(line)]
         return max(known) if line.sign > 0.0 else min(known)

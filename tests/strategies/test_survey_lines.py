@@ -81,7 +81,7 @@ def test_before_a_line_that_leans_an_upright_one_leads_as_far_in_as_the_body_may
     assert [line.place for line in found] == list(PLACES), "one for each place, and none for an upright line"
     for line in found:
         assert line.survey
-        assert line.rotation is DOWN
+        assert line.rotation is None
         assert line.height == FLOOR
         assert line.begin == AREA.lower[0]
         assert -0.06 < line.end < -0.04, "the body of an upright probe would come too near what overhangs"

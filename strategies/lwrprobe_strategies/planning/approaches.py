@@ -98,9 +98,9 @@ class Departure:
         paths += _as_it_came(start, here, turn, free)
         paths += _up_to(start, turn, self._to_column, free)
         paths += _along_border(line, here, turn, free)
-        if self.body is not None and not line.on_surface:
+        if self.body is not None and not upright:
             paths += self._known_to(start, self.body)
-            paths += [] if upright or _on_border(start, area) else self._leaning_at_last(line, self.body)
+            paths += [] if _on_border(start, area) else self._leaning_at_last(line, self.body)
         paths = [[*path, *touch] for path in paths]
         if upright and free.upright:
             paths += _level_over(line, here, turn, top, free)
@@ -110,7 +110,7 @@ class Departure:
         return [*straight_down, *touch]
 
     def _known_to(self, start: np.ndarray, body: BodySpace) -> Iterator[list[Waypoint]]:
-        """To where a line begins, straight or around a corner, where all of the probe is known to fit."""
+        """To where a leaning line begins, straight or around a corner, where all of the probe is known to fit."""
         here, turn = self.here, self.turn
         level, over = np.array([*start[:2], here[Z]]), np.array([*here[:2], start[Z]])
         for corner in ([], [level], [over]):

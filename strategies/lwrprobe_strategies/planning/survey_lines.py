@@ -45,5 +45,5 @@ def survey_lines(
         if any(same) or whole.sign * (end - body.fits_to(whole, upright)) < WORTH:
             continue
         if reachable(survey := replace(whole, end=end)):
-            found.append(survey)
+            found.append(replace(survey, rotation=None))
     return found
