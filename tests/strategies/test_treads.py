@@ -139,6 +139,22 @@ def test_where_the_body_may_come_nearly_to_the_floor_far_from_the_object_a_line_
     assert all(line.height == AREA.lower[2] for line in floors(memory, Beside(off=0.05, above=low + PITCH)))
 
 
+def test_far_from_the_object_each_floor_is_looked_at_once_by_as_few_lines_as_it_takes():
+    """A hull had 18 lines on the floor around it, a quarter of the run: along both axes, 20 mm apart, on the border."""
+    memory = ContactMemory()
+    for y in np.arange(-0.05, -0.0399, 0.001):
+        touch(memory, -0.04, y, WALL, -0.04)
+    low = AREA.lower[2] + 0.3 * PITCH
+    everywhere, body = np.arange(AREA.lower[0], AREA.upper[0] + 1e-9, PITCH), Beside(off=0.05, above=low)
+    known = memory.contacts(), memory.trail(), (everywhere, everywhere), task(), HEIGHT, PITCH, body, np.empty((0, 2))
+    far = [line for line in floor_lines(*known) if line.height == pytest.approx(low)]
+    assert {line.axis for line in far} == {Y}
+    places = np.unique(np.round([line.place for line in far], 6))
+    places = places[places > -0.04 + 2.5 * PITCH + FAR]
+    assert np.diff(places) == pytest.approx(2.0 * FAR)
+    assert places.max() == pytest.approx(AREA.upper[0] - FAR)
+
+
 class Around(Beside):
     """A body that may be as low as it likes where it is farther than `off` m from x = 0."""
 
@@ -150,7 +166,7 @@ class Around(Beside):
 
 def test_a_side_beside_which_the_grid_has_passed_is_met_along_x_unless_its_foot_was_touched():
     memory = plate(led=())
-    for x in (-0.05, 0.05):  # the grid has passed there, as low as the floor
+    for x in (-0.085, -0.05, 0.05, 0.085):  # the grid has passed there, as low as the floor
         for y in np.arange(-0.1, 0.1001, 0.001):
             memory.passed(np.array([x, y, RADIUS + 0.001]), x)
     across = [line for line in floors(memory, Around(off=0.03), across=(0.0,)) if line.axis == X]

@@ -6,7 +6,7 @@ up their sides. A few lines as low as the body may go meet the plate; `treads` l
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ REACH = 2.5
 """Pitches from what was touched, within which more of it is looked for."""
 FAR = 0.02
 """m beside a line, up to which it shows what is there farther off: another object twice as wide is met."""
+NARROW = 0.012
+"""m, up to which a strip of unknown floor far from the object is left out: what is 45 mm wide is met beside it."""
 AROUND = 4.0
 """Pitches from where a plate was met, within which more of it is looked for."""
 BETWEEN = 0.75
@@ -28,6 +30,10 @@ HIGHER = 0.5
 """Pitches above the floor, at which a line is still driven there where the body may come no lower."""
 SHORTEST = 0.5
 """Pitches of unknown floor that are worth a line."""
+GRAIN = 0.25
+"""Pitches between two places far from the object that are looked at."""
+SAME = 1e-4
+"""m, of two distances that are one: lines lie at multiples of the pitch, and their places 1 mm apart."""
 
 
 def floor_lines(
@@ -57,21 +63,65 @@ def floor_lines(
     if not len(contacts):  # the whole grid comes again, lower
         return []
     floor = _Floor(contacts, trail, task, height, pitch, body, plate)
-    left: list[tuple[Line, np.ndarray]] = []  # lines, and (n, 2) m, the places on them that are not known yet
+    candidates: list[_Candidate] = []
     for axis in (Y, X):
         one, other = float(task.area.lower[axis]), float(task.area.upper[axis])
         for place in np.sort(places[axis]).tolist():
             for begin, end in ((one, other), (other, one)):
-                left += floor.candidates(Line(axis, place, begin, end, floor.height, low=True, ceiling=height))
-    lines: list[Line] = []
+                candidates += floor.candidates(Line(axis, place, begin, end, floor.height, low=True, ceiling=height))
+    lines = _near_lines(floor, candidates, SHORTEST * pitch)
+    return lines + _far_lines(floor, candidates, lines, SHORTEST * pitch)
+
+
+def _near_lines(floor: _Floor, candidates: list[_Candidate], shortest: float) -> list[Line]:
+    """Lines on the floor near the object, until none is left on which more than `shortest` m are not known."""
+    left, lines = [(one, one.near) for one in candidates], []
     while left:
-        line, own = left.pop(int(np.argmax([len(unknown) for _, unknown in left])))
-        if np.ptp(own[:, line.axis]) < SHORTEST * pitch:
+        driven, own = left.pop(int(np.argmax([len(unknown) for _, unknown in left])))
+        if not len(own) or np.ptp(own[:, driven.line.axis]) < shortest:
             break
-        lines.append(line)
-        left = [(other, floor.still_unknown(other, unknown, line, own)) for other, unknown in left]
-        left = [(other, unknown) for other, unknown in left if len(unknown)]
+        lines.append(driven.line)
+        left = [(one, floor.still_unknown(one.line, unknown, driven.line, own)) for one, unknown in left]
     return lines
+
+
+def _far_lines(floor: _Floor, candidates: list[_Candidate], near: list[Line], shortest: float) -> list[Line]:
+    """Lines far from the object, besides those `near` it, until none shows a strip more than `NARROW` m wide and
+    `shortest` m long.
+    """
+    from scipy.spatial import cKDTree
+
+    if not candidates:
+        return []
+    points = floor.far_points(np.concatenate([one.path for one in candidates]))
+    shows = np.array([cKDTree(one.path).query(points)[0] <= FAR + SAME for one in candidates])  # (k, n)
+    left = ~shows[[k for k, one in enumerate(candidates) if one.line in near]].any(axis=0)
+    lines: list[Line] = []
+    for axis in (Y, X):  # crossing lines would show the same twice
+        along = [k for k, one in enumerate(candidates) if one.line.axis == axis]
+        while worth := [k for k in along if floor.is_strip(points[shows[k] & left, axis], shortest)]:
+            first = points[(shows[worth] & left).any(axis=0), 1 - axis].min()
+            reach = [k for k in worth if candidates[k].line.place <= first + FAR + SAME]
+            best = max(reach, key=lambda k: (candidates[k].line.place, (shows[k] & left).sum()))
+            lines.append(candidates[best].line)
+            left &= ~shows[best]
+    return lines
+
+
+@dataclass(slots=True, frozen=True, eq=False)
+class _Candidate:
+    """A line that may be driven.
+
+    Attributes
+    ----------
+    line : as far as the body may go
+    path : (m, 2) m, all places on it
+    near : (n, 2) m, those near the object of which nothing is known and that it shows
+    """
+
+    line: Line
+    path: np.ndarray
+    near: np.ndarray
 
 
 class _Floor:
@@ -80,6 +130,7 @@ class _Floor:
     Attributes
     ----------
     height : m, of a sphere's centre on it
+    grain : m, between two places far from the object that are looked at
     """
 
     def __init__(
@@ -94,7 +145,7 @@ class _Floor:
     ) -> None:
         from scipy.spatial import cKDTree
 
-        self.height = float(task.area.lower[Z])
+        self.height, self.grain = float(task.area.lower[Z]), GRAIN * pitch
         self._pitch, self._body, self._upright = pitch, body, task.orientation
         self._object, self._plate = cKDTree(contacts[:, :Z]), cKDTree(plate)
         self._feet = cKDTree(contacts[contacts[:, Z] < self.height + pitch, :Z])
@@ -104,34 +155,53 @@ class _Floor:
         across = low[np.isnan(low[:, GRID_X])]
         self._known = [cKDTree(np.concatenate([own[:, :Z], treads])) for own in (across, low)]
 
-    def candidates(self, line: Line) -> list[tuple[Line, np.ndarray]]:
+    def candidates(self, line: Line) -> list[_Candidate]:
         """A line as far as the body may go on the floor, and as far as it may go a little higher, where that is far
-        from the object; with each the (n, 2) m on it of which nothing is known. Those that show nothing are left out.
+        from the object. Those that show nothing are left out.
         """
         along, lowest = self._body.lowest(line, self._upright)
         places = np.full((len(along), 2), line.place)
         places[:, line.axis] = along
         on_floor = int((lowest <= self.height).sum())
         above = int((lowest <= self.height + HIGHER * self._pitch).sum())
-        found = []
-        free, farther = places[:on_floor], places[on_floor:above]
-        unknown = free[self._is_unknown(line.axis, free)]
-        if len(unknown) and (line.axis == Y or self._leads_to_a_side(free, places)):
-            found.append((self._up_to(line, free), unknown))
-        unknown = farther[self._is_unknown(line.axis, farther) & ~self._is_near(farther)]
-        if len(unknown):
+        free, whole = places[:on_floor], places[:above]
+        found, near = [], np.empty((0, 2))
+        if on_floor and (line.axis == Y or self._leads_to_a_side(free, places)):
+            near = free[self._is_near(free) & self._is_unknown(line.axis, free)]
+        if on_floor:
+            found.append(_Candidate(self._up_to(line, free), free, near))
+        if above > on_floor:
             higher = replace(line, height=float(lowest[:above].max()))
-            found.append((self._up_to(higher, farther), unknown))
+            found.append(_Candidate(self._up_to(higher, whole), whole, np.empty((0, 2))))
         return found
 
     def still_unknown(self, line: Line, places: np.ndarray, driven: Line, shown: np.ndarray) -> np.ndarray:
         """(k, 2) m, of the unknown `places` (n, 2) on a line, those that another one, which goes over the unknown
         places `shown` (m, 2), leaves unknown: all, where that leads along the other axis.
         """
-        if line.axis != driven.axis:
+        if line.axis != driven.axis or not len(places):
             return places
         apart = np.linalg.norm(places[:, None] - shown, axis=2).min(axis=1)
-        return places[apart > self._shown_beside(places)]
+        return places[apart > self._shown_beside(places) + SAME]
+
+    def far_points(self, paths: np.ndarray) -> np.ndarray:
+        """(n, 2) m, places far from the object of which nothing is known, no farther than a pitch from `paths` (m, 2)
+        of lines; in a square grid.
+        """
+        from scipy.spatial import cKDTree
+
+        axes = [np.arange(low, high + 1e-9, self.grain) for low, high in zip(paths.min(axis=0), paths.max(axis=0))]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        points = points[~self._is_near(points)]
+        points = points[cKDTree(paths).query(points)[0] < self._pitch]
+        return points[self._known[Y].query(points)[0] > FAR + SAME]
+
+    def is_strip(self, along: np.ndarray, shortest: float) -> bool:
+        """Whether places far from the object, at m `along` (n,) an axis, are a strip wide enough for something to stand
+        in it that no line beside it meets, and `shortest` m long.
+        """
+        length = float(np.ptp(along)) + self.grain if len(along) else 0.0
+        return length > shortest and len(along) * self.grain**2 > NARROW * length
 
     def _up_to(self, line: Line, places: np.ndarray) -> Line:
         """The line to the last of the places (n, 2) on it."""
@@ -145,15 +215,15 @@ class _Floor:
 
     def _is_unknown(self, axis: int, places: np.ndarray) -> np.ndarray:
         """(n,) bool, at which places (n, 2) a line along an axis shows what nothing has shown yet."""
-        return np.asarray(self._known[axis].query(places)[0] > self._shown_beside(places))
+        return np.asarray(self._known[axis].query(places)[0] > self._shown_beside(places) + SAME)
 
     def _is_near(self, places: np.ndarray) -> np.ndarray:
-        """(n,) bool, which places (n, 2) are near the object."""
-        return np.asarray(self._object.query(places)[0] < REACH * self._pitch)
+        """(n,) bool, which places (n, 2) are near the object or a plate that was met."""
+        beside_object = self._object.query(places)[0] < REACH * self._pitch
+        return np.asarray(beside_object | (self._plate.query(places)[0] < AROUND * self._pitch))
 
     def _shown_beside(self, places: np.ndarray) -> np.ndarray:
-        """(n,) m, up to which a line beside places (n, 2) shows what is there."""
-        near = NEIGHBOUR * self._pitch
-        shown = np.where(self._is_near(places), near, max(near, FAR))
+        """(n,) m, up to which a line beside places (n, 2) near the object shows what is there."""
+        shown = np.full(len(places), NEIGHBOUR * self._pitch)
         shown[self._plate.query(places)[0] < AROUND * self._pitch] = BETWEEN * self._pitch
         return shown
