@@ -89,12 +89,12 @@ def _far_lines(floor: _Floor, candidates: list[_Candidate], near: list[Line], sh
     """Lines far from the object, besides those `near` it, until none shows a strip more than `NARROW` m wide and
     `shortest` m long.
     """
-    from scipy.spatial import cKDTree
-
     if not candidates:
         return []
-    points = floor.far_points(np.concatenate([one.path for one in candidates]))
-    shows = np.array([cKDTree(one.path).query(points)[0] <= FAR + SAME for one in candidates])  # (k, n)
+    points = floor.far_points()
+    apart = np.array([_apart(one.line, points) for one in candidates])  # (k, n)
+    reached = apart.min(axis=0) < floor.pitch
+    points, shows = points[reached], apart[:, reached] <= FAR + SAME
     left = ~shows[[k for k, one in enumerate(candidates) if one.line in near]].any(axis=0)
     lines: list[Line] = []
     for axis in (Y, X):  # crossing lines would show the same twice
@@ -115,13 +115,18 @@ class _Candidate:
     Attributes
     ----------
     line : as far as the body may go
-    path : (m, 2) m, all places on it
     near : (n, 2) m, those near the object of which nothing is known and that it shows
     """
 
     line: Line
-    path: np.ndarray
     near: np.ndarray
+
+
+def _apart(line: Line, points: np.ndarray) -> np.ndarray:
+    """(n,) m, from a line to points (n, 2)."""
+    low, high = sorted((line.begin, line.end))
+    beyond = np.maximum(np.maximum(low - points[:, line.axis], points[:, line.axis] - high), 0.0)
+    return np.hypot(beyond, points[:, line.aside] - line.place)
 
 
 class _Floor:
@@ -130,6 +135,7 @@ class _Floor:
     Attributes
     ----------
     height : m, of a sphere's centre on it
+    pitch : m, between two lines
     grain : m, between two places far from the object that are looked at
     """
 
@@ -146,7 +152,8 @@ class _Floor:
         from scipy.spatial import cKDTree
 
         self.height, self.grain = float(task.area.lower[Z]), GRAIN * pitch
-        self._pitch, self._body, self._upright = pitch, body, task.orientation
+        self.pitch, self._body, self._upright = pitch, body, task.orientation
+        self._bounds = task.area.lower[:Z], task.area.upper[:Z]
         self._object, self._plate = cKDTree(contacts[:, :Z]), cKDTree(plate)
         self._feet = cKDTree(contacts[contacts[:, Z] < self.height + pitch, :Z])
         treads = contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height), :Z]
@@ -163,16 +170,16 @@ class _Floor:
         places = np.full((len(along), 2), line.place)
         places[:, line.axis] = along
         on_floor = int((lowest <= self.height).sum())
-        above = int((lowest <= self.height + HIGHER * self._pitch).sum())
+        above = int((lowest <= self.height + HIGHER * self.pitch).sum())
         free, whole = places[:on_floor], places[:above]
         found, near = [], np.empty((0, 2))
         if on_floor and (line.axis == Y or self._leads_to_a_side(free, places)):
             near = free[self._is_near(free) & self._is_unknown(line.axis, free)]
         if on_floor:
-            found.append(_Candidate(self._up_to(line, free), free, near))
+            found.append(_Candidate(self._up_to(line, free), near))
         if above > on_floor:
             higher = replace(line, height=float(lowest[:above].max()))
-            found.append(_Candidate(self._up_to(higher, whole), whole, np.empty((0, 2))))
+            found.append(_Candidate(self._up_to(higher, whole), np.empty((0, 2))))
         return found
 
     def still_unknown(self, line: Line, places: np.ndarray, driven: Line, shown: np.ndarray) -> np.ndarray:
@@ -184,16 +191,11 @@ class _Floor:
         apart = np.linalg.norm(places[:, None] - shown, axis=2).min(axis=1)
         return places[apart > self._shown_beside(places) + SAME]
 
-    def far_points(self, paths: np.ndarray) -> np.ndarray:
-        """(n, 2) m, places far from the object of which nothing is known, no farther than a pitch from `paths` (m, 2)
-        of lines; in a square grid.
-        """
-        from scipy.spatial import cKDTree
-
-        axes = [np.arange(low, high + 1e-9, self.grain) for low, high in zip(paths.min(axis=0), paths.max(axis=0))]
+    def far_points(self) -> np.ndarray:
+        """(n, 2) m, places far from the object of which nothing is known, in a square grid over the area."""
+        axes = (np.arange(low, high + SAME, self.grain) for low, high in zip(*self._bounds))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         points = points[~self._is_near(points)]
-        points = points[cKDTree(paths).query(points)[0] < self._pitch]
         return points[self._known[Y].query(points)[0] > FAR + SAME]
 
     def is_strip(self, along: np.ndarray, shortest: float) -> bool:
@@ -211,7 +213,7 @@ class _Floor:
         """Whether a line along x over `places` (n, 2), which is `free` (m, 2) on the floor, leads to a side of which
         nothing near the floor was touched. Where none stands, the lines of the grid have passed.
         """
-        return len(free) < len(places) and bool(self._feet.query(free[-1])[0] >= self._pitch)
+        return len(free) < len(places) and bool(self._feet.query(free[-1])[0] >= self.pitch)
 
     def _is_unknown(self, axis: int, places: np.ndarray) -> np.ndarray:
         """(n,) bool, at which places (n, 2) a line along an axis shows what nothing has shown yet."""
@@ -219,11 +221,11 @@ class _Floor:
 
     def _is_near(self, places: np.ndarray) -> np.ndarray:
         """(n,) bool, which places (n, 2) are near the object or a plate that was met."""
-        beside_object = self._object.query(places)[0] < REACH * self._pitch
-        return np.asarray(beside_object | (self._plate.query(places)[0] < AROUND * self._pitch))
+        beside_object = self._object.query(places)[0] < REACH * self.pitch
+        return np.asarray(beside_object | (self._plate.query(places)[0] < AROUND * self.pitch))
 
     def _shown_beside(self, places: np.ndarray) -> np.ndarray:
         """(n,) m, up to which a line beside places (n, 2) near the object shows what is there."""
-        shown = np.full(len(places), NEIGHBOUR * self._pitch)
-        shown[self._plate.query(places)[0] < AROUND * self._pitch] = BETWEEN * self._pitch
+        shown = np.full(len(places), NEIGHBOUR * self.pitch)
+        shown[self._plate.query(places)[0] < AROUND * self.pitch] = BETWEEN * self.pitch
         return shown
