@@ -43,14 +43,13 @@ from lwrprobe_strategies.planning.circling_watch import CirclingWatch
 from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
 from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
-from lwrprobe_strategies.planning.free_space import SIDE
 from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
 from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
-from lwrprobe_strategies.planning.shaft import stretch
+from lwrprobe_strategies.planning.shaft import stick_led_to, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.planning.upright_body import clear_of
 from lwrprobe_strategies.retraction_planner import RetractionPlanner
@@ -91,9 +90,6 @@ BACK = 2.0
 distance counts as known."""
 SET_OUT = 0.001
 """m from where a path begins, within which what it meets keeps the tip where it is, and does not stand in its way."""
-SHORT_OF = 0.008
-"""m before the end of a line that met nothing, from which on the same line higher up is driven with care again: the
-sphere is 3 mm wider than the stick."""
 WORTH = 0.003
 """m that are known to be free ahead, from which on they are driven fast, in a piece of their own."""
 ONWARD = 0.2
@@ -133,7 +129,7 @@ class Coverage(SkillStrategy):
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
         self._stand_still_first = False
-        self._led: tuple[Line | None, float] = None, 0.0  # the last line that met nothing, and how far along its axis
+        self._led: tuple[Line, float] | None = None  # the last line that met nothing, and m on its axis, how far
         self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
         self._neighbour_distance = NEIGHBOUR * self.options.step
         tip.expect_overhangs(self._neighbour_distance)
@@ -304,17 +300,7 @@ class Coverage(SkillStrategy):
         met = np.array(self._met).reshape(-1, 3)
         held = before if not retraction or retraction[-1].rotation is None else retraction[-1].rotation
         departure = Departure(
-            start,
-            tip.rotation,
-            self.task.area,
-            tip.free,
-            speeds,
-            clear,
-            self._may_go,
-            tip.body,
-            self.upright,
-            held,
-            met,
+            start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go, tip.body, held, met
         )
         return transit(tip, retraction + departure.path_to(line), before)
 
@@ -341,16 +327,16 @@ class Coverage(SkillStrategy):
         line, known = self.frame.line, self._known_to()
 
         def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float | None]:
-            before = self._neighbour_distance if self.tip.overhangs.found else 0.0
-            times: float | None
-            end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
-            aside = abs(float(here[line.aside]) - line.place)
+            aside, along = abs(float(here[line.aside]) - line.place), float(here[line.axis])
             on_line = aside <= BESIDE_LINE and float(here[Z]) >= line.height - BESIDE_LINE
-            if on_line and line.sign * (known - float(here[line.axis])) > WORTH:
-                end, times = known, None
-            elif aside > BESIDE_LINE:
-                back = float(here[line.axis]) + line.sign * BACK * aside
-                end = line.sign * min(line.sign * back, line.sign * end)
+            times: float | None = None
+            if on_line and line.sign * (known - along) > WORTH:
+                end = known
+            else:
+                before = self._neighbour_distance if self.tip.overhangs.found else 0.0
+                end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
+            if aside > BESIDE_LINE:
+                end = line.sign * min(line.sign * along + BACK * aside, line.sign * end)
             target = line.at(end)
             target[Z] = here[Z]
             return target, times
@@ -363,19 +349,8 @@ class Coverage(SkillStrategy):
         line, body, held = self.frame.line, self.tip.body, self.tip.rotation
         if body is None or held is self.upright or held is not self.line_rotation:
             return line.begin
-        known = [body.fits_to(line, self.line_rotation), *self._stick_led_to(line)]
-        return max(known) if line.sign > 0.0 else min(known)
-
-    def _stick_led_to(self, line: Line) -> list[float]:
-        """m on a leaning line's axis, up to which the stick has been on the same line lower down; empty without one."""
-        below, reached = self._led
-        if below is None or line.rotation is None or line.rotation is not below.rotation:
-            return []
-        if (line.axis, line.place, line.sign) != (below.axis, below.place, below.sign) or line.height < below.height:
-            return []
-        behind = (line.height - below.height) * line.rotation[:Z, Z] / line.rotation[Z, Z]  # m, the stick, up there
-        beside, along = abs(float(behind[line.aside])), reached + float(behind[line.axis]) - line.sign * SHORT_OF
-        return [along] if beside < SIDE else []
+        known = [body.fits_to(line), None if self._led is None else stick_led_to(line, *self._led)]
+        return line.sign * max(line.sign * place for place in known if place is not None)
 
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""

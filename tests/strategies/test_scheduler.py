@@ -91,7 +91,7 @@ def test_before_lines_that_lean_come_upright_ones_that_show_where_they_may_go_fa
     options, leaning = CoverageConfig(first_line="border", find_ends=False), turned(UP, np.array([0.0, -1.0, 0.0]), 0.3)
     body = Body()
     body.lowest = lambda line, rotation: (np.array([line.begin, line.end]), np.zeros(2))
-    body.fits_to = lambda line, rotation: line.begin
+    body.fits_to, body.upright = lambda line: line.begin, DOWN
     lines = LineScheduler(task(), ContactMemory(), options, body=body)
     low = iter([[Line(1, 0.0, -BORDER, 0.0, 0.006, low=True, rotation=leaning @ DOWN)]])
     lines._gaps._low_sides = lambda axis, places: next(low, []) if axis == 1 else []

@@ -7,7 +7,6 @@ import pytest
 
 from lwrprobe.contracts import Area, Observation
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.coverage import SHORT_OF
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
@@ -15,6 +14,7 @@ from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line, X
 from lwrprobe_strategies.planning.paths import SpeedLimit, Speeds
+from lwrprobe_strategies.planning.shaft import SHORT_OF, stick_led_to
 from lwrprobe_strategies.planning.survey_lines import survey_lines
 from lwrprobe_strategies.skills import follow_contour
 from strategy_task import DOWN, task
@@ -64,8 +64,8 @@ def test_below_the_grid_the_sphere_fits_where_floor_lines_have_led_and_between_t
 def test_along_a_line_the_probe_fits_to_just_before_what_is_not_known(rotation):
     whole = replace(LINE, rotation=rotation)
     naive = [x for x in np.arange(-0.085, -0.0199, 0.001) if space_is_known(x, rotation)]
-    assert SURVEYED.fits_to(whole, rotation) == pytest.approx(max(naive), abs=0.0015)
-    assert space().fits_to(whole, rotation) == LINE.begin
+    assert SURVEYED.fits_to(whole) == pytest.approx(max(naive), abs=0.0015)
+    assert space().fits_to(whole) == LINE.begin
 
 
 SURVEYED = space(PLACES)
@@ -77,7 +77,7 @@ def space_is_known(x, rotation):
 
 def test_before_a_line_that_leans_an_upright_one_leads_as_far_in_as_the_body_may_go():
     lines = [replace(LINE, place=y, height=z) for y in PLACES for z in (FLOOR, 0.02)]
-    found = survey_lines([*lines, replace(LINE, place=0.03, rotation=DOWN)], DOWN, AREA, space(), lambda line: True)
+    found = survey_lines([*lines, replace(LINE, place=0.03, rotation=DOWN)], AREA, space(), lambda line: True)
     assert [line.place for line in found] == list(PLACES), "one for each place, and none for an upright line"
     for line in found:
         assert line.survey
@@ -86,15 +86,15 @@ def test_before_a_line_that_leans_an_upright_one_leads_as_far_in_as_the_body_may
         assert line.begin == AREA.lower[0]
         assert -0.06 < line.end < -0.04, "the body of an upright probe would come too near what overhangs"
     between = [replace(LINE, place=y) for y in (-0.006, 0.0, 0.006)]
-    assert survey_lines(between, DOWN, AREA, SURVEYED, lambda line: True) == [], "all of that is known already"
-    assert survey_lines(lines, DOWN, AREA, space(), lambda line: False) == [], "out of the arm's reach"
+    assert survey_lines(between, AREA, SURVEYED, lambda line: True) == [], "all of that is known already"
+    assert survey_lines(lines, AREA, space(), lambda line: False) == [], "out of the arm's reach"
 
 
 def departure(here, found, held=LEANING):
     free = FreeSpace(AREA)
     for z in np.arange(0.108, FLOOR, -0.001):  # where a survey line came down
         free.note(pose((LINE.begin, 0.0, z)), None)
-    return Departure(np.array(here), LEANING, AREA, free, SPEEDS, body=found, upright=DOWN, held=held)
+    return Departure(np.array(here), LEANING, AREA, free, SPEEDS, body=found, held=held)
 
 
 def test_from_one_known_place_to_another_the_leaning_probe_goes_straight_and_not_over_the_top():
@@ -111,8 +111,8 @@ def test_a_line_that_begins_beyond_what_is_known_is_come_to_upright_and_the_prob
     path = departure((-0.06, -0.05, 0.108), SURVEYED).path_to(line)
     *_, along, last = path
     assert along.speed_limit is SpeedLimit.KNOWN
-    assert along.rotation is DOWN
-    assert along.place == pytest.approx([SURVEYED.fits_to(replace(LINE, end=-0.04), DOWN), 0.0, FLOOR])
+    assert np.array_equal(along.rotation, DOWN)
+    assert along.place == pytest.approx([SURVEYED.fits_to(replace(LINE, end=-0.04, rotation=None)), 0.0, FLOOR])
     assert last.speed_limit is SpeedLimit.GUARDED
     assert last.rotation is LEANING
     assert last.place == pytest.approx(line.start)
@@ -120,20 +120,17 @@ def test_a_line_that_begins_beyond_what_is_known_is_come_to_upright_and_the_prob
 
 @pytest.mark.parametrize(("towards", "led"), [((-1.0, 0.0, 0.0), True), ((-0.7, 0.714, 0.0), False)])
 def test_where_a_line_met_nothing_its_stick_has_been_for_the_same_line_higher_up(towards, led):
-    strategy, rotation = OrientationChange(), turned(UP, np.array(towards), np.radians(30.0)) @ DOWN
-    strategy.start(replace(task(links=LINKS, area=AREA), options=None))
-    strategy.step(Observation(0.0, pose((0.0, 0.0, 0.1)), np.zeros(3), np.zeros(3)))
+    rotation = turned(UP, np.array(towards), np.radians(30.0)) @ DOWN
     below, reached, up = replace(LINE, rotation=rotation), -0.025, 0.012
-    strategy._led = below, reached
-    found = strategy._stick_led_to(replace(below, height=FLOOR + up))
+    found = stick_led_to(replace(below, height=FLOOR + up), below, reached)
     if led:  # the stick's axis at that height, when the sphere was where the line ended
         stick = np.array([reached, 0.0, FLOOR]) - up / rotation[2, 2] * -rotation[:, 2]
         assert stick[2] == pytest.approx(FLOOR + up)
-        assert found == pytest.approx([stick[0] - SHORT_OF])
+        assert found == pytest.approx(stick[0] - SHORT_OF)
     else:
-        assert found == [], "the stick was 4 mm and more beside it"
+        assert found is None, "the stick was 4 mm and more beside it"
     for other in (replace(below, height=FLOOR - up), replace(below, place=0.01), replace(below, rotation=DOWN)):
-        assert strategy._stick_led_to(other) == []
+        assert stick_led_to(other, below, reached) is None
 
 
 @pytest.mark.parametrize(("degrees", "turns"), [(20.0, True), (33.0, True), (37.5, False), (40.0, False)])

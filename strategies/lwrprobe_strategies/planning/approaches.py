@@ -52,7 +52,6 @@ class Departure:
     clear : whether a path may lead sideways through the unknown, from one place (3,) to another
     allows : whether a path may lead from one pose (4, 4) to another, anywhere
     body : where all of the probe is known to fit; None = nowhere
-    upright : (3, 3), the orientation of an upright probe
     held : (3, 3), the orientation in which the probe sets out; None = as it is to be driven
     met : (n, 3) m, where paths have met something on the way: no path leads there again
     """
@@ -65,7 +64,6 @@ class Departure:
     clear: Clear = lambda begin, end: True
     allows: Clear = lambda begin, end: True
     body: BodySpace | None = None
-    upright: np.ndarray | None = None
     held: np.ndarray | None = None
     met: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
@@ -99,7 +97,7 @@ class Departure:
         paths += _up_to(start, turn, self._to_column, free)
         paths += _along_border(line, here, turn, free)
         if self.body is not None and not upright:
-            paths += self._known_to(start, self.body)
+            paths += self._through_known(start, self.body)
             paths += [] if _on_border(start, area) else self._leaning_at_last(line, self.body)
         paths = [[*path, *touch] for path in paths]
         if upright and free.upright:
@@ -109,7 +107,7 @@ class Departure:
                 return path
         return [*straight_down, *touch]
 
-    def _known_to(self, start: np.ndarray, body: BodySpace) -> Iterator[list[Waypoint]]:
+    def _through_known(self, start: np.ndarray, body: BodySpace) -> Iterator[list[Waypoint]]:
         """To where a leaning line begins, straight or around a corner, where all of the probe is known to fit."""
         here, turn = self.here, self.turn
         level, over = np.array([*start[:2], here[Z]]), np.array([*here[:2], start[Z]])
@@ -122,12 +120,11 @@ class Departure:
     def _leaning_at_last(self, line: Line, body: BodySpace) -> Iterator[list[Waypoint]]:
         """Upright from the border along a line, as far as the probe is known to fit, and leaning from there on."""
         border, top = float((self.area.lower if line.sign > 0.0 else self.area.upper)[line.axis]), self.area.upper[Z]
-        before = replace(line, begin=border, end=line.begin)
-        assert self.upright is not None
-        known = body.fits_to(before, self.upright)
+        before = replace(line, begin=border, end=line.begin, rotation=None)
+        known = body.fits_to(before)
         if line.sign * (known - border) > 0.0:
-            over = Waypoint(np.array([*before.start[:2], top]), rotation=self.upright)
-            along = Waypoint(before.at(known), SpeedLimit.KNOWN, self.upright)
+            over = Waypoint(np.array([*before.start[:2], top]), rotation=body.upright)
+            along = Waypoint(before.at(known), SpeedLimit.KNOWN, body.upright)
             down = _down_at(before.start, float(top), self.free)
             yield [*self._up, over, *down, along, Waypoint(line.start, SpeedLimit.GUARDED, self.turn)]
 

@@ -57,6 +57,7 @@ class BodySpace:
 
     Attributes
     ----------
+    upright : (3, 3), the orientation of an upright tip
     under : m, by which the sphere of an upright probe comes in under what its stick passes
     """
 
@@ -66,7 +67,7 @@ class BodySpace:
         self._low_x, self._low_y = low.tolist()
         self._stood = PlanView(shape, np.inf)
         self._top = tallest_possible(task)
-        self._task, self._spacing = task, spacing
+        self._task, self._spacing, self.upright = task, spacing, task.orientation
         self._radius = task.probe.radius
         self._underside = PlanView(shape, np.inf)
         below = _cap(self._radius) - SUNK * self._radius
@@ -203,10 +204,11 @@ class BodySpace:
         """
         return bool(self._front.depth_on_path(begin, end).max() <= WORSE + STILL) and self.allows(begin, end)
 
-    def fits_to(self, line: Line, rotation: np.ndarray) -> float:
-        """m on a line's axis, up to which `fits` holds from the line's beginning on, with the tip held by `rotation`
-        (3, 3); nothing fits where that is the beginning.
+    def fits_to(self, line: Line) -> float:
+        """m on a line's axis, up to which `fits` holds from the line's beginning on; nothing fits where that is the
+        beginning.
         """
+        rotation = self.upright if line.rotation is None else line.rotation
         (places, front), (_, body) = _needed(self._front, line, rotation), _needed(self._clear, line, rotation)
         short = np.maximum(front, body) > line.height + WORSE + STILL
         return float(places[max(int(np.argmax(short)) - 1, 0)] if short.any() else line.end)

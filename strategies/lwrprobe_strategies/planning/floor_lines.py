@@ -46,7 +46,7 @@ def floor_lines(
     body: BodySpace,
     plate: np.ndarray,
 ) -> list[Line]:
-    """Lines along x and along y from the border, as far in as the body may go on the floor, those that show most first.
+    """Lines along x and along y from the border, as far in as the body may go on the floor.
 
     So many that no floor to which the body may go is farther from a line than that shows what is there: least near a
     plate that was met, more near the object, and most farther off, where another object may stand.
@@ -163,9 +163,7 @@ class _Floor:
         self._known = [cKDTree(np.concatenate([own[:, :Z], treads])) for own in (across, low)]
 
     def candidates(self, line: Line) -> list[_Candidate]:
-        """A line as far as the body may go on the floor, and as far as it may go a little higher, where that is far
-        from the object. Those that show nothing are left out.
-        """
+        """A line as far as the body may go on the floor, and as far as it may go a little higher, where it may."""
         along, lowest = self._body.lowest(line, self._upright)
         places = np.full((len(along), 2), line.place)
         places[:, line.axis] = along

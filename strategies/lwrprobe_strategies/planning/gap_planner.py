@@ -114,7 +114,7 @@ class GapPlanner:
             self._passes.appendleft(plan)  # each of its lines shows more
         if self._body is None:
             return lines
-        surveys = survey_lines(lines, self._task.orientation, self._task.area, self._body, self._reachable)
+        surveys = survey_lines(lines, self._task.area, self._body, self._reachable)
         if surveys:
             self._held = lines
         return surveys or lines

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe_strategies.planning.contact_memory import NORMAL_X, ContactMemory
+from lwrprobe_strategies.planning.free_space import SIDE
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.paths import THERE
 
@@ -19,6 +20,9 @@ UNEXPECTED = 2.2
 then gives about 1.45 times the force limit, in its lower 60 % no more than the limit."""
 ABOVE = 0.005
 """m above a line, from which on what the one beside it touched may stand out there."""
+SHORT_OF = 0.008
+"""m before the end of a line that met nothing, from which on the same line higher up is driven with care again: the
+sphere is 3 mm wider than the stick."""
 BEHIND = 0.0015
 """m behind the place where the line beside met a wall, from which on this line is driven slowly: what stands out above
 it is flush with that wall, or the wall recedes. The stick is met as far behind as it is thinner than the sphere."""
@@ -41,6 +45,20 @@ def stretch(
         if reached + THERE < limit:
             return line.sign * min(limit, last), times
     return line.end, np.inf
+
+
+def stick_led_to(line: Line, below: Line, reached: float) -> float | None:
+    """m on a leaning line's axis, up to which the stick has been when the same line was driven lower down.
+
+    That line, `below`, met nothing and led to `reached` m; None where it was not the same one.
+    """
+    if line.rotation is None or line.rotation is not below.rotation or line.height < below.height:
+        return None
+    if (line.axis, line.place, line.sign) != (below.axis, below.place, below.sign):
+        return None
+    behind = (line.height - below.height) * line.rotation[:Z, Z] / line.rotation[Z, Z]  # m, the stick, up there
+    beside = abs(float(behind[line.aside]))
+    return reached + float(behind[line.axis]) - line.sign * SHORT_OF if beside < SIDE else None
 
 
 def _careful(line: Line, memory: ContactMemory, beside: float) -> tuple[float, float, float]:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from lwrprobe.contracts import Area
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.free_space import UPRIGHT
@@ -20,30 +18,33 @@ WORTH = 0.015
 """m that are not known yet, from which on a line is worth it."""
 
 
-def survey_lines(
-    lines: Sequence[Line], upright: np.ndarray, area: Area, body: BodySpace, reachable: Callable[[Line], bool]
-) -> list[Line]:
+def survey_lines(lines: Sequence[Line], area: Area, body: BodySpace, reachable: Callable[[Line], bool]) -> list[Line]:
     """One for each place at which some of the lines lean, from the border as far in as the body may go.
 
     Parameters
     ----------
     lines : that are to be driven next
-    upright : (3, 3), the orientation of an upright tip
     body : where the body may be, as of its last survey
     reachable : whether the arm can drive a line
     """
     found: list[Line] = []
     for line in lines:
-        if line.rotation is None or -line.rotation[Z, Z] > UPRIGHT:
+        leans = line.rotation is not None and -line.rotation[Z, Z] <= UPRIGHT
+        if not leans or any(_alike(line, other) for other in found):
             continue
         border = float((area.lower if line.sign > 0.0 else area.upper)[line.axis])
-        whole = replace(line, begin=border, height=float(area.lower[Z]), rotation=upright, expected=None, survey=True)
-        same = ((o.axis, o.sign) == (whole.axis, whole.sign) and abs(o.place - whole.place) < ON_LINE for o in found)
-        places, needed = body.lowest(whole, upright)
-        fits = needed <= whole.height
-        end = float(places[np.flatnonzero(fits)[-1]]) if fits.any() else border
-        if any(same) or whole.sign * (end - body.fits_to(whole, upright)) < WORTH:
+        whole = replace(
+            line, begin=border, height=float(area.lower[Z]), rotation=body.upright, expected=None, survey=True
+        )
+        places, needed = body.lowest(whole, body.upright)
+        free = places[needed <= whole.height]
+        if not len(free) or whole.sign * (float(free[-1]) - body.fits_to(whole)) < WORTH:
             continue
-        if reachable(survey := replace(whole, end=end)):
+        if reachable(survey := replace(whole, end=float(free[-1]))):
             found.append(replace(survey, rotation=None))
     return found
+
+
+def _alike(line: Line, other: Line) -> bool:
+    """Whether two lines lead the same way at the same place."""
+    return (line.axis, line.sign) == (other.axis, other.sign) and abs(line.place - other.place) < ON_LINE

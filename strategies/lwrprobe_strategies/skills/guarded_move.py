@@ -56,15 +56,17 @@ def guarded_move(
     ax, ay, az = ahead.tolist()
     last = float(end @ ahead) - AT_END
     goal: Goal | None = None
+    fastest = 0.0
     times: float | None = inf
     doubt = StickDoubt(rest)
     while True:
         if not doubt.found and (goal is None or tip.seen.goal_reached):
             target, times = (end, inf) if stretch is None else stretch(tip.here)
             along = direction(tip.here, target)
-            goal = Goal(tip.pose_at(target), _speed(tip, along, times), guarded_move.name)
+            fastest = tip.known_speed if times is None else tip.control.approach_speed(along, tip.seen.pose[:3, :3])
+            goal = Goal(tip.pose_at(target), min(fastest, _limit(tip, along, times)), guarded_move.name)
         elif goal is not None:
-            goal = slowed(goal, _speed(tip, along, times))
+            goal = slowed(goal, min(fastest, _limit(tip, along, times)))
         try:
             if doubt.found or goal is None:
                 yield VelocityCommand(doubt.velocity(tip, ahead), reason=guarded_move.name)
@@ -85,14 +87,14 @@ def guarded_move(
             return Ended.NO_CONTACT
 
 
-def _speed(tip: Tip, ahead: np.ndarray, times: float | None) -> float:
-    """m/s along a unit vector (3,); `times` as in `Stretch`."""
+def _limit(tip: Tip, ahead: np.ndarray, times: float | None) -> float:
+    """m/s along a unit vector (3,), that what may be met there allows; `times` as in `Stretch`."""
     if times is None:
-        return min(tip.known_speed, tip.near_limit(ahead))
-    safe = min(tip.control.approach_speed(ahead, tip.seen.pose[:3, :3]), tip.stick_limit(ahead))
-    return (
-        min(safe, times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead), ahead)) if times < inf else safe
-    )
+        return tip.near_limit(ahead)
+    limit = tip.stick_limit(ahead)
+    if times < inf:
+        limit = min(limit, times * tip.control.stick_speed(tip.overhangs.reach(tip.here, ahead), ahead))
+    return limit
 
 
 def slowed(goal: Goal, speed: float) -> Goal:
