@@ -69,6 +69,31 @@ for k in range(40):
     assert found == (me, k), f"saved {(me, k)}, found {found}"
 """
 
+INTERRUPTED = """
+import signal
+import numpy as np
+from llvmlite.binding import ffi
+from caller_kernels import total
+
+close = ffi.OutputString.close
+
+def interrupted_close(self):
+    if self._ptr is not None:
+        if self._owned:
+            ffi.lib.LLVMPY_DisposeString(self._ptr)
+            signal.raise_signal(signal.SIGINT)
+        self._ptr = None
+        del self._as_parameter_
+
+ffi.OutputString.close = interrupted_close
+try:
+    total(np.arange(4.0), 1.0)
+except KeyboardInterrupt:
+    print("interrupted")
+ffi.OutputString.close = close
+print(total(np.arange(4.0), 1.0))
+"""
+
 
 @pytest.fixture
 def folder(tmp_path):
@@ -77,10 +102,10 @@ def folder(tmp_path):
     return tmp_path
 
 
-def start(folder, seed):
+def start(folder, seed, program=PROCESS):
     environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
     return subprocess.Popen(
-        [sys.executable, "-c", PROCESS, str(seed)],
+        [sys.executable, "-c", program, str(seed)],
         env=environment, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
 
@@ -126,6 +151,16 @@ def test_a_new_time_compiles_nothing_and_new_content_compiles_the_callers(folder
     changed = result(start(folder, 0))
     assert changed["compiled"] > 0
     assert changed["got"] == {case: -value for case, value in expected().items()}
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_an_interrupt_waits_until_llvmlite_has_noted_what_it_has_freed(folder, cached):
+    if cached:
+        result(start(folder, 1))
+    process = start(folder, 1, INTERRUPTED)
+    out, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+    assert out.split() == ["interrupted", "18.0"]
 
 
 def test_callees_are_compiled_for_types_and_not_for_literals(folder, monkeypatch):

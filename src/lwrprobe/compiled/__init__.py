@@ -1,6 +1,7 @@
 """The decorators for numba kernels.
 
-`pipeline` says how a kernel is compiled, `disk_cache` when it has to be compiled again.
+`pipeline` says how a kernel is compiled, `disk_cache` when it has to be compiled again, and `interrupts` what Ctrl-C
+does meanwhile.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numba.core.options import DefaultOptions
 
 from lwrprobe.compiled import pipeline
 from lwrprobe.compiled.disk_cache import make_safe
+from lwrprobe.compiled.interrupts import interrupts_held
 
 Body = TypeVar("Body", bound=Callable[..., Any])
 """A kernel keeps the signature of the function that it is made from."""
@@ -58,6 +60,8 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 def _dispatcher(body: Callable[..., Any], **options: Any) -> Any:
     made = numba.njit(**options)(body)
     make_safe(made)
+    if hasattr(made, "compile"):  # a plain function while numba is switched off
+        made.compile = interrupts_held()(made.compile)
     return made
 
 
