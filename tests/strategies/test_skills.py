@@ -157,6 +157,20 @@ def test_a_transit_does_not_begin_towards_what_presses():
     assert surface.peak == pytest.approx(np.linalg.norm(before.force))
 
 
+def test_a_transit_that_begins_with_a_turn_in_place_leaves_what_is_touched():
+    """A tenth of a millimetre beside the place where it turned, the tip had seemed to be led against what pressed."""
+    surface = over(lambda place: 0.05 - place[2], [0.0, 0.0, 0.05 - RADIUS + 0.0004])
+    turn = Waypoint(surface.place + 5e-5 * UP, rotation=turned(UP, np.array([0.0, 1.0, 0.0]), 0.05) @ DOWN)
+    path = [turn, Waypoint(np.array([0.0, 0.0, 0.03]))]
+    strategy = OneSkill(lambda tip: transit(tip, path))
+    strategy.start(replace(TASK, start=surface.place.copy()))
+    strategy.tip.observe(surface.look())
+    strategy.tip.leave()
+    while not isinstance(motion := strategy.step(surface.look()), Done):
+        surface.obey(motion)
+    assert strategy.end is Ended.ARRIVED
+
+
 def test_a_transit_leaves_what_is_touched_even_when_the_force_is_overlarge():
     def body(tip):
         tip.leave()

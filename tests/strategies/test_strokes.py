@@ -385,12 +385,15 @@ def test_a_line_of_the_grid_leads_to_what_it_meets_where_the_surface_above_is_kn
     driven = []
     for _ in range(2 * len(lines.grid)):
         line = lines.next(here)
-        if not line.free_end:  # one of the next pass
+        if line is None or not line.free_end:  # one of the next pass
             break
         driven.append(line)
+        lines._memory.passed(line.start, line.grid_x)
         if abs(line.place) < HALF[0]:
             wall = line.at(-line.sign * HALF[1])
             lines._memory.add(wall, wall, -line.ahead, line.grid_x)
+        else:
+            lines._memory.passed(line.at(line.end), line.grid_x)
     over = [line for line in driven if abs(line.place) < HALF[0]]
     assert all(line.ceiling == pytest.approx(line.height + 0.001) for line in over)
     assert len({line.place for line in driven}) == len(lines.grid)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +72,9 @@ class GapPlanner:
         self.stopped: list[Line] = []
         self.raised: list[Line] = []
         self._across_y = np.empty(0)  # m, y of the lines across
-        self._treads: list[Line] = []  # planned so far
+        self._turned: list[Line] = []  # of the grid from the other end, planned so far
+        self._unpassed: list[Line] = []  # likewise
+        self._treads: list[Line] = []  # likewise
         self._strips: list[Line] = []  # likewise
         self._sides: list[Line] = []  # up sides, likewise
         self._before_floor = 0  # contacts, before the first lines on the floor
@@ -109,7 +112,8 @@ class GapPlanner:
         lines = plan()
         self._rounds = self._rounds + 1 if plan == self._last else 1
         self._last = plan
-        most = {self._unpassed_parts: LOWER, self._lower_sides: LOWER, self._left_treads: np.inf}.get(plan, 0)
+        again = (self._from_the_other_end, np.inf), (self._left_treads, np.inf)
+        most = dict([*again, (self._unpassed_parts, LOWER), (self._lower_sides, LOWER)]).get(plan, 0)
         if lines and self._rounds < most:
             self._passes.appendleft(plan)  # each of its lines shows more
         if self._body is None:
@@ -128,31 +132,44 @@ class GapPlanner:
     def _from_the_other_end(self) -> list[Line]:
         """The grid's lines that ended on the side of the object where they met it, each the other way round.
 
-        Beside what is lower than the stick is long, all others as well that did not come to their end.
+        Of the others as well those that have left something out (`_unfinished`).
         """
         contacts, lines = self._memory.contacts(), []
-        low, high = float(self._task.area.lower[Y]), float(self._task.area.upper[Y])
         for line in self.stopped:
             normals = contacts[contacts[:, GRID_X] == line.place, NORMAL]
             came_over = (normals[:, Z] > OVER) | (normals @ line.ahead > ONWARD)
             if len(normals) and not came_over.any():
-                begin, end = (high, low) if line.sign > 0.0 else (low, high)
-                lines.append(Line(Y, line.place, begin, end, self.height, free_end=True, ceiling=line.ceiling))
-        if self._body is None:
-            planned = [line.place for line in lines]
-            lines += [line for line in self._unfinished(low, high) if line.place not in planned]
-        return lines
+                other = next(other for other in self._from_borders(line.place) if other.sign != line.sign)
+                lines.append(replace(other, ceiling=line.ceiling))
+        planned = [line.place for line in lines]
+        lines += [line for line in self._unfinished() if line.place not in planned]
+        return self._not_planned_before(lines, self._turned)
 
-    def _unfinished(self, low: float, high: float) -> list[Line]:
-        """The grid's lines that came from one of the borders, at `low` and `high` m, and not to the other one."""
-        trail, lines = self._memory.trail(), []
+    def _unfinished(self) -> list[Line]:
+        """The grid's lines that did not come to one of the borders, from there.
+
+        Beside what is lower than the stick is long these are all that came to the other border. Else they are those
+        towards which something was touched on the line beside, farther than they came: they ended within a hollow.
+        """
+        trail, contacts, lines = self._memory.trail(), self._memory.contacts(), []
         for x in self._grid_x.tolist():
             own = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, X] - x) < ON_LINE), Y]
-            from_low, from_high = (own < low + AT_BORDER).any(), (own > high - AT_BORDER).any()
-            if from_low != from_high:
-                begin, end = (high, low) if from_low else (low, high)
-                lines.append(Line(Y, x, begin, end, self.height, free_end=True))
+            beside = contacts[np.abs(contacts[:, X] - x) < self._spacing + ON_LINE, Y]
+            left = [line for line in self._from_borders(x) if (line.sign * (own - line.begin) > AT_BORDER).all()]
+            if self._body is None:
+                lines += left if len(left) == 1 else []
+                continue
+            for line in left:
+                came = float((line.sign * own).min(initial=np.inf))
+                if (line.sign * beside < came - self._spacing).any():
+                    lines.append(line)
         return lines
+
+    def _from_borders(self, x: float) -> tuple[Line, Line]:
+        """The grid's line at x [m], from both ends."""
+        low, high = float(self._task.area.lower[Y]), float(self._task.area.upper[Y])
+        line = Line(Y, x, low, high, self.height, free_end=True)
+        return line, line.turned()
 
     def _outer_parts(self) -> list[Line]:
         """Beside the object, where no line of the grid has passed."""
@@ -164,7 +181,8 @@ class GapPlanner:
         body = self._body
         assert body is not None
         body.survey()
-        return unpassed_parts(self._memory.contacts(), body, self._task.area, self.height, self._spacing)
+        lines = unpassed_parts(self._memory.contacts(), body, self._task.area, self.height, self._spacing)
+        return self._not_planned_before(lines, self._unpassed)
 
     def _near_sides(self) -> list[Line]:
         """Along y, up the sides that a line of the grid met above their foot."""

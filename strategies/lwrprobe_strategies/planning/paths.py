@@ -83,9 +83,12 @@ class Waypoint:
 
     def reached(self, pose: np.ndarray) -> bool:
         """Whether the tip's pose (4, 4) is there."""
-        (x, y, z), (tx, ty, tz) = pose[:3, 3].tolist(), self.place.tolist()
-        there = abs(x - tx) < THERE and abs(y - ty) < THERE and abs(z - tz) < THERE
-        return there and (self.rotation is None or held(pose, self.rotation))
+        return self.is_at(pose[:3, 3]) and (self.rotation is None or held(pose, self.rotation))
+
+    def is_at(self, here: np.ndarray) -> bool:
+        """Whether it is at a place (3,): all that is left is to turn."""
+        (x, y, z), (tx, ty, tz) = here.tolist(), self.place.tolist()
+        return abs(x - tx) < THERE and abs(y - ty) < THERE and abs(z - tz) < THERE
 
 
 def tip_pose(place: np.ndarray, rotation: np.ndarray) -> np.ndarray:

@@ -87,8 +87,11 @@ def ends_in_contact(tip: Tip, waypoint: Waypoint) -> bool:
 
 
 def meets(tip: Tip, waypoint: Waypoint) -> bool:
-    """Whether the force on the path away from what is touched acts against the motion, by more than friction there."""
-    if not tip.leaving:
+    """Whether the force on the path away from what is touched acts against the motion, by more than friction there.
+
+    A turn in place has no direction that a force could act against.
+    """
+    if not tip.leaving or waypoint.is_at(tip.here):
         return False
     force = tip.seen.force
     against = -float(force @ direction(tip.here, waypoint.place))
