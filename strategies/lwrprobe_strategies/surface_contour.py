@@ -7,11 +7,13 @@ from typing import ClassVar
 
 from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, Y, Z
+from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.skills import Procedure
 
 MAX_THREATS = 4
 """On one line; a contour that is threatened again after as many leads nowhere."""
+FAR_SIDE = 0.3
+"""Share of the normal along the line, from which on a side is the far one of what the line has come over."""
 AROUND = 0.5
 """Share of the normal along y, below which a level contour has come around the object's end."""
 
@@ -38,10 +40,17 @@ class SurfaceContour(Coverage):
         return not tall and super().leaves_descents(line)
 
     def avoid(self) -> Procedure | None:
-        """Go on in the other plane; give the line up when that has led nowhere."""
+        """Go on in the other plane; give the line up when that has led nowhere.
+
+        On a line along x off the far side of something, and on along the line: it comes into a hollow, or out of one.
+        """
         line, level = self.frame.line, self.frame.level
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
+        if self.threats > MAX_THREATS or around_the_end or line.on_surface:
+            return self.give_up()
+        if line.axis == X and not line.low and not line.outline and self.tip.control.normal[X] * line.sign > FAR_SIDE:
+            return self.retract_onward()
         # Beside the foot of a near side nothing is known of what the body would meet on its path around.
-        if self.threats > MAX_THREATS or around_the_end or line.axis != Y or line.on_surface:
+        if line.axis == X:
             return self.give_up()
         return self.contour_upright() if level else self.contour_level()

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lwrprobe.contracts import Area, InputError
-from lwrprobe_strategies.planning.lines import Grid, Line
+from lwrprobe.contracts import Area, InputError, Observation
+from lwrprobe_strategies.planning.lines import Grid, Line, X
 from lwrprobe_strategies.planning.tracking_frame import MAX_RETURN, TrackingFrame
 from lwrprobe_strategies.surface_contour import SurfaceContour
-from strategy_task import task
+from strategy_task import DOWN, task
 
 AREA = Area(np.array([-0.085, -0.06, 0.006]), np.array([0.085, 0.06, 0.058]))
 
@@ -100,3 +100,21 @@ def test_lines_are_no_farther_apart_than_the_detail_that_is_to_be_seen_is_wide(d
     strategy = SurfaceContour()
     strategy.start(replace(task(), detail=detail))
     assert strategy.line_spacing == strategy.options.step == spacing
+
+
+@pytest.mark.parametrize(("normal", "onward"), [([1.0, 0.0, 0.0], True), ([-1.0, 0.0, 0.0], False)])
+def test_a_line_along_x_that_is_threatened_down_in_a_hollow_goes_on_across_it(normal, onward):
+    """The middle of a mug had stayed unknown: the line was given up at the wall that it had come down."""
+    strategy = SurfaceContour()
+    strategy.start(task())
+    pose = np.eye(4)
+    pose[:3, :3], pose[2, 3] = DOWN, 0.03
+    strategy.tip.observe(Observation(0.0, pose, np.zeros(3), np.zeros(3)))
+    strategy.begin_line(Line(X, 0.0, -0.05, 0.05, 0.02))
+    strategy.tip.control.begin(np.array(normal))
+    skill = strategy.avoid()
+    assert (skill is not None) == onward
+    if onward:
+        motion = next(skill)
+        assert motion.velocity[0] > 0.0, "off the wall, and on along the line"
+        skill.close()

@@ -215,6 +215,7 @@ def test_where_no_line_has_passed_beside_a_tall_object_one_comes_from_the_border
     memory, xs = ContactMemory(), [-0.01, 0.0, 0.01]
     touch_block(memory, xs, top=0.05, low=low)
     memory.passed(np.array([0.0, BORDER, 0.03]), 0.0)
+    memory.passed(np.array([0.01, BORDER, 0.05]), 0.01)  # as high as the object: that shows nothing
     args = memory.contacts(), memory.trail(), np.array([*xs, 0.05])
     pose = np.eye(4)
     pose[2, 3] = -0.075

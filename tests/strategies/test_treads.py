@@ -223,3 +223,32 @@ def test_a_tread_does_not_go_on_beyond_its_side():
         memory.add(point + RADIUS * normal, point, normal, np.nan)
     after = {(line.place, line.begin) for line in lines_of(memory)}
     assert after == {start for start in before if start[0] <= 0.0} != before
+
+
+@pytest.mark.parametrize(("lowest", "walls", "count"), [(0.0, (-0.03, 0.03), 1), (HEIGHT - 0.004, (-0.03, 0.03), 0),
+                                                        (0.0, (-0.03,), 0)])  # fmt: skip
+def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touched(lowest, walls, count):
+    """The floor within a mug: lines had passed from wall to wall, and beside the walls nobody had come lower."""
+    memory = ContactMemory()
+    for y in np.arange(-0.1, 0.1001, 0.001):
+        if min(abs(y - wall) for wall in walls) < 0.006:
+            touch(memory, 0.0, y, WALL, 0.0)
+        else:
+            memory.passed(np.array([0.0, y, HEIGHT]), 0.0)
+
+    class Above(Beside):
+        def lowest_at(self, line, rotation):
+            places, needed = super().lowest_at(line, rotation)
+            return places, np.maximum(needed, lowest)
+
+    given = memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Above()
+    lines = treads(*given, unmet=True)
+    assert len(lines) == count
+    for line in lines:
+        assert line.on_surface
+        assert line.free_to == pytest.approx(HEIGHT)
+        assert line.height <= RADIUS + 0.001
+        assert -0.03 < min(line.begin, line.end) < -0.01 < 0.01 < max(line.begin, line.end) < 0.03
+        for y in np.arange(-0.02, 0.0201, 0.001):
+            touch(memory, 0.0, y, 0.0, 0.0)
+        assert not treads(memory.contacts(), memory.trail(), *given[2:], unmet=True), "it has been touched"

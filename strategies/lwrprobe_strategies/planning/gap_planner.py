@@ -93,6 +93,7 @@ class GapPlanner:
             (options.find_ends, self._outlines),
             (tall and sides, self._floor_lines),
             (tall and sides, self._floor_lines_between),
+            (tall and sides, self._unmet_floors),
             (tall and sides, self._left_treads),
             (tall and across and sides, self._lower_sides),
             (across and sides, self._left_strips),
@@ -100,6 +101,13 @@ class GapPlanner:
         self._last, self._rounds = self._from_the_other_end, 0  # the latest pass, and times in a row that it came
         self._held: list[Line] = []  # planned, and to be driven after what shows where they may go fast
         self._passes: deque[Callable[[], list[Line]]] = deque(plan for wanted, plan in passes if wanted)
+        self._again: dict[Callable[[], list[Line]], float] = {  # times in a row that a pass comes
+            self._from_the_other_end: np.inf,
+            self._unpassed_parts: LOWER,
+            self._lower_sides: LOWER,
+            self._unmet_floors: np.inf,
+            self._left_treads: np.inf,
+        }
 
     def next_pass(self) -> list[Line] | None:
         """The lines of the next pass, in the order of planning; None when no pass is left."""
@@ -112,9 +120,7 @@ class GapPlanner:
         lines = plan()
         self._rounds = self._rounds + 1 if plan == self._last else 1
         self._last = plan
-        again = (self._from_the_other_end, np.inf), (self._left_treads, np.inf)
-        most = dict([*again, (self._unpassed_parts, LOWER), (self._lower_sides, LOWER)]).get(plan, 0)
-        if lines and self._rounds < most:
+        if lines and self._rounds < self._again.get(plan, 0):
             self._passes.appendleft(plan)  # each of its lines shows more
         if self._body is None:
             return lines
@@ -242,6 +248,19 @@ class GapPlanner:
         met = self._memory.contacts()[self._before_floor :]
         plate = met[met[:, NORMAL_Z] > OVER, :Z]
         return self._on_floor(plate) if len(plate) else []
+
+    def _unmet_floors(self) -> list[Line]:
+        """Down to the floors between walls, of which nothing was touched: over the longest one at a time."""
+        body = self._body
+        assert body is not None
+        body.survey()
+        contacts, trail, lines = self._memory.contacts(), self._memory.trail(), []
+        for axis, places in ((Y, self._grid_x), (X, self._across())):
+            lines += treads(contacts, trail, axis, places, self._task, self._spacing, body, unmet=True)
+        lines.sort(key=lambda line: -abs(line.end - line.begin))
+        new = self._not_planned_before(lines, list(self._treads))[:1]
+        self._treads += new
+        return new
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left.

@@ -1,8 +1,8 @@
 """Lines beside the object, where those of the grid have not passed: they show where the body behind the stick may go.
 
-A level contour comes around the object to the next line of the grid, and a line that is given up is left: what lies
-between the object and the border then stays unknown. No side below the grid's height can be touched there, and no plate
-on which the object stands.
+A level contour comes around the object to the next line of the grid, a line that is given up is left, and one that has
+come over the object may go on as high as that: what lies between the object and the border then stays unknown. No side
+below the grid's height can be touched there, and no plate on which the object stands.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ def outer_parts(
     pitch : m, between two lines
     """
     lines: list[Line] = []
+    trail = trail[trail[:, Z] < height + task.probe.radius]
     area, treads = task.area, contacts[(contacts[:, NORMAL_Z] > UPWARDS) & (contacts[:, Z] < height)]
     for sign, border in ((-1.0, float(area.lower[Y])), (1.0, float(area.upper[Y]))):
         facing = contacts[sign * contacts[:, NORMAL_Y] > FACING]

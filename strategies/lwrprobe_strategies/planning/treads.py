@@ -1,7 +1,8 @@
 """Lines over treads that the grid has passed above: what goes on beside a tread that was touched, and was not touched.
 
 Over a tall object the grid is driven so high that it passes above a plate on which walls stand. Where something has led
-a line down to the plate, the plate most likely goes on beside it.
+a line down to the plate, the plate most likely goes on beside it. And between walls there is a floor, though no line
+has come down to it.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ ALIKE = 0.003
 """m in height, within which two touches are of one tread."""
 BESIDE = 0.002
 """m from the sphere to a wall, beside which it comes down."""
+DEEP = 0.5
+"""Pitches below where the sphere has passed, from which on a floor is worth a line."""
 SHORTEST = 0.6
 """Pitches of a tread that are worth a line."""
 ROUNDING = 1e-9
@@ -43,10 +46,12 @@ def treads(
     task: Task,
     pitch: float,
     body: BodySpace,
+    unmet: bool = False,
 ) -> list[Line]:
     """Lines along an axis at `places` (n,) m, over each stretch where a tread goes on that no line has come down to.
 
-    Only where the body of an upright probe may come as low.
+    Only where the body of an upright probe may come as low. With `unmet` instead over floors between walls, of which
+    nothing was touched: as low as the body may come.
 
     Parameters
     ----------
@@ -63,6 +68,8 @@ def treads(
         whole = Line(axis, place, float(area.lower[axis]), float(area.upper[axis]), float(area.lower[Z]))
         ys, lowest = body.lowest_at(whole, task.orientation)
         tread = _lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch)
+        if unmet:
+            tread = np.where(np.isfinite(tread), np.inf, np.maximum(lowest, whole.height) - radius + ROUNDING)
         own = trail[np.abs(trail[:, X] - place) < ON_LINE]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
         wall = contacts[:, POINT]
@@ -71,6 +78,8 @@ def treads(
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= (lowest < tread + radius) & (beside > tread + radius - ALIKE)
         left &= ~_touched(flat, place, ys, tread, 0.5 * pitch) & ~_beyond(contacts, place, ys, tread, GOES_ON * pitch)
+        if unmet:
+            left &= passed > tread + radius + DEEP * pitch
         for first, last in _runs(left):
             if float(ys[last] - ys[first]) > SHORTEST * pitch - ROUNDING:
                 bottom, top = float(tread[first : last + 1].min()), float(tread[first : last + 1].max())
@@ -78,7 +87,9 @@ def treads(
                 line = replace(whole, height=height, expected=height, ceiling=top + 2.0 * radius, low=True)
                 bars = (tall > line.ceiling) | (lowest > bottom + radius)
                 ends = bars | (passed < top + radius + PASSED)
-                lines.append(_line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall))
+                line = _line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall)
+                if line.on_surface or not unmet:  # one from the border is left to the lines on the floor
+                    lines.append(line)
     return lines
 
 
