@@ -490,9 +490,14 @@ def test_a_line_across_begins_as_high_as_the_grid_where_the_side_recedes_below()
     assert height(-0.2, 0.032) == 0.010, "a line so high would pass above it"
 
 
-@pytest.mark.parametrize(("touched", "body", "begins"), [(0.02, object(), [BORDER]), (-0.015, object(), []),
-                                                         (-0.015, None, [BORDER])])  # fmt: skip
-def test_a_line_that_ends_in_a_hollow_comes_from_its_other_end_too(touched, body, begins):
+@pytest.mark.parametrize(
+    ("touched", "facing", "body", "begins"),
+    [
+        (0.02, -1.0, object(), [BORDER]), (0.02, 1.0, object(), []), (-0.015, -1.0, object(), []),
+        (-0.015, 1.0, None, [BORDER]),
+    ],
+)  # fmt: skip
+def test_a_line_that_ends_in_a_hollow_comes_from_its_other_end_too(touched, facing, body, begins):
     """The far half of a mug had been left out: each line had come down its inner wall, and left it for the next one."""
     memory, options = ContactMemory(), CoverageConfig(first_line="border", find_ends=False, step=0.01)
     for y in np.arange(-BORDER, -0.0199, 0.001):
@@ -500,7 +505,7 @@ def test_a_line_that_ends_in_a_hollow_comes_from_its_other_end_too(touched, body
     for y in np.arange(-BORDER, BORDER + 1e-9, 0.001):
         memory.passed(np.array([0.01, y, 0.006]), 0.01)
     place = np.array([0.01, touched, 0.02])
-    memory.add(place, place, np.array([0.0, -1.0, 0.0]), 0.01)
+    memory.add(place, place, np.array([0.0, facing, 0.0]), 0.01)
     gaps = GapPlanner(task(), memory, options, np.array([0.0, 0.01]), lambda line: 0.006, body, lambda away: ())
     lines = gaps._from_the_other_end()
     assert [(line.place, line.begin) for line in lines] == [(0.0, begin) for begin in begins]

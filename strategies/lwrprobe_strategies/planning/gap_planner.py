@@ -154,20 +154,21 @@ class GapPlanner:
     def _unfinished(self) -> list[Line]:
         """The grid's lines that did not come to one of the borders, from there.
 
-        Beside what is lower than the stick is long these are all that came to the other border. Else they are those
-        towards which something was touched on the line beside, farther than they came: they ended within a hollow.
+        Beside what is lower than the stick is long, these are all that came to the other border. Else they are those
+        that ended within a hollow: on the line beside, farther than they came, something was touched that faces them.
         """
         trail, contacts, lines = self._memory.trail(), self._memory.contacts(), []
         for x in self._grid_x.tolist():
             own = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, X] - x) < ON_LINE), Y]
-            beside = contacts[np.abs(contacts[:, X] - x) < self._spacing + ON_LINE, Y]
+            beside = contacts[np.abs(contacts[:, X] - x) < self._spacing + ON_LINE]
             left = [line for line in self._from_borders(x) if (line.sign * (own - line.begin) > AT_BORDER).all()]
             if self._body is None:
                 lines += left if len(left) == 1 else []
                 continue
             for line in left:
                 came = float((line.sign * own).min(initial=np.inf))
-                if (line.sign * beside < came - self._spacing).any():
+                facing = beside[beside[:, NORMAL] @ line.ahead > ONWARD, Y]
+                if (line.sign * facing < came - self._spacing).any():
                     lines.append(line)
         return lines
 
