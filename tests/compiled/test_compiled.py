@@ -86,6 +86,7 @@ def interrupted_close(self):
         del self._as_parameter_
 
 ffi.OutputString.close = interrupted_close
+signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in what a shell has put into the background
 try:
     total(np.arange(4.0), 1.0)
 except KeyboardInterrupt:
