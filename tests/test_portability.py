@@ -99,7 +99,7 @@ def test_the_sensor_driver_ends_cleanly_where_there_is_no_hang_up_signal(tmp_pat
 import signal
 from lwrprobe_ati import shutdown_hook
 
-shutdown_hook.register(lambda: print("stopped"))
+shutdown_hook.register(lambda: print("stopped", flush=True))
 signal.raise_signal(signal.SIGTERM)
 """
     done = run(code, folder=tmp_path)
