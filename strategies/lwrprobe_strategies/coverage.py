@@ -486,6 +486,10 @@ class Coverage(SkillStrategy):
         self.begin_line(line if line.sign == inward else line.turned())
         return self.contour()
 
+    def on_far_side(self) -> bool:
+        """Whether what is followed is the far side of what the line has come over."""
+        return bool(self.tip.control.normal @ self.frame.line.ahead >= -NEAR_SIDE)
+
     def _reaches_the_top(self) -> bool:
         """Whether something was touched as high as the probe flies over all that may be there."""
         centres = self.tip.memory.contacts()[:, Z]

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from lwrprobe.contracts import InputError
-from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
+from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
@@ -99,8 +99,7 @@ class OrientationChange(Coverage):
     def _on_along_line(self) -> Procedure | None:
         """Off a far side, and on along the line: its foot is touched afterwards."""
         line = self.frame.line
-        far_side = self.tip.control.normal @ line.ahead >= -NEAR_SIDE
-        if not far_side or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
+        if not self.on_far_side() or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
             return self.give_up()
         return self.retract_onward()
 

@@ -12,8 +12,6 @@ from lwrprobe_strategies.skills import Procedure
 
 MAX_THREATS = 4
 """On one line; a contour that is threatened again after as many leads nowhere."""
-FAR_SIDE = 0.3
-"""Share of the normal along the line, from which on a side is the far one of what the line has come over."""
 AROUND = 0.5
 """Share of the normal along y, below which a level contour has come around the object's end."""
 
@@ -48,9 +46,8 @@ class SurfaceContour(Coverage):
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
         if self.threats > MAX_THREATS or around_the_end or line.on_surface:
             return self.give_up()
-        if line.axis == X and not line.low and not line.outline and self.tip.control.normal[X] * line.sign > FAR_SIDE:
-            return self.retract_onward()
-        # Beside the foot of a near side nothing is known of what the body would meet on its path around.
         if line.axis == X:
-            return self.give_up()
+            # Beside the foot of a near side nothing is known of what the body would meet on its path around.
+            onward = self.on_far_side() and not line.low and not line.outline
+            return self.retract_onward() if onward else self.give_up()
         return self.contour_upright() if level else self.contour_level()

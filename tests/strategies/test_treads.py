@@ -6,7 +6,7 @@ import pytest
 from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.floor_lines import FAR, floor_lines
 from lwrprobe_strategies.planning.lines import X, Y
-from lwrprobe_strategies.planning.treads import treads
+from lwrprobe_strategies.planning.treads import hollow_floors, treads
 from strategy_task import AREA, task
 
 PITCH, RADIUS, PLATE, WALL, HEIGHT = 0.01, 0.005, 0.010, 0.050, 0.030
@@ -242,7 +242,7 @@ def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touch
             return places, np.maximum(needed, lowest)
 
     given = memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Above()
-    lines = treads(*given, unmet=True)
+    lines = hollow_floors(*given)
     assert len(lines) == count
     for line in lines:
         assert line.on_surface
@@ -251,4 +251,4 @@ def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touch
         assert -0.03 < min(line.begin, line.end) < -0.01 < 0.01 < max(line.begin, line.end) < 0.03
         for y in np.arange(-0.02, 0.0201, 0.001):
             touch(memory, 0.0, y, 0.0, 0.0)
-        assert not treads(memory.contacts(), memory.trail(), *given[2:], unmet=True), "it has been touched"
+        assert not hollow_floors(memory.contacts(), memory.trail(), *given[2:]), "it has been touched"

@@ -22,7 +22,7 @@ from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDE
 from lwrprobe_strategies.planning.outer_parts import AT_BORDER, outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
 from lwrprobe_strategies.planning.survey_lines import survey_lines
-from lwrprobe_strategies.planning.treads import treads
+from lwrprobe_strategies.planning.treads import hollow_floors, treads
 from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
 from lwrprobe_strategies.planning.upright_body import line_height
 
@@ -93,7 +93,7 @@ class GapPlanner:
             (options.find_ends, self._outlines),
             (tall and sides, self._floor_lines),
             (tall and sides, self._floor_lines_between),
-            (tall and sides, self._unmet_floors),
+            (tall and sides, self._hollow_floors),
             (tall and sides, self._left_treads),
             (tall and across and sides, self._lower_sides),
             (across and sides, self._left_strips),
@@ -105,7 +105,7 @@ class GapPlanner:
             self._from_the_other_end: np.inf,
             self._unpassed_parts: LOWER,
             self._lower_sides: LOWER,
-            self._unmet_floors: np.inf,
+            self._hollow_floors: np.inf,
             self._left_treads: np.inf,
         }
 
@@ -160,11 +160,11 @@ class GapPlanner:
         trail, contacts, lines = self._memory.trail(), self._memory.contacts(), []
         for x in self._grid_x.tolist():
             own = trail[(trail[:, GRID_X] == x) & (np.abs(trail[:, X] - x) < ON_LINE), Y]
-            beside = contacts[np.abs(contacts[:, X] - x) < self._spacing + ON_LINE]
             left = [line for line in self._from_borders(x) if (line.sign * (own - line.begin) > AT_BORDER).all()]
             if self._body is None:
                 lines += left if len(left) == 1 else []
                 continue
+            beside = contacts[np.abs(contacts[:, X] - x) < self._spacing + ON_LINE]
             for line in left:
                 came = float((line.sign * own).min(initial=np.inf))
                 facing = beside[beside[:, NORMAL] @ line.ahead > ONWARD, Y]
@@ -250,18 +250,18 @@ class GapPlanner:
         plate = met[met[:, NORMAL_Z] > OVER, :Z]
         return self._on_floor(plate) if len(plate) else []
 
-    def _unmet_floors(self) -> list[Line]:
-        """Down to the floors between walls, of which nothing was touched: over the longest one at a time."""
+    def _hollow_floors(self) -> list[Line]:
+        """Down to the floors between walls of which nothing was touched: over the longest one at a time."""
         body = self._body
         assert body is not None
         body.survey()
         contacts, trail, lines = self._memory.contacts(), self._memory.trail(), []
         for axis, places in ((Y, self._grid_x), (X, self._across())):
-            lines += treads(contacts, trail, axis, places, self._task, self._spacing, body, unmet=True)
-        lines.sort(key=lambda line: -abs(line.end - line.begin))
-        new = self._not_planned_before(lines, list(self._treads))[:1]
-        self._treads += new
-        return new
+            lines += hollow_floors(contacts, trail, axis, places, self._task, self._spacing, body)
+        for line in sorted(lines, key=lambda line: abs(line.end - line.begin), reverse=True):
+            if new := self._not_planned_before([line], self._treads):
+                return new
+        return []
 
     def _left_treads(self) -> list[Line]:
         """Over plates that the grid has passed above: along y, and along x where no line along y is left.

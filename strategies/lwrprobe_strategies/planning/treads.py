@@ -7,6 +7,7 @@ has come down to it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -46,12 +47,10 @@ def treads(
     task: Task,
     pitch: float,
     body: BodySpace,
-    unmet: bool = False,
 ) -> list[Line]:
     """Lines along an axis at `places` (n,) m, over each stretch where a tread goes on that no line has come down to.
 
-    Only where the body of an upright probe may come as low. With `unmet` instead over floors between walls, of which
-    nothing was touched: as low as the body may come.
+    Only where the body of an upright probe may come as low.
 
     Parameters
     ----------
@@ -59,27 +58,62 @@ def treads(
     pitch : m, between two lines
     body : where the body may be
     """
+    return _lines(contacts, trail, axis, places, task, pitch, body, lambda touched, passed, lowest: touched)
+
+
+def hollow_floors(
+    contacts: np.ndarray,
+    trail: np.ndarray,
+    axis: int,
+    places: np.ndarray,
+    task: Task,
+    pitch: float,
+    body: BodySpace,
+) -> list[Line]:
+    """As `treads`, over the floors between walls of which nothing was touched: as low as the body may come.
+
+    What is not between walls is left to the lines on the floor, which come from the border.
+    """
+    radius, floor = task.probe.radius, float(task.area.lower[Z])
+
+    def expected(touched: np.ndarray, passed: np.ndarray, lowest: np.ndarray) -> np.ndarray:
+        centre = np.maximum(lowest, floor) + ROUNDING
+        return np.where(np.isinf(touched) & (passed > centre + DEEP * pitch), centre - radius, np.inf)
+
+    lines = _lines(contacts, trail, axis, places, task, pitch, body, expected)
+    return [line for line in lines if line.on_surface]
+
+
+def _lines(
+    contacts: np.ndarray,
+    trail: np.ndarray,
+    axis: int,
+    places: np.ndarray,
+    task: Task,
+    pitch: float,
+    body: BodySpace,
+    expected: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+) -> list[Line]:
+    """As `treads`, with what is `expected` at each place of a line, (n,) m, inf where nothing is: from the heights of
+    the treads touched around it, of the sphere that has passed, and of the sphere below which the body may not come.
+    """
     if axis == X:
         contacts, trail = contacts[:, MIRRORED], trail[:, MIRRORED]
     area, radius = task.area, task.probe.radius
     flat = contacts[contacts[:, NORMAL_Z] > UPWARDS]
     lines: list[Line] = []
-    for place in np.sort(places).tolist() if len(flat) else ():
+    for place in np.sort(places).tolist() if len(contacts) else ():
         whole = Line(axis, place, float(area.lower[axis]), float(area.upper[axis]), float(area.lower[Z]))
         ys, lowest = body.lowest_at(whole, task.orientation)
-        tread = _lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch)
-        if unmet:
-            tread = np.where(np.isfinite(tread), np.inf, np.maximum(lowest, whole.height) - radius + ROUNDING)
         own = trail[np.abs(trail[:, X] - place) < ON_LINE]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
+        tread = expected(_lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch), passed, lowest)
         wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
         beside = _lowest_within(trail[:, :3], place, ys, 0.5 * pitch)
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= (lowest < tread + radius) & (beside > tread + radius - ALIKE)
         left &= ~_touched(flat, place, ys, tread, 0.5 * pitch) & ~_beyond(contacts, place, ys, tread, GOES_ON * pitch)
-        if unmet:
-            left &= passed > tread + radius + DEEP * pitch
         for first, last in _runs(left):
             if float(ys[last] - ys[first]) > SHORTEST * pitch - ROUNDING:
                 bottom, top = float(tread[first : last + 1].min()), float(tread[first : last + 1].max())
@@ -87,9 +121,7 @@ def treads(
                 line = replace(whole, height=height, expected=height, ceiling=top + 2.0 * radius, low=True)
                 bars = (tall > line.ceiling) | (lowest > bottom + radius)
                 ends = bars | (passed < top + radius + PASSED)
-                line = _line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall)
-                if line.on_surface or not unmet:  # one from the border is left to the lines on the floor
-                    lines.append(line)
+                lines.append(_line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall))
     return lines
 
 
