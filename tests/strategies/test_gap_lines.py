@@ -110,6 +110,22 @@ def test_a_bore_between_two_lines_is_crossed(off):
     assert max(inside) > 0.002
 
 
+@pytest.mark.parametrize("size", [0.0092, 0.0095, 0.0105, 0.0125])
+def test_lines_over_one_hollow_keep_a_distance(size):
+    """Over a notch a few millimetres wide there were three lines from each side within 1 mm."""
+    xs, middle = np.arange(-0.045, 0.0451, 0.015).round(9), np.array([0.0075, 0.004])
+
+    def found(x, y):
+        return rolled(x, y, middle, size, 1.0)
+
+    touched = contacts_on(lambda x, y: found(x, y)[0], xs, YS, lambda x, y: found(x, y)[1])
+    lines = lines_across(touched.contacts(), touched.trail(), xs, 0.015, FLOOR, lambda line: 0.007)
+    over = sorted(line.place for line in lines)
+    assert len(over) >= 1
+    assert np.diff(over).min(initial=np.inf) >= 0.002 - 1e-9
+    assert {line.begin for line in lines} | {line.end for line in lines} == {0.0, 0.015}
+
+
 @pytest.mark.parametrize("off", [0.0, 0.002, 0.005, 0.0065])
 def test_nothing_that_bulges_is_taken_for_a_hollow(off):
     xs, middle = np.arange(-0.045, 0.0451, 0.015).round(9) + off, np.zeros(2)

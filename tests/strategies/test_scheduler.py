@@ -510,3 +510,22 @@ def test_a_line_that_ends_in_a_hollow_comes_from_its_other_end_too(touched, faci
     lines = gaps._from_the_other_end()
     assert [(line.place, line.begin) for line in lines] == [(0.0, begin) for begin in begins]
     assert not gaps._from_the_other_end(), "no line comes twice"
+
+
+def test_what_the_lines_across_touched_shows_that_a_line_ended_in_a_hollow():
+    """Half of the inner wall of a mug had been left out: only the lines across touched what faces the grid's there."""
+    memory = ContactMemory()
+    options = CoverageConfig(first_line="border", near_sides=False, low_lines=False, find_ends=False, step=0.01)
+    for x, end in ((0.0, -0.02), (0.01, BORDER)):
+        for y in np.arange(-BORDER, end + 1e-9, 0.001):
+            memory.passed(np.array([x, y, 0.006]), x)
+    gaps = GapPlanner(task(), memory, options, np.array([0.0, 0.01]), lambda line: 0.006, object(), lambda away: ())
+    assert gaps.next_pass() == []
+    assert gaps.next_pass() == [], "there is nothing to be crossed"
+    place = np.array([0.01, 0.02, 0.02])
+    memory.add(place, place, np.array([0.0, -1.0, 0.0]), np.nan)
+    lines = gaps.next_pass()
+    assert [(line.axis, line.place, line.begin) for line in lines] == [(1, 0.0, BORDER)]
+    while lines is not None:
+        lines = gaps.next_pass()
+        assert not lines, "once"

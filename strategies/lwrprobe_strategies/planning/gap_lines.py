@@ -34,6 +34,8 @@ RUN = 3
 """Such touches in a row at least."""
 PLACES = 3
 """Lines over a short hollow: its walls along x and along y."""
+APART = 0.002
+"""m at least between two lines over one hollow: a nearer one would show nothing that the other does not."""
 
 
 def lines_across(
@@ -65,7 +67,9 @@ def lines_across(
         for first, last in _left_out(xs, heights, pitch, floor):
             runs.setdefault((first, last), []).append((y, heights))
     for pair, y in _hollows(contacts, xs, pitch, floor):
-        runs.setdefault(pair, []).append((y, _heights(contacts, xs, y, floor)))
+        where = runs.setdefault(pair, [])
+        if all(abs(y - other) >= APART for other, _ in where):  # it is often seen from both lines
+            where.append((y, _heights(contacts, xs, y, floor)))
     lines: list[Line] = []
     for (first, last), where in sorted(runs.items()):
         for y, heights in where:
@@ -187,7 +191,7 @@ def _hollows(
             if len(run) < RUN:
                 continue
             low, high = run[0, Y], run[-1, Y]
-            count = max(int(np.ceil((high - low) / pitch)), PLACES)
+            count = max(int(np.ceil((high - low) / pitch)), min(int((high - low) / APART), PLACES), 1)
             for y in (low + (np.arange(count) + 0.5) * (high - low) / count).tolist():
                 heights = _heights(contacts, xs, y, floor)
                 if heights[i] > floor + 1e-4 and heights[beside] > heights[i] - ROUGH:

@@ -86,6 +86,7 @@ class GapPlanner:
             (sides, self._near_sides),
             (options.low_lines, self._low_lines),
             (across, self._lines_across),
+            (tall and across, self._from_the_other_end),
             (across and sides, self._left_strips),
             (tall and across and sides, self._low_ends),
             (tall and across and sides, self._lower_sides),
