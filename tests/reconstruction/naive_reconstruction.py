@@ -95,17 +95,17 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
     for a, b, n, depth in zip(begin, finish, normals, deep):
         length = np.linalg.norm(b - a)
         unit = (b - a) / length
-        wrong = False
-        for k, point in enumerate(points):
-            along, height = (point - a) @ unit, (point - a) @ n
-            beside = np.linalg.norm(point - a - along * unit - height * n)
-            if beside > min(width, along, length - along):
-                continue
-            if len(facing):
-                alike = facing[k] @ n
-                over_edge = -tolerance - 2.0 * radius * (1.0 - alike) <= height < 0.0
-                wrong |= alike > 0.3 and abs(height) > tolerance and not over_edge and height > -depth
-            else:
-                wrong |= -depth < height < -tolerance
+        along, height = (points - a) @ unit, (points - a) @ n
+        beside = np.linalg.norm(points - a - np.outer(along, unit) - np.outer(height, n), axis=1)
+        near = beside <= np.minimum(width, np.minimum(along, length - along))
+        if len(facing):
+            alike = facing @ n
+            against = height[near & (alike < -0.3)]  # faces towards the ruling: what lies beyond says nothing
+            above, below = against[against > 0.0].min(initial=np.inf), -against[against <= 0.0].max(initial=-depth)
+            over_edge = (-tolerance - 2.0 * radius * (1.0 - alike) <= height) & (height < 0.0)
+            near &= (alike > 0.3) & (np.abs(height) > tolerance) & ~over_edge & (height > -below) & (height < above)
+        else:
+            near &= (-depth < height) & (height < -tolerance)
+        wrong = near.any()
         out.append(wrong)
     return np.array(out)

@@ -58,6 +58,7 @@ def recorded(name, pitch=0.025):
 
     `bridge`, `combination`: every eighth of the first 120 s and 200 s of `active`. `receding`: of `grid_version` on
     `random:revolution:8704` every sixth contact below 25 mm, every 36th of the others, and every fourth free place.
+    `comb`: every 16th contact of `active` on a comb of boxes, and every second free place.
     """
     file = np.load(Path(__file__).parent / "recorded" / f"{name}.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
@@ -666,3 +667,32 @@ def test_nothing_counts_as_free_above_where_a_side_is_carried_on(scenes, given_a
     assert below.any()
     assert not stood[below].any()
     assert stood[~below].mean() > 0.9
+
+
+def test_the_other_side_of_a_slot_makes_no_hole_in_a_thin_wall():
+    """From across the slot a wall's inside lies before a face: it was taken to be free, and the mesh 0.46 mm off."""
+    fins = [
+        Box(shape="box", size=(0.004, 0.024, 0.032), at=Pose(xyz=(x, 0.0, 0.024)))
+        for x in (-0.043, -0.026, -0.009, 0.008, 0.025, 0.043)
+    ]
+    solid = Solid.from_shapes([Box(shape="box", size=(0.09, 0.024, 0.01), at=Pose(xyz=(0.0, 0.0, 0.005))), *fins])
+    assert error(surface(recorded("comb"), compare=False).mesh, solid).mean < 3e-4
+
+
+def test_a_path_right_over_a_plate_makes_no_hole_in_it():
+    """Between two lines the sphere had come down beside a rod, and passed 0.08 mm above the plate."""
+    xs, ys = np.arange(-0.03, 0.0301, 0.01), np.arange(-0.03, 0.0301, 0.0005)
+    lines = np.array([(x, y, 0.0048) for x in xs for y in ys if abs(x - 0.01) > 1e-6 or abs(y) > 0.007])
+    sides = [np.column_stack([np.full(len(ys), sign * 0.0335), ys, np.full(len(ys), 0.004)]) for sign in (-1.0, 1.0)]
+    points, normals = np.vstack([lines, *sides]), np.zeros((len(lines) + 2 * len(ys), 3))
+    normals[: len(lines), 2], normals[len(lines) :, 0] = 1.0, np.repeat([-1.0, 1.0], len(ys))
+    over = np.array([(0.01, y, 0.0118) for y in np.arange(-0.007, 0.0071, 0.0005)])
+    beside = np.array([(x, 0.003, 0.00988) for x in np.arange(0.003, 0.0101, 0.0005)])
+    free = np.vstack([over, [[0.01, 0.003, 0.0118]], beside[::-1]])
+    record = TouchRecord(
+        points, normals=normals, free_path=free, free_gap=0.003, probe_radius=0.005, table=0.0, lowest=0.0084,
+        pitch=0.01,
+    )  # fmt: skip
+    mesh = surface(record, compare=False).mesh
+    near = np.hypot(mesh.vertices[:, 0] - 0.01, mesh.vertices[:, 1]) < 0.012
+    assert mesh.vertices[near & (mesh.vertices[:, 2] > 1e-4), 2] == pytest.approx(0.0048, abs=3e-4)

@@ -152,6 +152,19 @@ def test_the_inner_wall_of_a_hollow_does_not_speak_against_a_wall():
     assert (both[:, 0] > 0.0).sum() == len(upright(points, normals))
 
 
+def test_what_stands_beyond_a_slot_does_not_speak_against_a_wall():
+    points, normals = block(0.04, 0.05, 0.04)
+    alone = upright(points, normals)
+    ys = np.arange(-0.02, 0.0201, 0.001)
+    far_side = np.column_stack([np.full(len(ys), 0.057), ys, np.full(len(ys), 0.03)])  # of a fin before the wall
+    points, normals = np.vstack([points, far_side]), np.vstack([normals, np.tile([1.0, 0.0, 0.0], (len(ys), 1))])
+    assert len(upright(points, normals)) < len(alone), "it may be that of a boss on the wall"
+    near_side = far_side - [0.004, 0.0, 0.0]
+    points, normals = np.vstack([points, near_side]), np.vstack([normals, np.tile([-1.0, 0.0, 0.0], (len(ys), 1))])
+    far = np.abs(alone[:, 2] - 0.03) > 0.007  # from the contacts on the fin: beside them none is needed
+    assert np.array_equal(upright(points, normals), alone[far])
+
+
 def test_few_strokes_over_flat_faces_make_a_better_mesh(monkeypatch):
     file = np.load(Path(__file__).parent / "recorded" / "bridge.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from lwrprobe.contracts import InputError, SceneError
 from lwrprobe.scene import load_scene, scene_names
 from lwrprobe.scene import program as layout
+from lwrprobe.scene.shape import Box
 from lwrprobe.scene.solid import Solid
 from lwrprobe.scene.solid_kernels import nearest, outside_bounds, sphere_contacts
 from lwrprobe.scene.surface_kernels import surface_gradient, surface_value, tree_value
@@ -236,6 +237,26 @@ def test_each_contact_names_its_object():
 def test_objects_that_share_a_face_have_no_boundary_there():
     solid = load_scene("stacked_blocks").solid()
     assert solid.signed_distance(np.array([[0.0, 0.0, 0.05], [0.0, 0.0, 0.0501]])) == pytest.approx([-0.025, -0.025])
+
+
+def test_the_edge_of_flush_parts_is_touched_where_their_faces_are_a_fraction_of_a_micrometre_apart():
+    """With places rounded to a micrometre, the sphere had sunk in there without a force: "the object has moved"."""
+    yaw = (0.0, 0.0, 338.0)
+    along, across = Pose(rpy_deg=yaw).matrix()[:3, :2].T
+    fin = Pose(xyz=tuple((0.043 * along + [0.0, 0.0, 0.024]).round(6)), rpy_deg=yaw)
+    solid = Solid.from_shapes(
+        [
+            Box(shape="box", size=(0.09, 0.024, 0.01), at=Pose(xyz=(0.0, 0.0, 0.005), rpy_deg=yaw)),
+            Box(shape="box", size=(0.004, 0.024, 0.032), at=fin),
+        ]
+    )
+    out = (along - across) / np.sqrt(2.0)
+    for height in np.linspace(0.004, 0.03, 53):
+        centre = 0.045 * along - 0.012 * across + 0.0045 * out + [0.0, 0.0, height]
+        touch = solid.touch(centre, RADIUS)
+        assert touch.depths.max(initial=0.0) == pytest.approx(0.0005, abs=2e-6), height
+        assert touch.normals[touch.depths.argmax()] == pytest.approx(out, abs=1e-3)
+        assert solid.signed_distance(centre[None]) == pytest.approx(0.0045, abs=2e-6)
 
 
 def test_edges_and_corners_are_counted_once():

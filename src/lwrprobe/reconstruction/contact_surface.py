@@ -323,10 +323,11 @@ def _outer_field(
     near = (grid.nearest(data.points, _NEAR * pitch) >= 0) | (data.normals[nearest, 2] < LEANING) & (nearest >= 0)
     near |= (nearest >= 0) & (grid.nearest(lower.points, _NEAR_OVERHANG * pitch) >= 0)
     source, values = nearest[near], evidence.bound.copy()
-    # Away from the surface only the sign counts: the nearest tangent plane has it.
+    # Away from the surface only the sign counts. The nearest tangent plane has it, unless it is that of a slot's other
+    # side: for that one what is solid here is free.
     offset = grid.origin + grid.step * np.argwhere(near) - data.points[source]
     values[near] = np.einsum("ij,ij->i", offset, data.normals[source])
-    near &= np.abs(values) < max(_BAND * pitch, 2.0 * grid.step)
+    near &= (np.abs(values) < max(_BAND * pitch, 2.0 * grid.step)) | (values * evidence.bound < 0.0)
     first = int(np.ceil((touches.lowest - grid.origin[2]) / grid.step)) if touches.table is not None else 0
     overhung = grid.nearest(data.points[data.normals[:, 2] < LEANING], _NEAR * pitch) >= 0
     near[:, :, :first] &= overhung[:, :, :first]

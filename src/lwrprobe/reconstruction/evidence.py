@@ -43,6 +43,8 @@ _ALIKE = 0.8  # cosine between a guess's direction and the normals of contacts t
 LEANING = -0.15  # z of the normals of contacts under which the surface goes on inwards; less is noise
 _FAR_BELOW = 1.5  # of the reach: how far under such contacts
 _TOWARDS = 0.3  # cosine between such a normal and the direction of a guess that it makes needless
+_STRAIGHT = 0.7  # cosine between a guess's direction, along a face, and the way to contacts before and behind it
+_STEP = 0.05  # of the reach: contacts that far from one plane at most are on one face
 _CERTAIN = 0.3
 """Share of the field's deviation without contacts, up to which these say where the surface is: a pitch beside them."""
 _TRUSTED = 4.0
@@ -94,7 +96,8 @@ def gather(
         _, at = distance_transform_edt(marks < 0, return_indices=True)
         at = tuple(at)
         place = source[np.maximum(marks[at], 0)]
-        place[..., 2] = grid.origin[2] + grid.step * at[2]
+        height = grid.origin[2] + grid.step * at[2]  # along its column, and where it was itself in its own node
+        place[..., 2] = np.where(np.abs(height - place[..., 2]) > 0.5 * grid.step, height, place[..., 2])
         places.append(place)
         if marks is solid:
             contact = marks[at]
@@ -160,7 +163,8 @@ def _bound(
     certain &= _beside(known, place, direction)
     # However sure the arcs of lines far above are of a guess: they know of no overhang.
     kept = ~_under(known, place, direction)
-    sure = np.flatnonzero(kept & (certain | trusted & _between(known, place, direction)))
+    between = _between(known, place, direction) | _across(known, place, direction)
+    sure = np.flatnonzero(kept & (certain | trusted & between))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
     kept[sure[(at_end >= 0.0) & ((at_start <= 0.0) | certain[sure])]] = False
     beyond = sure[(at_start <= 0.0) & (at_end < 0.0)]
@@ -183,10 +187,13 @@ def _beside(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np
     """(n,) bool: the contacts nearest to places (n, 3) face the way of `direction` (n, 3), not that of a face before an
     edge.
     """
+    return np.asarray(np.einsum("ij,ij->i", _nearest_normals(known, place), direction) > _ALIKE)
+
+
+def _nearest_normals(known: HermiteField, place: np.ndarray) -> np.ndarray:
     from scipy.spatial import cKDTree
 
-    nearest = known.data.normals[cKDTree(known.data.points).query(place)[1]]
-    return np.asarray(np.einsum("ij,ij->i", nearest, direction) > _ALIKE)
+    return known.data.normals[cKDTree(known.data.points).query(place)[1]]
 
 
 def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -200,6 +207,27 @@ def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> n
         aside = known.data.points[alike] - place[i]
         aside -= np.outer(aside @ direction[i], direction[i])
         found[i] = bool((aside @ aside.T < 0.0).any())
+    return found
+
+
+def _across(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(n,) bool: before and behind places (n, 3), along `direction` (n, 3), contacts lie on one face.
+
+    It leads across there, and what the sphere passed right over it is no hole in it.
+    """
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(known.data.points).query_ball_point(place, _BESIDE * known.reach)
+    found = np.zeros(len(place), dtype=bool)
+    for i, (rows, normal) in enumerate(zip(near, _nearest_normals(known, place))):
+        alike = np.array(rows, dtype=np.int64)[known.data.normals[rows] @ normal > _ALIKE]
+        aside = known.data.points[alike] - place[i]
+        height = aside @ normal
+        aside -= np.outer(height, normal)
+        onward = direction[i] - (direction[i] @ normal) * normal
+        along = aside @ onward / np.maximum(np.linalg.norm(aside, axis=1) * np.linalg.norm(onward), 1e-12)
+        steps = np.subtract.outer(height[along > _STRAIGHT], height[along < -_STRAIGHT])
+        found[i] = bool((np.abs(steps) < _STEP * known.reach).any())
     return found
 
 

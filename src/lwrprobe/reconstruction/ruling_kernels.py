@@ -6,6 +6,8 @@ import numpy as np
 
 from lwrprobe.compiled import kernel
 
+_FACES = 0.3  # cosine between a touch's normal and a ruling's, from which on the touch faces as that does
+
 
 @kernel
 def best_rulings(centres, normals, shortest, longest, cosine, offset, grow, origin, cell, worth, ends, share):
@@ -50,13 +52,32 @@ def best_rulings(centres, normals, shortest, longest, cosine, offset, grow, orig
 
 
 @kernel
+def _beside(point, begin, finish, normal, length, width):
+    """m, height of a point above a ruling's surface; NaN farther beside it than `width` m, less at its ends."""
+    along, height, squared = 0.0, 0.0, 0.0
+    for m in range(3):
+        step = point[m] - begin[m]
+        along += step * (finish[m] - begin[m]) / length
+        height += step * normal[m]
+        squared += step * step
+    beside = np.sqrt(max(squared - along * along - height * height, 0.0))
+    return np.nan if beside > min(width, along, length - along) else height
+
+
+@kernel
+def _alike(one, other):
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@kernel
 def refuted(begin, finish, normals, points, facing, width, tolerance, radius, deep, out):
     """Mark rulings (n,) in `out` beside which something shows that the surface is not there.
 
     They run from `begin` to `finish` (n, 3) on a surface with `normals` (n, 3). A point (k, 3) within `width` m of one
     counts when it is off the surface by more than `tolerance` m; near the ends the width is less. With `facing` (k, 3)
     it was touched, and counts where it faces about the same way; the sphere rolling over an edge, on an arc of its
-    `radius`, does not. Without, (0, 3), the sphere has passed it, and it counts below the surface. Either counts down
+    `radius`, does not, nor does what lies beyond a face towards the ruling: that is another part of the object, or the
+    other side of a slot. Without, (0, 3), the sphere has passed it, and it counts below the surface. Either counts down
     to `deep` (n,) m below.
     """
     touched = facing.shape[0] > 0
@@ -65,24 +86,25 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
         for m in range(3):
             length += (finish[i, m] - begin[i, m]) ** 2
         length = np.sqrt(length)
+        above, below = np.inf, deep[i]  # up to where a touch counts, off the surface
+        if touched:
+            for k in range(points.shape[0]):
+                if _alike(facing[k], normals[i]) < -_FACES:
+                    height = _beside(points[k], begin[i], finish[i], normals[i], length, width)
+                    if height > 0.0:
+                        above = min(above, height)
+                    elif height <= 0.0:
+                        below = min(below, -height)
         for k in range(points.shape[0]):
-            along, height, squared = 0.0, 0.0, 0.0
-            for m in range(3):
-                step = points[k, m] - begin[i, m]
-                along += step * (finish[i, m] - begin[i, m]) / length
-                height += step * normals[i, m]
-                squared += step * step
-            beside = np.sqrt(max(squared - along * along - height * height, 0.0))
-            if beside > min(width, along, length - along):
+            height = _beside(points[k], begin[i], finish[i], normals[i], length, width)
+            if np.isnan(height):
                 continue
             if touched:
-                alike = 0.0
-                for m in range(3):
-                    alike += facing[k, m] * normals[i, m]
+                alike = _alike(facing[k], normals[i])
                 arc = 2.0 * radius * (1.0 - alike)
-                wrong = alike > 0.3 and (height > tolerance or -deep[i] < height < -tolerance - arc)
+                wrong = alike > _FACES and (tolerance < height < above or -below < height < -tolerance - arc)
             else:
-                wrong = -deep[i] < height < -tolerance
+                wrong = -below < height < -tolerance
             if wrong:
                 out[i] = True
                 break

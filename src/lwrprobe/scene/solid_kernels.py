@@ -45,7 +45,7 @@ from lwrprobe.scene.surface_kernels import (
 )
 
 _SKIN = 1e-8  # m, how far beside a point membership is asked
-_SAME = 1e-7  # m, contacts closer than this are one
+_SAME = 2e-6  # m, contacts closer than this are one: the edges of two faces that are all but flush
 _TURNS = 8  # directions tried from a point on an axis
 
 
