@@ -252,3 +252,18 @@ def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touch
         for y in np.arange(-0.02, 0.0201, 0.001):
             touch(memory, 0.0, y, 0.0, 0.0)
         assert not hollow_floors(memory.contacts(), memory.trail(), *given[2:]), "it has been touched"
+
+
+def test_space_that_is_not_known_is_no_wall():
+    """Beside two stacked blocks, where the body may come down here and there, such lines took 256 s."""
+    memory = ContactMemory()
+    for y in np.arange(-0.1, 0.1001, 0.001):
+        memory.passed(np.array([0.0, y, HEIGHT]), 0.0)
+        touch(memory, 0.02, y, WALL, 0.02)  # the top of what the line leads along
+
+    class Here(Beside):
+        def lowest_at(self, line, rotation):
+            places, _ = super().lowest_at(line, rotation)
+            return places, np.where(np.abs(places) < 0.02, 0.0, HEIGHT)
+
+    assert hollow_floors(memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Here()) == []

@@ -96,7 +96,8 @@ def gather(
         _, at = distance_transform_edt(marks < 0, return_indices=True)
         at = tuple(at)
         place = source[np.maximum(marks[at], 0)]
-        height = grid.origin[2] + grid.step * at[2]  # along its column, and where it was itself in its own node
+        # It counts along its column; in its own node it is where it was, no half cell below.
+        height = grid.origin[2] + grid.step * at[2]
         place[..., 2] = np.where(np.abs(height - place[..., 2]) > 0.5 * grid.step, height, place[..., 2])
         places.append(place)
         if marks is solid:

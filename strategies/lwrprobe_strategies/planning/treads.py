@@ -58,7 +58,7 @@ def treads(
     pitch : m, between two lines
     body : where the body may be
     """
-    return _lines(contacts, trail, axis, places, task, pitch, body, lambda touched, passed, lowest: touched)
+    return _lines(contacts, trail, axis, places, task, pitch, body, lambda touched, passed, lowest, walls: touched)
 
 
 def hollow_floors(
@@ -76,12 +76,12 @@ def hollow_floors(
     """
     radius, floor = task.probe.radius, float(task.area.lower[Z])
 
-    def expected(touched: np.ndarray, passed: np.ndarray, lowest: np.ndarray) -> np.ndarray:
+    def expected(touched: np.ndarray, passed: np.ndarray, lowest: np.ndarray, walls: np.ndarray) -> np.ndarray:
         centre = np.maximum(lowest, floor) + ROUNDING
-        return np.where(np.isinf(touched) & (passed > centre + DEEP * pitch), centre - radius, np.inf)
+        hollow = np.isinf(touched) & (passed > centre + DEEP * pitch) & (walls > centre + radius)
+        return np.where(hollow, centre - radius, np.inf)
 
-    lines = _lines(contacts, trail, axis, places, task, pitch, body, expected)
-    return [line for line in lines if line.on_surface]
+    return _lines(contacts, trail, axis, places, task, pitch, body, expected)
 
 
 def _lines(
@@ -92,10 +92,11 @@ def _lines(
     task: Task,
     pitch: float,
     body: BodySpace,
-    expected: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    expected: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray],
 ) -> list[Line]:
     """As `treads`, with what is `expected` at each place of a line, (n,) m, inf where nothing is: from the heights of
-    the treads touched around it, of the sphere that has passed, and of the sphere below which the body may not come.
+    the treads touched around it, of the sphere that has passed, of the sphere below which the body may not come, and
+    of the lower one of what the line meets before and behind it.
     """
     if axis == X:
         contacts, trail = contacts[:, MIRRORED], trail[:, MIRRORED]
@@ -107,9 +108,10 @@ def _lines(
         ys, lowest = body.lowest_at(whole, task.orientation)
         own = trail[np.abs(trail[:, X] - place) < ON_LINE]
         passed = _lowest_within(own[:, :3], place, ys, CELL)
-        tread = expected(_lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch), passed, lowest)
         wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
+        walls = np.minimum(np.maximum.accumulate(tall), np.maximum.accumulate(tall[::-1])[::-1])
+        tread = expected(_lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch), passed, lowest, walls)
         beside = _lowest_within(trail[:, :3], place, ys, 0.5 * pitch)
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= (lowest < tread + radius) & (beside > tread + radius - ALIKE)
