@@ -23,7 +23,6 @@ _SHORTEST = 1e-7  # m, stretches below it are rounding
 _STEP = 0.0005  # m, between points of a general curve
 _TOGETHER = 16  # pieces of a general curve behind one ball
 _SAME = 1e-7  # m, corners closer than this are one
-_LEDGE = 2e-6  # m, by which faces may stand out that are meant to be flush: places are often rounded to a micrometre
 
 
 @dataclass(slots=True)
@@ -247,7 +246,7 @@ class Tracer:
 
     def _judge(self, point: np.ndarray, i: int, j: int) -> list[tuple]:
         x, y, z = point
-        if not all(on_patch(self.packed[0], k, x, y, z, _LEDGE) for k in (i, j)):
+        if not all(on_patch(self.packed[0], k, x, y, z, _SAME) for k in (i, j)):
             return []
         out = np.empty((4, 3))
         count = edge_sectors(*self.packed, i, j, point, _REACH, _SKIN, out)
