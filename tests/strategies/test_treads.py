@@ -242,7 +242,8 @@ def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touch
             return places, np.maximum(needed, lowest)
 
     given = memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Above()
-    lines = hollow_floors(*given)
+    floors = hollow_floors(task(), PITCH)
+    lines = treads(*given, floors)
     assert len(lines) == count
     for line in lines:
         assert line.on_surface
@@ -251,7 +252,7 @@ def test_between_walls_a_line_comes_down_to_the_floor_of_which_nothing_was_touch
         assert -0.03 < min(line.begin, line.end) < -0.01 < 0.01 < max(line.begin, line.end) < 0.03
         for y in np.arange(-0.02, 0.0201, 0.001):
             touch(memory, 0.0, y, 0.0, 0.0)
-        assert not hollow_floors(memory.contacts(), memory.trail(), *given[2:]), "it has been touched"
+        assert not treads(memory.contacts(), memory.trail(), *given[2:], floors), "it has been touched"
 
 
 def test_space_that_is_not_known_is_no_wall():
@@ -266,4 +267,5 @@ def test_space_that_is_not_known_is_no_wall():
             places, _ = super().lowest_at(line, rotation)
             return places, np.where(np.abs(places) < 0.02, 0.0, HEIGHT)
 
-    assert hollow_floors(memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Here()) == []
+    given = memory.contacts(), memory.trail(), Y, np.zeros(1), task(), PITCH, Here()
+    assert treads(*given, hollow_floors(task(), PITCH)) == []

@@ -15,7 +15,7 @@ below what the stick lets the sphere reach: there each guess is dropped.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,13 +159,19 @@ def _bound(
 
     `place` (n, 3) and `deviation` (n,) are changed in place.
     """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(known.data.points)
+    distance, nearest = tree.query(place)
+    facing = known.data.normals[nearest]
     own = known.deviations(place)
     certain, trusted = own < _CERTAIN * np.sqrt(known.variance), own < _TRUSTED * deviation
-    certain &= _beside(known, place, direction)
+    certain &= np.einsum("ij,ij->i", facing, direction) > _ALIKE  # not those of a face before an edge
     # However sure the arcs of lines far above are of a guess: they know of no overhang.
-    kept = ~_under(known, place, direction)
-    between = _between(known, place, direction) | _across(known, place, direction)
-    sure = np.flatnonzero(kept & (certain | trusted & between))
+    kept = ~_under(facing, direction, distance, known.reach)
+    near = tree.query_ball_point(place, _BESIDE * known.reach)
+    led = _between(known.data, near, place, direction) | _across(known, near, place, direction, facing)
+    sure = np.flatnonzero(kept & (certain | trusted & led))
     at_start, at_end = known.values_near(place[sure], np.stack([start[sure], end[sure]], axis=1)).T
     kept[sure[(at_end >= 0.0) & ((at_start <= 0.0) | certain[sure])]] = False
     beyond = sure[(at_start <= 0.0) & (at_end < 0.0)]
@@ -174,62 +180,47 @@ def _bound(
     return kept
 
 
-def _under(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(n,) bool: the contacts nearest to places (n, 3) lean down, and not against `direction` (n, 3)."""
-    from scipy.spatial import cKDTree
-
-    distance, nearest = cKDTree(known.data.points).query(place)
-    normals = known.data.normals[nearest]
-    towards = np.einsum("ij,ij->i", normals, direction) > _TOWARDS
-    return (normals[:, 2] < LEANING) & towards & (distance < _FAR_BELOW * known.reach)
+def _under(facing: np.ndarray, direction: np.ndarray, distance: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) bool: the nearest contacts, with normals `facing` (n, 3), lean down, and not against `direction` (n, 3)."""
+    towards = np.einsum("ij,ij->i", facing, direction) > _TOWARDS
+    return (facing[:, 2] < LEANING) & towards & (distance < _FAR_BELOW * reach)
 
 
-def _beside(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(n,) bool: the contacts nearest to places (n, 3) face the way of `direction` (n, 3), not that of a face before an
-    edge.
+def _between(known: HermiteData, near: Sequence[list[int]], place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(n,) bool: of the contacts `near` places (n, 3), some on two sides face the way of `direction` (n, 3): no edge
+    lies there.
     """
-    return np.asarray(np.einsum("ij,ij->i", _nearest_normals(known, place), direction) > _ALIKE)
-
-
-def _nearest_normals(known: HermiteField, place: np.ndarray) -> np.ndarray:
-    from scipy.spatial import cKDTree
-
-    return known.data.normals[cKDTree(known.data.points).query(place)[1]]
-
-
-def _between(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(n,) bool: contacts on two sides of places (n, 3) face the way of `direction` (n, 3): no edge lies there."""
-    from scipy.spatial import cKDTree
-
-    near = cKDTree(known.data.points).query_ball_point(place, _BESIDE * known.reach)
     found = np.zeros(len(place), dtype=bool)
     for i, rows in enumerate(near):
-        alike = np.array(rows, dtype=np.int64)[known.data.normals[rows] @ direction[i] > _ALIKE]
-        aside = known.data.points[alike] - place[i]
-        aside -= np.outer(aside @ direction[i], direction[i])
+        aside, _ = _aside(known, rows, place[i], direction[i])
         found[i] = bool((aside @ aside.T < 0.0).any())
     return found
 
 
-def _across(known: HermiteField, place: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(n,) bool: before and behind places (n, 3), along `direction` (n, 3), contacts lie on one face.
+def _across(
+    known: HermiteField, near: Sequence[list[int]], place: np.ndarray, direction: np.ndarray, facing: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: of the contacts `near` places (n, 3), some before and some behind, along `direction` (n, 3), lie on
+    one face with the nearest one, whose normals are `facing` (n, 3).
 
     It leads across there, and what the sphere passed right over it is no hole in it.
     """
-    from scipy.spatial import cKDTree
-
-    near = cKDTree(known.data.points).query_ball_point(place, _BESIDE * known.reach)
     found = np.zeros(len(place), dtype=bool)
-    for i, (rows, normal) in enumerate(zip(near, _nearest_normals(known, place))):
-        alike = np.array(rows, dtype=np.int64)[known.data.normals[rows] @ normal > _ALIKE]
-        aside = known.data.points[alike] - place[i]
-        height = aside @ normal
-        aside -= np.outer(height, normal)
-        onward = direction[i] - (direction[i] @ normal) * normal
+    for i, rows in enumerate(near):
+        aside, height = _aside(known.data, rows, place[i], facing[i])
+        onward = direction[i] - (direction[i] @ facing[i]) * facing[i]
         along = aside @ onward / np.maximum(np.linalg.norm(aside, axis=1) * np.linalg.norm(onward), 1e-12)
         steps = np.subtract.outer(height[along > _STRAIGHT], height[along < -_STRAIGHT])
         found[i] = bool((np.abs(steps) < _STEP * known.reach).any())
     return found
+
+
+def _aside(known: HermiteData, rows: list[int], place: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the contacts in `rows` those that face the way of a normal: (k, 3) m beside a place, and (k,) m above it."""
+    alike = np.array(rows, dtype=np.int64)[known.normals[rows] @ normal > _ALIKE]
+    aside = known.points[alike] - place
+    height = aside @ normal
+    return aside - np.outer(height, normal), height
 
 
 @dataclass(slots=True, frozen=True)

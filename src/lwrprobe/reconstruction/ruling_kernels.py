@@ -87,14 +87,13 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
             length += (finish[i, m] - begin[i, m]) ** 2
         length = np.sqrt(length)
         above, below = np.inf, deep[i]  # up to where a touch counts, off the surface
-        if touched:
-            for k in range(points.shape[0]):
-                if _alike(facing[k], normals[i]) < -_FACES:
-                    height = _beside(points[k], begin[i], finish[i], normals[i], length, width)
-                    if height > 0.0:
-                        above = min(above, height)
-                    elif height <= 0.0:
-                        below = min(below, -height)
+        for k in range(facing.shape[0]):
+            if _alike(facing[k], normals[i]) < -_FACES:
+                height = _beside(points[k], begin[i], finish[i], normals[i], length, width)
+                if height > 0.0:
+                    above = min(above, height)
+                elif height <= 0.0:  # not where it is farther beside the ruling
+                    below = min(below, -height)
         for k in range(points.shape[0]):
             height = _beside(points[k], begin[i], finish[i], normals[i], length, width)
             if np.isnan(height):

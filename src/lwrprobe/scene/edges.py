@@ -23,6 +23,7 @@ _SHORTEST = 1e-7  # m, stretches below it are rounding
 _STEP = 0.0005  # m, between points of a general curve
 _TOGETHER = 16  # pieces of a general curve behind one ball
 _SAME = 1e-7  # m, corners closer than this are one
+_LEDGE = 2e-6  # m, by which faces may stand out that are meant to be flush: places are often rounded to a micrometre
 
 
 @dataclass(slots=True)
@@ -188,7 +189,9 @@ class Tracer:
             cuts = np.concatenate([cuts[1:-1], cuts[1:2] + period])
         marks: list[tuple[float, float, tuple]] = []
         for begin, end in pairwise(cuts):
-            kinds = self._judge(self._at(curve, 0.5 * (begin + end)), i, j)
+            # A stretch not much longer than a ledge is one, beyond the end of an edge.
+            long = np.linalg.norm(self._at(curve, end) - self._at(curve, begin)) > 10.0 * _LEDGE
+            kinds = self._judge(self._at(curve, 0.5 * (begin + end)), i, j, _LEDGE if long else _SAME)
             for kind in kinds:
                 joined = next((m for m in marks if m[1] == begin and m[2] == kind), None)
                 if joined:
@@ -244,9 +247,9 @@ class Tracer:
                 low, at_low, at_high = middle, value[0], 0.5 * at_high
         return 0.5 * (low + high)
 
-    def _judge(self, point: np.ndarray, i: int, j: int) -> list[tuple]:
+    def _judge(self, point: np.ndarray, i: int, j: int, slack: float) -> list[tuple]:
         x, y, z = point
-        if not all(on_patch(self.packed[0], k, x, y, z, _SAME) for k in (i, j)):
+        if not all(on_patch(self.packed[0], k, x, y, z, slack) for k in (i, j)):
             return []
         out = np.empty((4, 3))
         count = edge_sectors(*self.packed, i, j, point, _REACH, _SKIN, out)

@@ -45,7 +45,7 @@ from lwrprobe.scene.surface_kernels import (
 )
 
 _SKIN = 1e-8  # m, how far beside a point membership is asked
-_SAME = 1e-7  # m, contacts closer than this are one
+_SAME = 2e-6  # m, contacts closer than this are one: the edges of two faces that are all but flush
 _TURNS = 8  # directions tried from a point on an axis
 
 
@@ -132,8 +132,6 @@ def sphere_contacts(numbers, indices, centre, radius, points, normals, parts):
         count = _face_contacts(numbers, indices, at, radius, contacts)
         count = _edge_contacts(numbers, indices, at, radius, contacts, count)
         count = _corner_contacts(numbers, indices, at, radius, contacts, count)
-        if count == 0:
-            count = _nearest_contact(numbers, indices, at, radius, contacts)
     for m in range(indices[MESHES]):
         count = mesh_contacts(numbers, indices, m, at, radius, contacts, count)
     if indices[MESHES] > 0:
@@ -225,17 +223,6 @@ def _corner_contacts(numbers, indices, centre, radius, contacts, count):
             part = surface_part(numbers, indices[indices[INCIDENCE + 2] + first])
             count = _add(centre, (px, py, pz), (dx, dy, dz), radius, part, contacts, count)
     return count
-
-
-@kernel
-def _nearest_contact(numbers, indices, centre, radius, contacts):
-    """The nearest boundary point alone: of faces less than a micrometre apart each can hide an edge of the other."""
-    x, y, z = centre
-    distance, px, py, pz, k = _nearest_edge(numbers, indices, centre, _nearest_face(numbers, indices, x, y, z))
-    if not distance < radius:
-        return 0
-    normal = _away(numbers, indices, centre, (px, py, pz), 1.0, distance, k)
-    return _add(centre, (px, py, pz), normal, radius, surface_part(numbers, k), contacts, 0)
 
 
 @kernel

@@ -257,8 +257,9 @@ class GapPlanner:
         assert body is not None
         body.survey()
         contacts, trail, lines = self._memory.contacts(), self._memory.trail(), []
+        floors = hollow_floors(self._task, self._spacing)
         for axis, places in ((Y, self._grid_x), (X, self._across())):
-            lines += hollow_floors(contacts, trail, axis, places, self._task, self._spacing, body)
+            lines += treads(contacts, trail, axis, places, self._task, self._spacing, body, floors)
         for line in sorted(lines, key=lambda line: abs(line.end - line.begin), reverse=True):
             if new := self._not_planned_before([line], self._treads):
                 return new

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +41,23 @@ MIRRORED = [1, 0, 2, 4, 3, 5, 7, 6, 8, 9]
 """Columns of a row with x and y exchanged."""
 
 
+class Along(NamedTuple):
+    """What is known of the places along a line, (n,) m each.
+
+    Attributes
+    ----------
+    tread : height of the lowest tread that was touched around a place, inf where none was
+    passed : of the lowest centre of the sphere on the line, inf where it has not been
+    lowest : of the sphere's centre, below which the body may not come
+    walls : of the lower one of what the line meets before and behind the place, -inf where one is missing
+    """
+
+    tread: np.ndarray
+    passed: np.ndarray
+    lowest: np.ndarray
+    walls: np.ndarray
+
+
 def treads(
     contacts: np.ndarray,
     trail: np.ndarray,
@@ -47,6 +66,7 @@ def treads(
     task: Task,
     pitch: float,
     body: BodySpace,
+    expected: Callable[[Along], np.ndarray] = attrgetter("tread"),
 ) -> list[Line]:
     """Lines along an axis at `places` (n,) m, over each stretch where a tread goes on that no line has come down to.
 
@@ -57,46 +77,7 @@ def treads(
     contacts, trail : (m, 10) and (k, 10) as in `ContactMemory.contacts` and `ContactMemory.trail`
     pitch : m, between two lines
     body : where the body may be
-    """
-    return _lines(contacts, trail, axis, places, task, pitch, body, lambda touched, passed, lowest, walls: touched)
-
-
-def hollow_floors(
-    contacts: np.ndarray,
-    trail: np.ndarray,
-    axis: int,
-    places: np.ndarray,
-    task: Task,
-    pitch: float,
-    body: BodySpace,
-) -> list[Line]:
-    """As `treads`, over the floors between walls of which nothing was touched: as low as the body may come.
-
-    What is not between walls is left to the lines on the floor, which come from the border.
-    """
-    radius, floor = task.probe.radius, float(task.area.lower[Z])
-
-    def expected(touched: np.ndarray, passed: np.ndarray, lowest: np.ndarray, walls: np.ndarray) -> np.ndarray:
-        centre = np.maximum(lowest, floor) + ROUNDING
-        hollow = np.isinf(touched) & (passed > centre + DEEP * pitch) & (walls > centre + radius)
-        return np.where(hollow, centre - radius, np.inf)
-
-    return _lines(contacts, trail, axis, places, task, pitch, body, expected)
-
-
-def _lines(
-    contacts: np.ndarray,
-    trail: np.ndarray,
-    axis: int,
-    places: np.ndarray,
-    task: Task,
-    pitch: float,
-    body: BodySpace,
-    expected: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray],
-) -> list[Line]:
-    """As `treads`, with what is `expected` at each place of a line, (n,) m, inf where nothing is: from the heights of
-    the treads touched around it, of the sphere that has passed, of the sphere below which the body may not come, and
-    of the lower one of what the line meets before and behind it.
+    expected : how high a tread is expected along a line, (n,) m, inf where none is: as it was touched around there
     """
     if axis == X:
         contacts, trail = contacts[:, MIRRORED], trail[:, MIRRORED]
@@ -111,7 +92,7 @@ def _lines(
         wall = contacts[:, POINT]
         tall = -_lowest_within(wall * (1.0, 1.0, -1.0), place, ys, radius + BESIDE)
         walls = np.minimum(np.maximum.accumulate(tall), np.maximum.accumulate(tall[::-1])[::-1])
-        tread = expected(_lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch), passed, lowest, walls)
+        tread = expected(Along(_lowest_within(flat[:, POINT], place, ys, GOES_ON * pitch), passed, lowest, walls))
         beside = _lowest_within(trail[:, :3], place, ys, 0.5 * pitch)
         left = np.isfinite(tread) & (passed > tread + radius + PASSED) & (tall < tread + ALIKE)
         left &= (lowest < tread + radius) & (beside > tread + radius - ALIKE)
@@ -125,6 +106,21 @@ def _lines(
                 ends = bars | (passed < top + radius + PASSED)
                 lines.append(_line_over(first, last, line, ys, np.minimum(passed, area.upper[Z]), bars, ends, wall))
     return lines
+
+
+def hollow_floors(task: Task, pitch: float) -> Callable[[Along], np.ndarray]:
+    """What is `expected` of the floors between walls of which nothing was touched: as low as the body may come.
+
+    What is not between walls is left to the lines on the floor, which come from the border.
+    """
+    radius, floor = task.probe.radius, float(task.area.lower[Z])
+
+    def expected(known: Along) -> np.ndarray:
+        centre = np.maximum(known.lowest, floor) + ROUNDING
+        hollow = np.isinf(known.tread) & (known.passed > centre + DEEP * pitch) & (known.walls > centre + radius)
+        return np.where(hollow, centre - radius, np.inf)
+
+    return expected
 
 
 def _line_over(
