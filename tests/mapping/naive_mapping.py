@@ -258,6 +258,11 @@ def lowered(heights, at, below, height):
 
 def bridged(heights, known, touched, hidden):
     """The heights where known, and between two known squares in a row the tallest beside either; square by square."""
+    found = _bridged(heights, known, touched, hidden, False)
+    return _bridged(found, found < np.inf, touched, hidden, True)
+
+
+def _bridged(heights, known, touched, hidden, nearest):
     found = np.where(known, heights, np.inf)
     for flip in (False, True):
         seen, good, met, out = (array.T if flip else array for array in (heights, known, touched, found))
@@ -266,6 +271,8 @@ def bridged(heights, known, touched, hidden):
             for begin, end in product(rows[rows < at], rows[rows > at]):
                 gap = int(end - begin)
                 if gap >= len(hidden) or met[begin + 1 : end, across].any():
+                    continue
+                if nearest and good[begin + 1 : end, across].any():
                     continue
                 half = (gap + 1) // 2
                 near = np.s_[[begin, end], max(across - half, 0) : across + half + 1]

@@ -141,7 +141,7 @@ def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():
     chance = np.random.default_rng(8)
     for _ in range(20):
         view = PlanView((23, 17), np.inf)
-        stood = chance.random((23, 17)) < 0.2
+        stood = chance.random((23, 17)) < 0.12
         view.heights[stood] = chance.uniform(0.0, TOP, stood.sum())
         view.heights[0], view.heights[:, -1] = -np.inf, -np.inf
         known = view.heights < 0.8 * TOP
@@ -150,6 +150,22 @@ def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():
         np.testing.assert_array_equal(found, naive.bridged(view.heights, known, touched, hidden))
         assert (found < np.inf).sum() > known.sum() + 20
         assert np.isinf(found).any()
+
+
+def test_a_hole_that_the_end_of_a_line_leaves_is_closed_from_both_sides_and_nothing_wider_is():
+    def known(missing):
+        view = PlanView((41, 31), np.inf)
+        view.heights[::10] = 0.02
+        view.heights[10, missing] = np.inf
+        lines = view.heights < np.inf
+        return view.bridged(lines, lines & False, np.zeros(12))
+
+    lines = known(slice(0, 0))
+    assert (lines == 0.02).all()
+    np.testing.assert_array_equal(known(slice(12, 20)), lines)
+    gone = np.isinf(known(slice(5, 20)))
+    assert gone[1:20, 5:20].all(), "lines farther apart than the spacing show nothing between"
+    assert gone.sum() == 19 * 15
 
 
 def test_around_where_the_body_was_it_is_no_taller():

@@ -66,11 +66,16 @@ class PlanView:
         it, across the row, half as far as both are apart. Where one of both is `touched` (n, m) it is taller by what
         may be `hidden` (k,) m between squares that are 0 to k - 1 squares apart; nothing is assumed between others.
         Known squares in between do not matter unless they are touched: the sphere may have passed higher there.
+        What is left between known squares and such places, along x or along y, is bridged likewise: the end of a line
+        that was given up leaves a hole between its neighbours.
         """
         known, touched = (np.ascontiguousarray(mask, dtype=np.bool_) for mask in (known, touched))
         found = np.where(known, self.heights, np.inf)
         for along_x in (True, False):
-            self._bridge(self.heights, known, touched, hidden, along_x, found)
+            self._bridge(self.heights, known, touched, hidden, along_x, False, found)
+        around, known = found.copy(), found < np.inf
+        for along_x in (True, False):
+            self._bridge(around, known, touched, hidden, along_x, True, found)
         return found
 
 
@@ -81,7 +86,7 @@ def _entries() -> tuple[Callable, ...]:
     return (
         entry(kernels.tallest, plane, *window),
         entry(kernels.lowest_facing, plane, normals, *window, 0.0, 0.0, 0.0),
-        entry(kernels.bridge, plane, plane > 0.0, plane > 0.0, np.zeros(1), True, plane),
+        entry(kernels.bridge, plane, plane > 0.0, plane > 0.0, np.zeros(1), True, False, plane),
         entry(kernels.lower, plane, 0, 0, 0, 0.0),
         entry(kernels.lower_below, plane, 0, 0, plane, 0.0),
     )

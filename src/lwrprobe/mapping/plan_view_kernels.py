@@ -157,12 +157,13 @@ def lowest_facing(heights, normals, first_i, end_i, first_j, end_j, x, y, share)
 
 
 @kernel
-def bridge(heights, known, touched, hidden, along_x, out):
+def bridge(heights, known, touched, hidden, along_x, nearest, out):
     """Lower `out` (n, m) between two known squares along one axis that are fewer than `hidden` (k,) has squares apart.
 
     It becomes no taller than the taller of both, each with half as many squares to both sides of it as they are apart,
     where those are known; and where one of both is `touched`, by the m that are `hidden` between squares so far apart.
-    No touched square lies in between. A height that is known is finite or -inf.
+    No touched square lies in between, and if they are `nearest` to each other no known one. A height that is known is
+    finite or -inf.
     """
     lines, length = (out.shape[1], out.shape[0]) if along_x else (out.shape[0], out.shape[1])
     for line in range(lines):
@@ -170,7 +171,8 @@ def bridge(heights, known, touched, hidden, along_x, out):
             if not _at(known, begin, line, along_x):
                 continue
             for end in range(begin + 1, min(begin + len(hidden), length)):
-                if _at(known, end, line, along_x):
+                met = _at(known, end, line, along_x)
+                if met and end > begin + 1:
                     half, between = (end - begin + 1) // 2, -np.inf
                     for beside in range(max(line - half, 0), min(line + half, lines - 1) + 1):
                         for place in (begin, end):
@@ -183,7 +185,7 @@ def bridge(heights, known, touched, hidden, along_x, out):
                             out[inside, line] = min(out[inside, line], between)
                         else:
                             out[line, inside] = min(out[line, inside], between)
-                if _at(touched, end, line, along_x):
+                if _at(touched, end, line, along_x) or (met and nearest):
                     break
 
 
