@@ -45,7 +45,7 @@ def touches(name, phase=0.5, seed=1, yaw_deg=0.0, shift_mm=(0.0, 0.0, 0.0)):
     )
 
 
-def run_folder(folder, name, record, settings=(), known=True):
+def run_folder(folder, name, record, settings=(), known=True, line_spacing=None):
     """What a run leaves behind, made of such contacts."""
     folder.mkdir()
     write_scene(load_scene(name, ["truth.profile=ideal", *settings]), folder / "scene.toml")
@@ -53,11 +53,12 @@ def run_folder(folder, name, record, settings=(), known=True):
     rows = np.column_stack([0.01 * np.arange(n), record.points, record.normals, np.full(n, 0.8), np.ones(n)])
     np.savetxt(folder / "contacts.csv", rows, "%.7f", ",", header="time,x,y,z,nx,ny,nz,force,confidence", comments="")
     zero = np.zeros(len(free))
-    displacement = np.column_stack([zero, free, zero, zero, zero + 0.05])
+    displacement = np.column_stack([0.02 * np.arange(len(free)), free, zero, zero, zero + 0.05])
     np.savetxt(
         folder / "trace.csv", displacement, "%.6f", ",", header="time,x,y,z,force,touching,clearance", comments=""
     )
     summary = {"status": "done", "sim_time_s": 12.5, "peak_force_n": 1.5, "link_collisions": 0 if known else None}
+    summary["line_spacing_m"] = line_spacing
     (folder / "summary.json").write_text(json.dumps(summary))
     return folder
 
@@ -151,6 +152,35 @@ def test_a_merged_folder_has_map_cloud_and_a_mesh_better_than_one_run_s(merged):
     assert (out / "preview.png").stat().st_size > 1000
     assert summary["mesh_error_mm"]["method"] == "contact_surface"
     assert summary["mesh_error_mm"]["mean"] < 0.35
+
+
+def test_contacts_and_path_of_merged_runs_are_on_one_rising_clock(merged):
+    """The path's times had begun anew with each run, beside contacts whose times went on."""
+    _, place = merged
+    back = read_run(place / "out")
+    assert (np.diff(back.trace[:, 0]) >= 0.0).all()
+    contacts = read_cloud(place / "out" / "contacts.csv").scalars
+    delay, path = 0.0, 0
+    for i, name in enumerate("abc"):
+        part = read_run(place / name)
+        assert back.trace[path : path + len(part.trace), 0] == pytest.approx(part.trace[:, 0] + delay, abs=1e-4)
+        assert back.times[contacts["run"] == i] == pytest.approx(part.times + delay, abs=1e-4)
+        delay, path = delay + part.duration, path + len(part.trace)
+    assert back.duration == pytest.approx(delay, abs=1e-3)
+
+
+def test_the_pitch_of_merged_runs_is_the_larger_one_of_theirs(tmp_path):
+    """It was lost: coverage took 10 mm, and `reconstruct` another pitch than the merge had."""
+    one, other = touches("combination"), touches("combination", 0.1, 2)
+    fine = run_folder(tmp_path / "fine", "combination", one, line_spacing=0.006)
+    finer = run_folder(tmp_path / "finer", "combination", other, line_spacing=0.004)
+    coarse = run_folder(tmp_path / "coarse", "combination", other, line_spacing=0.024)
+    shares = []
+    for beside, larger in ((finer, 0.006), (coarse, 0.024)):
+        summary = merge([fine, beside], tmp_path / "out", method="convex_hull")
+        assert summary["line_spacing_m"] == read_run(tmp_path / "out").record.pitch == larger
+        shares.append(summary["coverage"])
+    assert shares[0] < shares[1]
 
 
 def test_moved_runs_left_as_they_are_do_not_fit(tmp_path):

@@ -210,7 +210,7 @@ class Summary:
     reconstruction: Table | None = None
     """For merged runs: the reconstructor's report."""
     line_spacing_m: float | None = None
-    """m between two neighbouring lines of the strategy; None for a strategy without lines."""
+    """m between two neighbouring lines of the strategy, of merged runs the largest; None for one without lines."""
     other: Table = field(default_factory=dict)
     """Keys that this version does not know, as they stand in the file."""
 

@@ -7,6 +7,7 @@ moved by a few millimetres in between. Runs that do not belong together are refu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,7 @@ def merge(
     joined, trace, facts = runs[0].record, runs[0].trace, [_first(runs[0])]
     which = [np.zeros(len(joined.points), dtype=np.int64)]
     force = [runs[0].force]
+    delay = 0.0
     for i, run in enumerate(runs[1:], start=1):
         message(f"aligning {run.folder} with the runs before it")
         _same_setting(runs[0], run, i)
@@ -78,7 +80,8 @@ def merge(
             moved, path = _moved(run.record, found), _moved_trace(run.trace, found)
         _belongs(found, moved, joined, run, i, as_is)
         facts.append(_fact(run, found, as_is))
-        joined, trace = _join(joined, moved), np.concatenate([trace, path])
+        delay += runs[i - 1].duration
+        joined, trace = _join(joined, moved, delay), np.concatenate([trace, _delayed_trace(path, delay)])
         which.append(np.full(len(moved.points), i, dtype=np.int64))
         force.append(run.force)
     message("reconstructing")
@@ -90,6 +93,7 @@ def merge(
     summary = _together(runs, known)
     summary.merged = facts
     summary.contacts, summary.voxels = len(joined.points), len(voxels)
+    summary.line_spacing_m = joined.pitch
     _compare(summary, scene, joined, surface, known)
     summary.reconstruction = _plain(surface.report) if surface is not None else None
     summary.left_out = list(lack)
@@ -146,18 +150,13 @@ def _belongs(found: Registration, moved: TouchRecord, joined: TouchRecord, run: 
 
 def _moved(record: TouchRecord, found: Registration) -> TouchRecord:
     assert record.normals is not None
-    free = record.free_path if record.free_path is not None else np.empty((0, 3))
-    return TouchRecord(
+    assert record.free_path is not None
+    return replace(
+        record,
         points=found.points(record.points),
         normals=found.directions(record.normals),
-        confidence=record.confidence,
-        times=record.times,
-        free_path=found.points(free),
-        free_gap=record.free_gap,
+        free_path=found.points(record.free_path),
         leaning=None if record.leaning is None else found.points(record.leaning),
-        probe_radius=record.probe_radius,
-        table=record.table,
-        lowest=record.lowest,
     )
 
 
@@ -167,26 +166,33 @@ def _moved_trace(trace: np.ndarray, found: Registration) -> np.ndarray:
     return moved
 
 
-def _join(a: TouchRecord, b: TouchRecord) -> TouchRecord:
-    """Both records as one; times go on, so that they still tell what came after what."""
+def _delayed_trace(trace: np.ndarray, delay: float) -> np.ndarray:
+    delayed = trace.copy()
+    delayed[:, 0] += delay
+    return delayed
+
+
+def _join(a: TouchRecord, b: TouchRecord, delay: float) -> TouchRecord:
+    """Both records as one, `b` as begun `delay` s after `a`, so that times still tell what came after what."""
 
     def both(name: str) -> np.ndarray:
         return np.concatenate([getattr(a, name), getattr(b, name)])
 
-    assert a.times is not None
     assert b.times is not None
+    b = replace(b, times=b.times + delay)
     leaning = [record.leaning for record in (a, b) if record.leaning is not None]
-    return TouchRecord(
+    return replace(
+        a,
         points=both("points"),
         normals=both("normals"),
         confidence=both("confidence"),
-        times=np.concatenate([a.times, a.times.max() + b.times]),
+        times=both("times"),
         free_path=both("free_path"),
         free_gap=min(a.free_gap, b.free_gap),
         leaning=np.concatenate(leaning) if leaning else None,
-        probe_radius=a.probe_radius,
-        table=a.table,
         lowest=min(low for low in (a.lowest, b.lowest) if low is not None),
+        # with the smaller one, what only the coarser run passed would count as gaps between its lines
+        pitch=max((pitch for pitch in (a.pitch, b.pitch) if pitch is not None), default=None),
     )
 
 
