@@ -10,6 +10,7 @@ from lwrprobe.contracts import FormatError
 from lwrprobe.reconstruction.meshes import WRITERS
 from lwrprobe.scene import Scene, load_scene
 from lwrprobe.scene.actual_scene import actual_scene
+from lwrprobe.scene.scene_file import states_truth
 from lwrprobe.scene.shape import Mesh
 from lwrprobe.scene.solid import Solid
 
@@ -17,16 +18,6 @@ from lwrprobe.scene.solid import Solid
 def true_solid(scene: Scene) -> Solid | None:
     """The objects where they really are in a simulation of the scene; None where it has none."""
     return actual_scene(scene).solid() if scene.objects else None
-
-
-def stated_solid(scene: Scene) -> Solid | None:
-    """The objects of a scene that a result is held against; None where it has none.
-
-    Where the scene has a table `[truth]`, as that of a run folder has, they are where that puts them; else as stated.
-    """
-    if not scene.objects:
-        return None
-    return true_solid(scene) if "truth" in scene.model_fields_set else scene.solid()
 
 
 def is_world_of(world: Scene, scene: Scene) -> bool:
@@ -52,12 +43,13 @@ def read_truth(name: str) -> tuple[Solid, float]:
     """Solid, and the height [m] above which it is compared: what the sphere's centre can get down to.
 
     `name` is a built-in scene, a scene file, or a closed mesh (.stl, .ply, .obj, .glb; compared from its lowest point
-    up). A scene's objects are those of `stated_solid`.
+    up). Objects are where the scene states them; those of a file with a table `[truth]`, as a run folder's has, where
+    that puts them.
     Raises FormatError, SceneError or UnknownNameError for what is neither.
     """
     if Path(name).suffix.lower() not in WRITERS:
         scene = load_scene(name)
-        return stated_solid(scene) or scene.solid(), scene.area.lower[2]
+        return (actual_scene(scene) if states_truth(name) else scene).solid(), scene.area.lower[2]
     if not Path(name).is_file():
         raise FormatError(f"{name}: no such file")
     solid = Solid.from_shapes([Mesh(shape="mesh", file=name)])

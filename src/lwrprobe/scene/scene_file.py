@@ -50,13 +50,7 @@ def load_scene(
     Raises SceneError for wrong content and UnknownNameError for a name that is neither built in
     nor a file.
     """
-    if isinstance(scene, Scene):
-        path, content = Path(scene.name or "scene"), scene_content(scene)
-    elif (found := random_scene(str(scene))) is not None:
-        path, content = Path(found["name"]), found
-    else:
-        path = _locate(scene)
-        content = _parse(path)
+    path, content = _content(scene)
     if profile is not None:
         _lay_over(content, _parse(_locate_profile(profile)))
     settings = _pairs(overrides)
@@ -70,6 +64,24 @@ def load_scene(
     loaded = widened_area(stated)
     calibration_of(loaded)
     return loaded
+
+
+def states_truth(scene: str | Path) -> bool:
+    """Whether a scene, given as to `load_scene`, has a table `[truth]` of its own.
+
+    Raises what `load_scene` does where there is none.
+    """
+    return "truth" in _content(scene)[1]
+
+
+def _content(scene: str | Path | Scene) -> tuple[Path, dict[str, Any]]:
+    """What relative files are resolved against, and the tables."""
+    if isinstance(scene, Scene):
+        return Path(scene.name or "scene"), scene_content(scene)
+    if (found := random_scene(str(scene))) is not None:
+        return Path(found["name"]), found
+    path = _locate(scene)
+    return path, _parse(path)
 
 
 def _stated(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> Scene:
