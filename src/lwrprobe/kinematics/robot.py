@@ -120,6 +120,12 @@ class Robot:
         return np.where(endless, np.clip(0.0, self.lower, self.upper), 0.5 * (low + high))
 
     @property
+    def span(self) -> tuple[Array, Array]:
+        """Ends (n,) and (n,) of joint values to draw: the limits, and half a turn off `middle` where there is none."""
+        low, high = self.middle - np.pi, self.middle + np.pi
+        return np.where(np.isfinite(self.lower), self.lower, low), np.where(np.isfinite(self.upper), self.upper, high)
+
+    @property
     def swinging_links(self) -> tuple[LinkShape, ...]:
         """The bodies beyond the first joint's: that one turns above its foot, next to what the arm stands on."""
         return tuple(link for link in self.links if int(link.carrier) > 1)

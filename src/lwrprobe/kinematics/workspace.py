@@ -57,9 +57,7 @@ class Reachability:
 
 def sample_workspace(robot: Robot, count: int, seed: int = 0) -> Workspace:
     """Tips of `count` joint values drawn evenly within the limits (a joint without limits: one turn)."""
-    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
-    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    qs = np.random.default_rng(seed).uniform(low, high, (count, robot.n))
+    qs = np.random.default_rng(seed).uniform(*robot.span, (count, robot.n))
     return Workspace(qs, robot.fk_batch(qs), robot.manipulability_batch(qs))
 
 

@@ -67,7 +67,8 @@ def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None)
             )
         return solver.solve(pose, start)
     random = np.random.default_rng(0)
-    seeds = [np.zeros(robot.n), *random.uniform(0.6 * robot.lower, 0.6 * robot.upper, (24, robot.n))]
+    low, high = robot.span
+    seeds = [np.zeros(robot.n), *random.uniform(0.6 * low, 0.6 * high, (24, robot.n))]
     found = [solver.solve(pose, seed) for seed in seeds]
     solved = [result for result in found if result.status == IKStatus.CONVERGED]
     if not solved:
@@ -77,8 +78,8 @@ def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None)
 
 def _range_left(robot: Robot, q: np.ndarray) -> float:
     """Product over the joints at q (n,) of the share of half their range that is left on the nearer side."""
+    limited = np.isfinite(robot.upper - robot.lower)
     left = np.minimum(q - robot.lower, robot.upper - q)
-    limited = np.isfinite(left)
     return float((left[limited] / (0.5 * (robot.upper - robot.lower)[limited])).prod())
 
 
