@@ -293,6 +293,71 @@ def test_a_bag_that_was_split_is_read_as_one(tmp_path):
     assert recording.poses[150, 2, 3] == pytest.approx(1.5)
 
 
+def foreign_bag(folder: Path, sent: list[tuple[str, str, int, object]]) -> Path:
+    """Written by rosbags: topic, type, time [ms] and message of each."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kinds = {topic: kind for topic, kind, _, _ in sent}
+        made = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        for topic, kind, ms, message in sent:
+            message.header.stamp = messages.stamp(1_000_000 * ms)
+            writer.write(made[topic], 1_000_000 * ms, store.serialize_cdr(message, kind))
+    return folder
+
+
+def wrench(ms: int, fx: float = 0.0, topic: str = "/ft"):
+    kind = "geometry_msgs/msg/WrenchStamped"
+    numbers = (fx, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return topic, kind, ms, messages.deserialise(messages.wrench("ft").at(1_000_000 * ms, numbers), kind)
+
+
+def joints(ms: int, names: list[str], values: list[float], topic: str = "/joint_states"):
+    kind = "sensor_msgs/msg/JointState"
+    message = messages.deserialise(messages.joint_state(names).at(1_000_000 * ms, values), kind)
+    return topic, kind, ms, message
+
+
+def test_joints_of_others_are_told_by_their_names(tmp_path):
+    """Messages with another order gave wrong angles."""
+    sent = []
+    for k in range(200):
+        angles = {"elbow": 1.0 + 0.01 * k, "base": -1.0, "hand": 2.0}
+        order = ["base", "elbow", "hand"] if k % 3 == 0 else ["hand", "base", "elbow"]
+        sent += [wrench(10 * k), joints(10 * k, order, [angles[name] for name in order])]
+    recording = read_recording(foreign_bag(tmp_path / "bag", sent))
+    expected = np.column_stack([np.full(200, -1.0), 1.0 + 0.01 * np.arange(200), np.full(200, 2.0)])
+    assert recording.joints == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("more", "refused"),
+    [
+        ([joints(2000, ["base", "finger"], [0.0, 0.0])], "base, finger.*as at first: 'base, elbow'"),
+        ([joints(2000, ["base", "base"], [0.0, 0.0])], "base, base"),
+        ([joints(2000, [], []), joints(2000, ["base"], [0.0])], "1 joint values.*2 as at first"),
+        ([wrench(2000, topic="/other_ft")], r"WrenchStamped on /ft, /other_ft; allowed: one topic"),
+        ([joints(2000, ["finger"], [0.0], "/gripper")], r"JointState on /gripper, /joint_states; allowed: one topic"),
+    ],
+)
+def test_other_joints_and_several_topics_of_a_kind_are_refused(tmp_path, more, refused):
+    sent = [part for k in range(200) for part in (wrench(10 * k), joints(10 * k, ["base", "elbow"], [0.0, 0.1]))]
+    with pytest.raises(FormatError, match=refused):
+        read_recording(foreign_bag(tmp_path / "bag", [*sent, *more]))
+
+
+def test_samples_of_others_with_one_stamp_count_once(tmp_path):
+    """Speeds had been divided by no time."""
+    sent = []
+    for k in range(200):
+        sent += [wrench(10 * k, float(k)), wrench(10 * k, -1.0), joints(10 * k, ["a"], [0.1 * k])]
+    recording = read_recording(foreign_bag(tmp_path / "bag", sent))
+    assert recording.column("fx").tolist() == list(range(200))
+    assert (np.diff(recording.column("time")) > 0.0).all()
+    still = [part for _ in range(200) for part in (wrench(10), joints(10, ["a"], [0.0]))]
+    with pytest.raises(FormatError, match="stamps do not grow"):
+        read_recording(foreign_bag(tmp_path / "still", still))
+
+
 @pytest.mark.parametrize("share", np.linspace(0.1, 0.95, 12))
 def test_a_sqlite_bag_cut_anywhere_is_read_to_the_cut_or_refused(tmp_path, share):
     content = sqlite_bag(tmp_path, range(0, 4000, 10)).read_bytes()

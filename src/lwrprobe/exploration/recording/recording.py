@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,11 @@ from lwrprobe.exploration.recording.run_bag import ANSWERS, LOG, PAUSES, RUN, SA
 
 REST = 0.8
 """s at the beginning of a foreign bag in which the probe rests in free space: the sensor's bias is taken there."""
+_JOINTS, _WRENCH, _POSE = (
+    "sensor_msgs/msg/JointState",
+    "geometry_msgs/msg/WrenchStamped",
+    "geometry_msgs/msg/PoseStamped",
+)
 _FIXED = len(SAMPLE_COLUMNS)
 _COLUMN = {name: k for k, name in enumerate(SAMPLE_COLUMNS)}
 
@@ -118,16 +122,18 @@ class Recording:
 def read_recording(path: str | Path) -> Recording:
     """The recording in a run folder, a bag, or an .mcap or .db3 file; what follows a bad record is left out.
 
-    A bag of others that was split into several files is read as one. Raises FormatError for what is no bag, for one
-    without wrench samples and places of the probe, and for a run that was resumed, whose parts are files of their own;
-    and MissingExtraError.
+    A bag of others that was split into several files is read as one. Its joints are in the order of the first message
+    with joint values; of samples with the same stamp the first one counts.
+
+    Raises FormatError for what is no bag, for one without wrench samples and places of the probe or with several topics
+    of them, for joints whose names change, and for a run that was resumed, whose parts are files of their own; and
+    MissingExtraError.
     """
     path = Path(path)
     files = bag_files(path)
     parts: dict[str, list[tuple[int, Any]]] = {}
     wanted = (SAMPLES, RUN, ANSWERS, WORDS, PAUSES, STATE, LOG)
-    streams = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped")
-    kinds: dict[str, list[tuple[int, Any]]] = {}
+    kinds: dict[str, list[tuple[str, Any]]] = {kind: [] for kind in (_JOINTS, _WRENCH, _POSE)}
     own = False
     for message in read_bag(path):
         own = own or message.topic == SAMPLES
@@ -136,8 +142,8 @@ def read_recording(path: str | Path) -> Recording:
             raise FormatError(f"{path}: the recording has several parts; give one of them: {names}")
         if message.topic in wanted:
             parts.setdefault(message.topic, []).append((message.time, message.decode()))
-        elif message.type in streams and not own:
-            kinds.setdefault(message.type, []).append((message.time, message.decode()))
+        elif message.type in kinds and not own:
+            kinds[message.type].append((message.topic, message.decode()))
     return _own(files[0], parts) if own else _foreign(files[0], kinds)
 
 
@@ -203,51 +209,75 @@ def _about(found: Recording, text: str) -> None:
         raise FormatError(f"{found.path}: {RUN}: cycle and rate must be positive, the start finite")
 
 
-def _foreign(path: Path, kinds: dict[str, list[tuple[int, Any]]]) -> Recording:
+def _foreign(path: Path, kinds: dict[str, list[tuple[str, Any]]]) -> Recording:
     """Standard messages of others: wrenches, each with the probe where joint states or poses around it say it was."""
-    wrenches = [message for _, message in kinds.get("geometry_msgs/msg/WrenchStamped", ())]
-    states = [message for _, message in kinds.get("sensor_msgs/msg/JointState", ()) if len(message.position)]
-    tips = [message for _, message in kinds.get("geometry_msgs/msg/PoseStamped", ())]
+    wrenches = _one_topic(path, _WRENCH, kinds[_WRENCH])
+    moving = [(topic, message) for topic, message in kinds[_JOINTS] if len(message.position)]
+    states = _one_topic(path, _JOINTS, moving)
+    tips = _one_topic(path, _POSE, kinds[_POSE]) if len(states) < 2 else []
     if len(wrenches) < 2:
         raise FormatError(f"{path}: no geometry_msgs/WrenchStamped: nothing was measured")
     if len(states) < 2 and len(tips) < 2:
         raise FormatError(f"{path}: neither sensor_msgs/JointState nor geometry_msgs/PoseStamped of the probe's tip")
-    times = np.array([seconds(message.header.stamp) for message in wrenches])
-    origin = times[0]  # seconds since 1970 leave too few digits
+    origin = min(seconds(message.header.stamp) for message in wrenches)  # seconds since 1970 leave too few digits
+    times, rising = _by_time(path, _WRENCH, wrenches, origin)
+    wrenches = [wrenches[k] for k in rising]
     values = [[w.wrench.force.x, w.wrench.force.y, w.wrench.force.z] for w in wrenches]
     torques = [[w.wrench.torque.x, w.wrench.torque.y, w.wrench.torque.z] for w in wrenches]
-    at = np.array([seconds(message.header.stamp) for message in (states if len(states) > 1 else tips)]) - origin
-    order = np.argsort(at, kind="stable")
-    at, keep = np.unique(at[order], return_index=True)
-    order = order[keep]
-    times = times - origin
+    at, order = _by_time(path, _POSE if tips else _JOINTS, tips or states, origin)
     inside = (times >= at[0]) & (times <= at[-1])
     if inside.sum() < 2:
         raise FormatError(f"{path}: wrenches and places of the probe were not recorded at the same time")
     times = times[inside]
     joints, poses = np.empty((len(times), 0)), None
-    if len(states) > 1:
-        sizes = {len(message.position) for message in states}
-        if len(sizes) > 1:
-            raise FormatError(f"{path}: sensor_msgs/JointState: the number of joints changes: {sorted(sizes)[:5]}")
-        q = np.array([message.position for message in states], dtype=np.float64)[order]
-        joints = np.column_stack([np.interp(times, at, column) for column in q.T])
-    else:
+    if tips:
         poses = _poses_at(path, [tips[k] for k in order], at, times)
+    else:
+        joints = np.column_stack([np.interp(times, at, column) for column in _joint_values(path, states)[order].T])
     rows = np.zeros((len(times), _FIXED + joints.shape[1]))
     rows[:, 0] = times < REST
     rows[:, 1], rows[:, 2], rows[:, 10] = times, np.arange(len(times)), times
     rows[:, 4:7], rows[:, 7:10] = np.array(values)[inside], np.array(torques)[inside]
     rows[:, _FIXED:] = joints
-    if not np.isfinite(np.hstack([rows[:, [1]], joints])).all():
-        raise FormatError(f"{path}: joint values or times that are not finite")
-    period = float(np.median(np.diff(times)))
-    if not period > 0.0:
-        raise FormatError(f"{path}: geometry_msgs/WrenchStamped: the stamps do not grow")
-    cycle = float(np.median([b - a for a, b in pairwise(at)]))
+    if not np.isfinite(joints).all():
+        raise FormatError(f"{path}: joint values that are not finite")
+    period, cycle = float(np.median(np.diff(times))), float(np.median(np.diff(at)))
     return Recording(
         path, rows, poses=poses, cycle=cycle, rate=1.0 / period, zero=min(REST, float(times[-1])), own=False
     )
+
+
+def _one_topic(path: Path, kind: str, found: list[tuple[str, Any]]) -> list[Any]:
+    """Messages of the one topic that has any; two sensors or arms are never one stream."""
+    topics = sorted({topic for topic, _ in found})
+    if len(topics) > 1:
+        raise FormatError(f"{path}: {kind} on {', '.join(topics)}; allowed: one topic of this type")
+    return [message for _, message in found]
+
+
+def _by_time(path: Path, kind: str, found: list[Any], origin: float) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) s since the origin, rising, of messages with different stamps, and their indices (n,)."""
+    times, order = np.unique(np.array([seconds(message.header.stamp) for message in found]) - origin, return_index=True)
+    if len(times) < 2:
+        raise FormatError(f"{path}: {kind}: the stamps do not grow")
+    return times, order
+
+
+def _joint_values(path: Path, states: list[Any]) -> np.ndarray:
+    """(n, joints) of messages, each in the order of the first one's names."""
+    names = list(states[0].name)
+    q = np.empty((len(states), len(states[0].position)))
+    for row, state in zip(q, states):
+        given = list(state.name)
+        if len(state.position) != len(row):
+            raise FormatError(f"{path}: {_JOINTS}: {len(state.position)} joint values; allowed: {len(row)} as at first")
+        if sorted(given) != sorted(names) or len({*given}) < len(given) or len(given) not in (0, len(row)):
+            raise FormatError(
+                f"{path}: {_JOINTS}: joints {', '.join(given)[:80]!r}; "
+                f"allowed: a name for each of {len(row)} values, as at first: {', '.join(names)[:80]!r}"
+            )
+        row[:] = state.position if given == names else [state.position[given.index(name)] for name in names]
+    return q
 
 
 def _poses_at(path: Path, tips: list[Any], at: np.ndarray, times: np.ndarray) -> np.ndarray:
