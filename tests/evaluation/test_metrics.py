@@ -341,6 +341,16 @@ def test_a_mesh_or_a_solid_that_cannot_be_compared_is_refused(block):
         mesh_error(broken, block, LOWEST)
 
 
+@pytest.mark.parametrize("below", [1e-5, 1e-9])
+def test_a_height_just_below_the_top_of_an_object_is_refused(below):
+    """More and more samples were asked for, up to billions; or none were left, and the error was NaN."""
+    sphere = load_scene("sphere").solid()
+    top = float(sphere.bounds()[1][2])
+    with pytest.raises(InputError, match="solid: got 'next to nothing above'"):
+        mesh_error(cuboid([-0.02, -0.02, 0.0], [0.02, 0.02, 0.08]), sphere, top - below)
+    assert mesh_error(sphere.mesh(), sphere, top - 1e-3).mean < 1e-4
+
+
 def test_metrics_repeat_bit_for_bit(block, found):
     mesh = cuboid([-0.048, -0.025, 0.0], [0.052, 0.025, 0.05])
     assert mesh_error(mesh, block, LOWEST) == mesh_error(mesh, block, LOWEST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from lwrprobe.scene.mesh_distance import MeshDistance
 from lwrprobe.scene.solid import Solid
 
 _SAMPLES = 20_000
+_ROUNDS = 200
+"""In which samples are drawn until enough of them lie above a height."""
 _CELLS = 80  # along the longest edge, for volumes
 
 
@@ -57,7 +60,8 @@ class MeshError:
 def mesh_error(mesh: TriangleMesh, solid: Solid, above: float, samples: int = _SAMPLES, seed: int = 0) -> MeshError:
     """Compare the parts of mesh and true surface above the height `above` m.
 
-    Raises InputError for a mesh without faces, with a part of none above the height, or for an empty solid.
+    Raises InputError for a mesh without faces, for an empty solid, and where either has less than about 1/200 of its
+    surface above the height.
     """
     points, normals = sample_mesh(mesh, above, samples, seed)
     true_points, to_mesh = _true_samples(solid, above, samples, seed), MeshDistance(mesh)
@@ -137,7 +141,10 @@ def is_watertight(mesh: TriangleMesh) -> bool:
 
 
 def sample_mesh(mesh: TriangleMesh, above: float, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Even points (n, 3) above a height, and the normals (n, 3) of their faces."""
+    """Even points (n, 3) above a height, and the normals (n, 3) of their faces.
+
+    Raises InputError for a mesh without faces, or with less than about 1/200 of its surface above the height.
+    """
     vertices = rows("mesh.vertices", mesh.vertices)
     if not len(mesh.faces):
         raise InputError("mesh", "no faces", "a mesh with at least one face")
@@ -147,32 +154,40 @@ def sample_mesh(mesh: TriangleMesh, above: float, samples: int, seed: int = 0) -
     if not area.sum() > 0.0 or vertices[:, 2].max() <= above:
         raise InputError("mesh", "nothing above", f"a mesh that reaches above the height {above:g} m")
     rng = np.random.default_rng(seed)
-    kept_points, kept_normals, kept = [], [], 0
-    for _ in range(200):
+
+    def draw(_: int) -> tuple[np.ndarray, np.ndarray]:
         face = rng.choice(len(area), samples, p=area / area.sum())
         u, v = np.sqrt(rng.random(samples))[:, None], rng.random(samples)[:, None]
-        points = (1.0 - u) * a[face] + u * (1.0 - v) * b[face] + u * v * c[face]
-        high = points[:, 2] > above
-        kept_points.append(points[high])
-        kept_normals.append(normals[face[high]])
-        kept += int(high.sum())
-        if kept >= samples:
-            return np.concatenate(kept_points)[:samples], np.concatenate(kept_normals)[:samples]
-    raise InputError("mesh", "next to nothing above", f"a mesh that reaches well above the height {above:g} m")
+        return (1.0 - u) * a[face] + u * (1.0 - v) * b[face] + u * v * c[face], normals[face]
+
+    points, facing = _drawn_above(draw, above, samples, "mesh")
+    return points[:samples], facing[:samples]
 
 
 def _true_samples(solid: Solid, above: float, samples: int, seed: int) -> np.ndarray:
     """At least `samples` even points of the true surface above a height."""
     if solid.empty or solid.bounds()[1][2] <= above:
         raise InputError("solid", "nothing above", f"an object that reaches above the height {above:g} m")
-    wanted = samples
-    for _ in range(20):
-        points, _ = solid.sample_surface(wanted, seed)
-        points = points[points[:, 2] > above]
-        if len(points) >= samples:
-            break
-        wanted = int(1.1 * wanted * samples / max(len(points), samples // 20))
-    return points
+    return _drawn_above(lambda k: solid.sample_surface(samples, seed + k), above, samples, "solid")[0]
+
+
+def _drawn_above(
+    draw: Callable[[int], tuple[np.ndarray, np.ndarray]], above: float, samples: int, what: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """At least `samples` of the points (n, 3) above a height that come in rounds, and their normals (n, 3).
+
+    All of the last round count: a solid's points come surface by surface. Raises InputError where hardly any lie there.
+    """
+    kept_points, kept_normals, kept = [], [], 0
+    for k in range(_ROUNDS):
+        points, normals = draw(k)
+        high = points[:, 2] > above
+        kept_points.append(points[high])
+        kept_normals.append(normals[high])
+        kept += int(high.sum())
+        if kept >= samples:
+            return np.concatenate(kept_points), np.concatenate(kept_normals)
+    raise InputError(what, "next to nothing above", f"one that reaches well above the height {above:g} m")
 
 
 def _volumes(mesh: TriangleMesh, to_mesh: MeshDistance, solid: Solid, above: float, seed: int) -> tuple[float, float]:
