@@ -22,8 +22,12 @@ from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
 from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
+from lwrprobe.exploration.procedures.dry_run import stability
 from lwrprobe.exploration.procedures.explore import Exploration, RunOptions, explore
+from lwrprobe.exploration.procedures.host_stalls import host_checks
+from lwrprobe.exploration.procedures.repeat import safe_speed
 from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
+from lwrprobe.exploration.procedures.start_posture import scene_at_start
 from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD
 from lwrprobe.kinematics import robot_by_name
@@ -192,6 +196,24 @@ def test_a_calibrated_run_is_replayed_as_it_was(calibration, tmp_path):
     assert again.run().status == "done"
     assert again.scene.contact.stiffness == exploration.scene.contact.stiffness != 2e4
     assert (tmp_path / "again" / "contacts.csv").read_bytes() == (out / "contacts.csv").read_bytes()
+
+
+def test_speeds_that_are_called_safe_are_those_of_the_calibrated_arm(calibration, tmp_path):
+    """They were those of the stated stiffness, while a run takes the calibrated one."""
+    write_calibration(changed(calibration, "joint_stiffness", [3e4] * 7), tmp_path / "c.toml")
+    stated = load_scene("block")
+    scene = load_scene(stated, [f'calibration="{tmp_path / "c.toml"}"'])
+    used = scene_at_start(scene)[0]
+    assert used.contact.stiffness > 1.2 * scene.contact.stiffness
+    spelled_out = used.model_copy(update={"calibration": ""})
+    assert stability(scene, 0.01, 0.006, 16.0) == stability(spelled_out, 0.01, 0.006, 16.0)
+    assert stability(scene, 0.01, 0.006, 16.0).value != stability(stated, 0.01, 0.006, 16.0).value
+    for speed in (
+        lambda scene: safe_speed(scene, 0.01, 0.006, 16.0),
+        lambda scene: host_checks(scene, 0.01, 0.006, 0.01, 16.0)[-1].detail["speed_without_mm_s"],
+    ):
+        assert speed(scene) == pytest.approx(speed(spelled_out), rel=1e-6)
+        assert speed(scene) != pytest.approx(speed(stated), rel=0.05)
 
 
 def test_sensor_is_read_with_its_matrix_and_clock(calibration):

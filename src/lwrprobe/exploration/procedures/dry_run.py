@@ -12,11 +12,10 @@ from lwrprobe.contracts.driver import HealthCheck
 from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.procedures.explore import explore
-from lwrprobe.exploration.procedures.start_posture import start_posture, tip_mass_at_start, unreachable_part
+from lwrprobe.exploration.procedures.start_posture import scene_at_start, unreachable_part
 from lwrprobe.exploration.stages.pipeline import reaction_delay
-from lwrprobe.exploration.stages.touch_law import touch_law
+from lwrprobe.exploration.stages.touch_law import tip_mass, touch_law
 from lwrprobe.scene import Scene
-from lwrprobe.scene.scene_robot import robot_of
 
 _NEAR = np.radians(5.0)  # of a joint limit
 
@@ -57,11 +56,13 @@ def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0,
     """S = K tau / B of the stiffest direction, and how fast it may be touched (see `control.force_law`).
 
     `arm_mass` is kg of the arm's moving links, `late` s by which it follows set points later than in the next cycle.
+    The scene counts as a run takes it: where it refers to a calibration, as that found.
     """
+    scene, robot, _, q = scene_at_start(scene)
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate, arm_delay=late)
     probe, contact = scene.probe.as_probe(), scene.contact
     soft = 1.0 / contact.stiffness + probe.compliance.min()
-    law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
+    law = touch_law(scene, delay, tip_mass(robot, arm_mass, q))
     facts = f"K {1.0 / soft:.3g} N/m, delay {1e3 * delay:.1f} ms"
     if isinstance(law, Refusal):
         return HealthCheck("stability number", f"{law.stability_number:.3f}; {facts}: {law.reason}", False)
@@ -70,8 +71,7 @@ def stability(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0,
 
 
 def _posture(scene: Scene) -> list[HealthCheck]:
-    robot = robot_of(scene)
-    pose, q = start_posture(scene, robot)
+    scene, robot, pose, q = scene_at_start(scene)
     margins = np.minimum(q - robot.lower, robot.upper - q)
     tight = int(np.argmin(margins))
     place = ", ".join(f"{v:.3f}" for v in pose[:3, 3])

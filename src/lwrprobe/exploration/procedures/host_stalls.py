@@ -8,9 +8,9 @@ import numpy as np
 
 from lwrprobe.contracts import HealthCheck
 from lwrprobe.control import ForceLaw
-from lwrprobe.exploration.procedures.start_posture import tip_mass_at_start
+from lwrprobe.exploration.procedures.start_posture import scene_at_start
 from lwrprobe.exploration.stages.pipeline import reaction_delay
-from lwrprobe.exploration.stages.touch_law import touch_law
+from lwrprobe.exploration.stages.touch_law import tip_mass, touch_law
 from lwrprobe.host.real_time import LOOP, real_time_priority
 from lwrprobe.scene import Scene
 
@@ -91,7 +91,8 @@ def _described(late: np.ndarray) -> str:
 
 def _speed(scene: Scene, delay: float, stall: float, arm_mass: float) -> HealthCheck:
     """How fast a surface may be approached with a stall in the way, beside what the stated delay allows."""
-    mass, speeds = tip_mass_at_start(scene, arm_mass), []
+    scene, robot, _, q = scene_at_start(scene)
+    mass, speeds = tip_mass(robot, arm_mass, q), []
     for seconds in (delay, delay + stall):
         law = touch_law(scene, seconds, mass, max_speed=1.0)
         speeds.append(1e3 * law.approach_speed if isinstance(law, ForceLaw) else 0.0)

@@ -29,9 +29,9 @@ from lwrprobe.control import Refusal
 from lwrprobe.exploration.loop.devices import Devices
 from lwrprobe.exploration.loop.explorer import WatchFunction
 from lwrprobe.exploration.procedures.explore import explore
-from lwrprobe.exploration.procedures.start_posture import tip_mass_at_start
+from lwrprobe.exploration.procedures.start_posture import scene_at_start
 from lwrprobe.exploration.stages.pipeline import choose, reaction_delay
-from lwrprobe.exploration.stages.touch_law import touch_law
+from lwrprobe.exploration.stages.touch_law import tip_mass, touch_law
 from lwrprobe.scene import Scene
 
 STANDOFF = 0.005
@@ -209,9 +209,13 @@ def repeat(
 
 
 def safe_speed(scene: Scene, cycle: float, latency: float, arm_mass: float = 0.0, late: float = 0.0) -> float:
-    """m/s at which the stiffest direction may be touched by an arm of `arm_mass` kg that follows `late` [s]."""
+    """m/s at which the stiffest direction may be touched by an arm of `arm_mass` kg that follows `late` [s].
+
+    As stiff as a run takes it to be: where the scene refers to a calibration, as that found.
+    """
+    scene, robot, _, q = scene_at_start(scene)
     delay = reaction_delay(scene, cycle, latency, scene.sensor.rate, arm_delay=late)
-    law = touch_law(scene, delay, tip_mass_at_start(scene, arm_mass))
+    law = touch_law(scene, delay, tip_mass(robot, arm_mass, q))
     if isinstance(law, Refusal):
         raise InputError("contact.stiffness", scene.contact.stiffness, f"something that may be touched: {law.reason}")
     return min(law.approach_speed, scene.motion.approach_speed)

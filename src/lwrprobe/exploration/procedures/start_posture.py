@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import InputError
-from lwrprobe.exploration.stages.touch_law import tip_mass
 from lwrprobe.kinematics import IKResult, IKSolver, IKStatus, Robot, reachable
 from lwrprobe.scene import Scene
 from lwrprobe.scene.calibrated_scene import calibrated, calibration_of, stiff_as_calibrated
@@ -38,17 +37,6 @@ def start_posture(scene: Scene, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         place = [round(float(v), 4) for v in pose[:3, 3]]
         raise InputError("area", place, f"a start that the arm reaches (it ends {result.short_by * 1e3:.1f} mm short)")
     return pose, result.q
-
-
-def tip_mass_at_start(scene: Scene, arm_mass: float) -> float:
-    """kg of an arm of `arm_mass` kg as its tip shows it at the start; 0 for an arm that states no mass.
-
-    Raises InputError when the arm cannot reach the start.
-    """
-    if arm_mass <= 0.0:
-        return 0.0
-    robot = robot_of(scene)
-    return tip_mass(robot, arm_mass, start_posture(scene, robot)[1])
 
 
 def _widest(robot: Robot, pose: np.ndarray, start_deg: tuple[float, ...] | None) -> IKResult:
