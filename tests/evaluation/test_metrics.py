@@ -27,6 +27,7 @@ from lwrprobe.evaluation import (
     surface_error,
     upright,
 )
+from lwrprobe.evaluation.coverage import touched
 from lwrprobe.scene import load_scene
 from lwrprobe.scene.shape import Box
 from lwrprobe.scene.solid import Solid
@@ -195,6 +196,14 @@ def test_coverage_is_that_of_all_pairs(block, found):
     near = np.linalg.norm(some.points[:, None] - points, axis=2) <= 0.5 * PITCH + 0.001
     facing = some.normals @ normals.T >= 0.5
     assert coverage(points, normals, some, PITCH).share == (near & facing).any(axis=1).mean()
+
+
+def test_what_is_just_as_far_as_counts_is_not_covered_by_what_faces_away():
+    """Rounding left no contact at that distance: "zero-size array"."""
+    away = np.random.default_rng(0).normal(size=(5000, 3))
+    points = 0.006 * away / np.linalg.norm(away, axis=1, keepdims=True)
+    assert not touched(points, np.tile(-UP, (5000, 1)), np.zeros((1, 3)), UP, PITCH).any()
+    assert touched(points, np.tile(UP, (5000, 1)), np.zeros((1, 3)), UP, PITCH).mean() > 0.2
 
 
 def test_coverage_inside_an_area_leaves_out_what_the_area_does_not_hold(block, found):

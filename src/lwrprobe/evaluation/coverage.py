@@ -159,10 +159,11 @@ class _Contacts:
         touched = np.zeros(len(points), dtype=bool)
         facing = np.einsum("ij,ij->i", self._normals[nearest[close]], normals[close])
         touched[close] = facing >= SAME_SIDE
-        # Where the nearest faces another way, as at an edge, one behind it may do.
+        # Where the nearest faces another way, as at an edge, one behind it may do. There may be none at all: the two
+        # queries round a distance that is just `near` differently.
         rest = np.flatnonzero(close & ~touched)
         for k, around in zip(rest, self._tree.query_ball_point(points[rest], near)):
-            touched[k] = (self._normals[around] @ normals[k]).max() >= SAME_SIDE
+            touched[k] = (self._normals[around] @ normals[k] >= SAME_SIDE).any()
         return touched
 
 
