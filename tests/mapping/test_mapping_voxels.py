@@ -139,7 +139,7 @@ def test_takes_points_in_any_dress():
     assert voxels.insert(np.empty((0, 3))) == 0
 
 
-@pytest.mark.parametrize("resolution", [0.0, -0.002, np.nan, np.inf, 1e-7, 2e3, None, "fine"])
+@pytest.mark.parametrize("resolution", [0.0, -0.002, np.nan, np.inf, 1e-7, 2e3, None, "fine", [0.002]])
 def test_refuses_a_senseless_resolution(resolution):
     with pytest.raises(InputError, match="resolution"):
         VoxelMap(resolution)
@@ -254,7 +254,7 @@ def test_carving_at_the_end_of_the_range_and_refusals():
         voxels.carve_path(np.array([[0.0, 0.0, np.nan]]), 0.005)
     with pytest.raises(InputError, match="path"):
         voxels.carve_path([0.0], 0.005)
-    for radius in (0.0, -1.0, np.nan, np.inf, 1.0, None):
+    for radius in (0.0, -1.0, np.nan, np.inf, 1.0, None, np.array(0.004), [0.004]):
         with pytest.raises(InputError, match="radius"):
             voxels.carve_path(np.zeros((1, 3)), radius)
 

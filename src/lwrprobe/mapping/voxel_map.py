@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
 from numbers import Real
 from pathlib import Path
 
@@ -233,7 +232,6 @@ class VoxelMap:
         return InputError(field, _triple(point, field).tolist(), _NO_POINT.format(self.reach))
 
 
-@cache
 def _within(value: object, lowest: float, greatest: float) -> bool:
     """Whether it is a number from `lowest` to `greatest`."""
     return isinstance(value, Real) and lowest <= float(value) <= greatest
