@@ -11,6 +11,7 @@ import pytest
 
 from lwrprobe.bench.sampled_lines import sample_lines
 from lwrprobe.evaluation.charts import Line, bars, histogram, line_chart, ticks
+from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.evaluation.run_report import write_report
 from lwrprobe.scene import load_scene, write_scene
 
@@ -97,6 +98,19 @@ def test_it_tells_what_was_explored_and_how_well(page):
 def test_a_run_that_was_killed_has_its_page(tmp_path):
     path = write_report(make_run(tmp_path / "block", "block", summary=False))
     assert "did not get to its end" in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("driver", "summary", "known"),
+    [("mujoco", True, True), ("mujoco", False, True), ("fri", True, True), ("fri", False, False), ("sim", False, True)],
+)
+def test_the_truth_is_known_where_a_driver_knew_it_or_a_simulator_was_cut_off(tmp_path, driver, summary, known):
+    """The report had it for the driver `sim` alone, while the summary and the preview have it for all that knew it."""
+    folder = make_run(tmp_path / "block", "block", summary)
+    scene = load_scene(folder / "scene.toml", [f"arm.driver={driver}"])
+    write_scene(scene, folder / "scene.toml")
+    assert ("Against the truth" in write_report(folder).read_text(encoding="utf-8")) is known
+    assert (read_run(folder).true_solid() is not None) is known
 
 
 def test_a_run_without_contacts_has_its_page(tmp_path):

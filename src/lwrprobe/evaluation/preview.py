@@ -29,7 +29,7 @@ _FINER = 2  # the frame and the words are drawn larger and then reduced
 
 def run_preview(scene: Scene, summary: Summary, points: np.ndarray, mesh: TriangleMesh | None) -> bytes:
     """The picture of a run, or of several merged ones, as a PNG; see `preview`."""
-    solid = true_solid(scene) if summary.link_collisions is not None else None
+    solid = true_solid(scene) if summary.truth_known else None
     truth = None if solid is None else solid.mesh()
     title, contacts = scene.title or scene.name, f"{len(points)} contacts"
     if summary.merged is not None:

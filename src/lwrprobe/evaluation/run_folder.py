@@ -12,8 +12,10 @@ from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.table_touches import TablePlane
+from lwrprobe.evaluation.truth import is_simulated, true_solid
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.scene import Scene, load_scene
+from lwrprobe.scene.solid import Solid
 
 CLOUD_FILE = "contacts.ply"
 """The contacts that the mesh is made of, corrected."""
@@ -53,6 +55,14 @@ class RunFolder:
     def area(self) -> Area:
         """Where the sphere's centre could go: the scene's area, as far up as the run has raised it."""
         return self.scene.area.as_area().raised(0.0 if self.summary is None else 1e-3 * self.summary.area_raised_mm)
+
+    def true_solid(self) -> Solid | None:
+        """The objects where they really were; None where that is not known, or where there were none.
+
+        The summary says whether it is known. A run that was cut off has none, and its driver's name has to tell.
+        """
+        known = is_simulated(self.scene) if self.summary is None else self.summary.truth_known
+        return true_solid(self.scene) if known else None
 
     @property
     def times(self) -> np.ndarray:

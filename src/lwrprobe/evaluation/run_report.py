@@ -22,7 +22,6 @@ from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import HIDING_FILE, RunFolder, read_run
 from lwrprobe.evaluation.summary import area_by_reason
-from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
@@ -92,10 +91,7 @@ class _Page:
         self.surface = surface if surface is not None and len(surface.mesh.faces) else None
         self.mesh = self.surface.mesh if self.surface is not None else None
         self.lowest = run.scene.area.lower[2]
-        # On real devices the scene's objects are a guess; only a simulator's are the truth.
-        known = run.summary is None or run.summary.link_collisions is not None
-        simulated = known and run.scene.arm.driver == "sim"
-        self.solid: Solid | None = true_solid(run.scene) if simulated else None
+        self.solid: Solid | None = run.true_solid()
         self.compared: _Compared | None = None
         if self.mesh is not None and self.solid is not None:
             self.compared = _compared(self.mesh, self.solid, self.lowest, error)

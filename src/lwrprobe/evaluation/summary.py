@@ -214,6 +214,11 @@ class Summary:
     other: Table = field(default_factory=dict)
     """Keys that this version does not know, as they stand in the file."""
 
+    @property
+    def truth_known(self) -> bool:
+        """Whether the run's drivers knew the true shape, as those of simulated and of emulated devices do."""
+        return self.link_collisions is not None
+
     def as_dict(self) -> dict[str, Any]:
         """The content of `summary.json`."""
         known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "other"}

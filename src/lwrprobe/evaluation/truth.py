@@ -14,10 +14,17 @@ from lwrprobe.scene.scene_file import states_truth
 from lwrprobe.scene.shape import Mesh
 from lwrprobe.scene.solid import Solid
 
+_SIMULATORS = ("sim", "mujoco")
+
 
 def true_solid(scene: Scene) -> Solid | None:
     """The objects where they really are in a simulation of the scene; None where it has none."""
     return actual_scene(scene).solid() if scene.objects else None
+
+
+def is_simulated(scene: Scene) -> bool:
+    """Whether the scene's arm is a simulator, whose world is that of the scene, as far as its driver's name tells."""
+    return scene.arm.driver in _SIMULATORS
 
 
 def is_world_of(world: Scene, scene: Scene) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from lwrprobe.contact import check_estimator
 from lwrprobe.evaluation import surface_error
-from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.evaluation.truth import is_simulated, true_solid
 from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import Recording, read_recording
 from lwrprobe.scene import Scene
@@ -81,7 +81,7 @@ def _passage(recording: Recording, scene: Scene, folder: Path | None, same: bool
     passage = Replay(recording, scene, folder, same)
     outcome = passage.run()
     error = None
-    solid = true_solid(scene) if scene.arm.driver == "sim" and recording.own else None
+    solid = true_solid(scene) if is_simulated(scene) and recording.own else None
     if solid is not None and passage.contacts:
         points = np.array([contact.point for contact in passage.contacts])
         error = surface_error(points, solid).as_dict()

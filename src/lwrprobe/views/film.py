@@ -20,7 +20,6 @@ from lwrprobe.evaluation.mesh_error import mean_error
 from lwrprobe.evaluation.ramps import ERROR
 from lwrprobe.evaluation.render import Sight, View, render_points
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
-from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.reconstruction.reconstruct import reconstruct
 from lwrprobe.scene.solid import Solid
 from lwrprobe.views.playback import Playback, body, playback, posed
@@ -93,7 +92,7 @@ class _Pictures:
 
     def __init__(self, run: RunFolder, shown: Playback, width: int) -> None:
         self._run, self._shown = run, shown
-        self._solid: Solid | None = true_solid(run.scene) if shown.truth is not None else None
+        self._solid: Solid | None = run.true_solid()
         low, high = np.array(run.scene.area.lower), np.array(run.scene.area.upper)
         low[2] = 0.0
         high[2] = high[2] + 0.07  # stick, sensor and some of the arm

@@ -89,7 +89,7 @@ def merge(
     surface, lack = _reconstruct(joined, scene, method)
     voxels = VoxelMap(scene.map.resolution)
     voxels.insert(joined.points)
-    known = all(run.summary is not None and run.summary.link_collisions is not None for run in runs)
+    known = all(run.summary is not None and run.summary.truth_known for run in runs)
     summary = _together(runs, known)
     summary.merged = facts
     summary.contacts, summary.voxels = len(joined.points), len(voxels)
