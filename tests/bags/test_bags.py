@@ -176,10 +176,13 @@ def test_a_bag_of_others_gives_the_same_surface(run, tmp_path, streams, storage)
     assert np.median(cKDTree(own_points).query(points)[0]) < 1e-4
 
 
-def test_three_estimators_on_one_recording(run):
+def test_three_estimators_on_one_recording(run, tmp_path):
     from lwrprobe.runs.replay import replay
 
-    found = {row.estimator: row for row in replay(run, estimators=("force_direction", "wrench_axis", "fused"))}
+    names = ("force_direction", "wrench_axis", "fused")
+    found = {row.estimator: row for row in replay(run, estimators=names, out=str(tmp_path / "out"))}
+    assert [row.folder for row in found.values()] == [tmp_path / "out" / name for name in names]
+    assert all((row.folder / "contacts.csv").is_file() for row in found.values())
     assert found["force_direction"].error_mm["median"] > 2.0 * found["fused"].error_mm["median"]
     assert found["wrench_axis"].contacts > 100
 

@@ -50,7 +50,7 @@ def replay(
     scene: Scene | None = None,
     settings: Sequence[str] = (),
     estimators: Sequence[str] = (),
-    out: Path | None = None,
+    out: str | Path | None = None,
 ) -> list[Replayed]:
     """Take a recording through the pipeline once for each estimator.
 
@@ -72,7 +72,7 @@ def replay(
     for name in estimators or ("",):
         changes = [*settings, *([f"contact.estimator={name}"] if name else [])]
         changed = recorded_scene(recording, scene, changes)
-        folder = out / name if out is not None and len(estimators) > 1 else out
+        folder = None if out is None else Path(out) / name if len(estimators) > 1 else Path(out)
         found.append(_passage(recording, changed, folder, changed == recorded))
     return found
 
