@@ -176,6 +176,23 @@ def test_tasks_have_different_keys_and_keep_theirs(plan):
     assert [task.key for task in tasks] == [task.key for task in read_plan(plan)]
 
 
+@pytest.mark.parametrize("edited", ["scene.toml", "ball.stl", "calibration.toml", "fast.toml", "plan.toml"])
+def test_a_run_with_a_file_that_was_edited_is_another_one(tmp_path, edited):
+    """Only the scene file's text counted: results of an edited profile, mesh or calibration were stale."""
+    (tmp_path / "ball.stl").write_bytes(b"a mesh")
+    (tmp_path / "calibration.toml").write_text("date = 1")
+    (tmp_path / "fast.toml").write_text("[motion]\napproach_speed = 0.01")
+    mesh = '[[object]]\nshape = "union"\n[[object.children]]\nshape = "mesh"\nfile = "ball.stl"\n'
+    (tmp_path / "scene.toml").write_text('calibration = "calibration.toml"\n' + mesh)
+    (tmp_path / "plan.toml").write_text('scenes = ["scene.toml"]\nprofiles = ["fast.toml"]\nset = ["run.seed=1"]')
+    (task,) = read_plan(tmp_path / "plan.toml")
+    assert [Path(name) for name in (task.scene, task.profile)] == [tmp_path / "scene.toml", tmp_path / "fast.toml"]
+    assert read_plan(tmp_path / "plan.toml")[0].key == task.key
+    content = (tmp_path / edited).read_text()
+    (tmp_path / edited).write_text(content.replace("1", "2") if "1" in content else content.replace("mesh", "Mesh"))
+    assert read_plan(tmp_path / "plan.toml")[0].key != task.key
+
+
 @given(st.lists(st.tuples(st.text(max_size=5), st.integers()), max_size=8), st.integers(0, 400))
 def test_a_journal_cut_anywhere_keeps_its_whole_lines(tmp_path_factory, entries, cut):
     path = tmp_path_factory.mktemp("journal") / "journal.jsonl"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import deepcopy
 from os.path import isfile
 from pathlib import Path
@@ -50,9 +50,7 @@ def load_scene(
     Raises SceneError for wrong content and UnknownNameError for a name that is neither built in
     nor a file.
     """
-    path, content = _content(scene)
-    if profile is not None:
-        _lay_over(content, _parse(_locate_profile(profile)))
+    path, content = _content(scene, profile)
     settings = _pairs(overrides)
     try:
         stated = _stated(content, settings, path)
@@ -74,25 +72,47 @@ def states_truth(scene: str | Path) -> bool:
     return "truth" in _content(scene)[1]
 
 
-def _content(scene: str | Path | Scene) -> tuple[Path, dict[str, Any]]:
-    """What relative files are resolved against, and the tables."""
+def scene_files(scene: str | Path, overrides: Overrides = (), profile: str | None = None) -> list[Path]:
+    """The files that a scene, given as to `load_scene`, is made of: its own, the profile's, meshes and calibration.
+
+    Raises what `load_scene` does for files that are not there or no TOML; nothing else is checked.
+    """
+    path, content = _content(scene, profile)
+    content = _resolved(content, _pairs(overrides), path)
+    files = [path, *([] if profile is None else [_locate_profile(profile)]), *_mesh_files(content.get("object"))]
+    if isinstance(calibration := content.get("calibration"), str) and calibration:
+        files.append(Path(calibration))
+    return [file for file in files if file.is_file()]  # a random scene has no file of its own
+
+
+def _content(scene: str | Path | Scene, profile: str | None = None) -> tuple[Path, dict[str, Any]]:
+    """What relative files are resolved against, and the tables with a profile's over them."""
     if isinstance(scene, Scene):
-        return Path(scene.name or "scene"), scene_content(scene)
-    if (found := random_scene(str(scene))) is not None:
-        return Path(found["name"]), found
-    path = _locate(scene)
-    return path, _parse(path)
+        path, content = Path(scene.name or "scene"), scene_content(scene)
+    elif (found := random_scene(str(scene))) is not None:
+        path, content = Path(found["name"]), found
+    else:
+        path = _locate(scene)
+        content = _parse(path)
+    if profile is not None:
+        _lay_over(content, _parse(_locate_profile(profile)))
+    return path, content
 
 
 def _stated(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> Scene:
     """The scene of a file's content with settings on top."""
+    return _validate(_resolved(content, settings, path))
+
+
+def _resolved(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> dict[str, Any]:
+    """A file's content with settings on top, and with absolute paths."""
     content = deepcopy(content)
     for key, value in settings:
         _override(content, key, value)
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
     _resolve_calibration(content, path)
-    return _validate(content)
+    return content
 
 
 def _source(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> str:
@@ -232,6 +252,15 @@ def _resolve_meshes(shapes: Any, path: Path, key: str) -> None:
             if not isfile(shape["file"]):  # also where the name is longer than a system allows
                 raise SceneError(f"{key}[{n}].file", file, "an existing mesh file")
         _resolve_meshes(shape.get("children"), path, f"{key}[{n}].children")
+
+
+def _mesh_files(shapes: Any) -> Iterator[Path]:
+    """Those that tables of shapes name, as `_resolve_meshes` left them."""
+    for shape in shapes if isinstance(shapes, list) else []:
+        if isinstance(shape, dict):
+            if shape.get("shape") == "mesh" and isinstance(shape.get("file"), str):
+                yield Path(shape["file"])
+            yield from _mesh_files(shape.get("children"))
 
 
 def _resolve_calibration(content: dict[str, Any], path: Path) -> None:

@@ -8,13 +8,14 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lwrprobe import __version__
-from lwrprobe.errors import InputError, SceneError
+from lwrprobe.errors import InputError, LwrprobeError, SceneError
 
 MAX_RUNS = 1_000_000
 
@@ -40,7 +41,7 @@ class SweepFile(BaseModel):
     """Built-in names, or scene files as seen from the sweep file."""
     strategies: Names = ["grid_version"]
     profiles: Names = ["none"]
-    """Settings put over the scene's own; `none` leaves them."""
+    """Settings put over the scene's own: built-in names, or files as seen from the sweep file; `none` leaves them."""
     seeds: int | list[int] = 1
     """How many, from 1 on, or which."""
     set: list[str] = []
@@ -56,6 +57,7 @@ class SweepTask:
     ----------
     scene, strategy, profile, variant, seed : what the row is called
     settings : `key=value` in their order
+    content : digest of the files that the scene is made of
     """
 
     scene: str
@@ -64,17 +66,18 @@ class SweepTask:
     variant: str
     seed: int
     settings: tuple[str, ...] = ()
+    content: str = ""
 
     @property
     def key(self) -> str:
         """Tells the task from all others of this version of the library."""
-        text = json.dumps([__version__, asdict(self), _content(self.scene)], sort_keys=True)
+        text = json.dumps([__version__, asdict(self)], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def for_worker(self) -> dict[str, Any]:
         """As `lwrprobe.sweeps.worker` takes it."""
         given = [*self.settings, f"strategy.name={json.dumps(self.strategy)}", f"run.seed={self.seed}"]
-        return {"scene": self.scene, "set": given, "profile": None if self.profile == "none" else self.profile}
+        return {"scene": self.scene, "set": given, "profile": _profile(self.profile)}
 
     def named(self) -> dict[str, Any]:
         """The columns that name a row."""
@@ -108,10 +111,12 @@ def read_plan(file: str | Path) -> list[SweepTask]:
     count = len(plan.scenes) * len(plan.strategies) * len(plan.profiles) * len(variants) * len(seeds)
     if count > MAX_RUNS:
         raise SceneError(f"{path.name}", f"{count} runs", f"at most {MAX_RUNS}")
-    scenes = [_resolved(scene, path.parent) for scene in plan.scenes]
+    scenes, profiles = ([_resolved(name, path.parent) for name in names] for names in (plan.scenes, plan.profiles))
+    settings = {variant.name: (*plan.set, *variant.set) for variant in variants}
+    content = {kind: _content(kind[0], kind[1], settings[kind[2]]) for kind in product(scenes, profiles, settings)}
     return [
-        SweepTask(scene, strategy, profile, variant.name, seed, (*plan.set, *variant.set))
-        for scene, strategy, profile, variant, seed in product(scenes, plan.strategies, plan.profiles, variants, seeds)
+        SweepTask(scene, strategy, profile, variant, seed, settings[variant], content[scene, profile, variant])
+        for scene, strategy, profile, variant, seed in product(scenes, plan.strategies, profiles, settings, seeds)
     ]
 
 
@@ -132,12 +137,23 @@ def check_scenes(tasks: Sequence[SweepTask]) -> None:
                 raise
 
 
-def _resolved(scene: str, folder: Path) -> str:
-    file = folder / scene
-    return str(file.resolve()) if file.suffix == ".toml" and file.is_file() else scene
+def _resolved(name: str, folder: Path) -> str:
+    """A scene or a profile, as a path where it is a file as seen from the sweep file."""
+    file = folder / name
+    return str(file.resolve()) if file.suffix == ".toml" and isfile(file) else name
 
 
-def _content(scene: str) -> str:
-    """A scene file's text: with another one the task is another."""
-    path = Path(scene)
-    return path.read_text(encoding="utf-8") if path.suffix == ".toml" and path.is_file() else ""
+def _content(scene: str, profile: str, settings: Sequence[str]) -> str:
+    """Digest of all files that a scene is made of: with other content the task is another."""
+    from lwrprobe.scene.scene_file import scene_files
+
+    try:
+        digests = [hashlib.sha256(file.read_bytes()) for file in scene_files(scene, settings, _profile(profile))]
+    except (LwrprobeError, OSError):  # `check_scenes` says what is wrong
+        return ""
+    return hashlib.sha256(b"".join(digest.digest() for digest in digests)).hexdigest()
+
+
+def _profile(name: str) -> str | None:
+    """As `load_scene` takes it."""
+    return None if name == "none" else name
