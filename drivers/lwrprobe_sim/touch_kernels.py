@@ -180,7 +180,7 @@ def stiffest(rows, n):
 
 
 @kernel
-def inherit(rows, n, old_rows, n_old, old_centre, old_tip, tip, length, turn):
+def inherit(rows, n, old_rows, n_old, old_centre, old_tip, length, turn):
     """Set bristle, penetration and slip speed of each row from the same contact in the last step.
 
     `turn` (3,) is the rotation vector of the tip in this step: a rotation of the sphere moves its surface over the

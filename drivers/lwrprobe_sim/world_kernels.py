@@ -394,7 +394,7 @@ def _balance(world, counts, numbers, indices, tip, drift, step):
     for _ in range(_ROUNDS):
         now = _moved(tip, x, y, z)
         n = touch.find(s, v, counts[SCENERY_COUNTS:WATCH_COUNTS], numbers, indices, now, reference, reach, rows)
-        touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, before, now, s[touch.STICK_LENGTH], turn)
+        touch.inherit(rows, n, old_rows, counts[N_ROWS], old_centre, before, s[touch.STICK_LENGTH], turn)
         given = (x, y, z)
         for i in range(3):
             free[0, i] = world[FREE + i] + given[i] - reference[i]

@@ -393,7 +393,7 @@ def test_add_friction(case, sliding):
 def test_learn_friction(case):
     slip = naive_contact.unit(case.rng.normal(size=3))
     for normal in (case.normal, -case.normal, slip):
-        fused_kernels.learn_friction(case.row, PARAMS, case.state, normal, case.total, slip, case.out)
+        fused_kernels.learn_friction(PARAMS, case.state, normal, case.total, slip, case.out)
         naive.learn_friction(P, case.memory, normal, case.total, slip, case.force)
         case.check_memory()
 

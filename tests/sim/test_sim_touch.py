@@ -113,7 +113,7 @@ def test_a_turning_sphere_rubs():
     rows[0, contact.NORMAL : contact.NORMAL + 3] = 0.0, 0.0, 1.0
     rows[0, contact.LEVER], rows[0, contact.RADIUS] = 1.0, 0.005
     frame = tuple(np.vstack([np.eye(3), np.zeros(3)]).ravel())
-    touch.inherit(rows, 1, old, 0, np.zeros(3), np.array(frame), frame, 0.05, np.array([0.0, 0.01, 0.0]))
+    touch.inherit(rows, 1, old, 0, np.zeros(3), np.array(frame), 0.05, np.array([0.0, 0.01, 0.0]))
     # turned about y, the lowest point of the sphere goes to -x
     assert rows[0, contact.BRISTLE : contact.BRISTLE + 3] == pytest.approx([-5e-5, 0.0, 0.0], abs=1e-12)
 

@@ -170,7 +170,7 @@ def fused(given, params, state, out):
     # The friction angle is the same for many samples: remembered, its error would be averaged as if it were noise.
     mu, mu_var = state[S_FRICTION], state[S_FRICTION_VAR]
     if sliding:
-        learn_friction(given, params, state, normal, total, slip, out)
+        learn_friction(params, state, normal, total, slip, out)
     # The stick bends before the sphere slips: a slip that has just begun need not take all of the friction yet.
     slid = motion == SLIPS or (sliding and state[S_STREAK] >= _FRICTION_STREAK)
     mu_var += (_DEVELOPING * mu) ** 2 if motion == SLIPS else 0.0
@@ -727,7 +727,7 @@ def remember(given, params, state, normal, total, travel):
 
 
 @kernel
-def learn_friction(given, params, state, normal, total, slip, out):
+def learn_friction(params, state, normal, total, slip, out):
     """Scalar Kalman step on mu from the part of the force along the slip over the part along the normal."""
     push, drag, off = 0.0, 0.0, 0.0
     for i in range(3):

@@ -46,7 +46,7 @@ class ConcaveHull:
         """Raises InputError for points that span no solid, and for an alpha that leaves nothing."""
         begin = time.perf_counter()
         points, tetrahedra, radii = _delaunay(solid_points(record.points))
-        alpha = self.config.alpha if self.config.alpha is not None else _automatic(len(points), tetrahedra, radii)
+        alpha = self.config.alpha if self.config.alpha is not None else _automatic(tetrahedra, radii)
         kept = tetrahedra[radii <= alpha]
         if len(kept) == 0:
             raise InputError("alpha", alpha, f"at least {radii.min():.4g} m, the smallest circumradius here")
@@ -80,7 +80,7 @@ def _delaunay(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, corners[solid], radii
 
 
-def _automatic(count: int, tetrahedra: np.ndarray, radii: np.ndarray) -> float:
+def _automatic(tetrahedra: np.ndarray, radii: np.ndarray) -> float:
     """The smallest radius at which the tetrahedra up to it hold every point in one face-connected piece."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -160,7 +160,7 @@ class ContactSurface:
         contacts = np.vstack([touches.centres, below.points, lower.points])
         walls = work.run("walls", lambda: find_walls(evidence, HermiteField(known, 2.0 * pitch), contacts, settings))
         process = HermiteField(known + walls.data, 2.0 * pitch)
-        outer = work.run("field", lambda: _outer_field(evidence, process, below, lower, touches, pitch))
+        outer = work.run("field", lambda: _outer_field(evidence, process, lower, touches, pitch))
         bound = work.run("convexity", lambda: tangent_bound(touches, clusters, pitch, grid, outer))
         if bound is not None:
             np.maximum(outer, bound, out=outer)
@@ -314,7 +314,7 @@ def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
 
 
 def _outer_field(
-    evidence: Evidence, process: HermiteField, below: HermiteData, lower: HermiteData, touches: Touches, pitch: float
+    evidence: Evidence, process: HermiteField, lower: HermiteData, touches: Touches, pitch: float
 ) -> np.ndarray:
     """Signed field of the centres' surface: the process near data, the evidence's bound elsewhere."""
     grid = evidence.grid

@@ -30,7 +30,7 @@ class LowerEnds:
     def __init__(self, touches: Touches, clusters: Clusters, pitch: float) -> None:
         from scipy.spatial import cKDTree
 
-        self._touches, self._clusters, self._pitch = touches, clusters, pitch
+        self._touches, self._pitch = touches, pitch
         self._points, self._normals = clusters.points, clusters.normals
         self._tree, self._level = cKDTree(clusters.points), cKDTree(clusters.points[:, :2])
         self._beside = max(_BESIDE * pitch, touches.radius)

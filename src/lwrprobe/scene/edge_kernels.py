@@ -10,7 +10,7 @@ from lwrprobe.scene.surface_kernels import contains, surface_gradient, surface_v
 
 
 @kernel
-def onto_curve(numbers, indices, i, j, x, y, z):
+def onto_curve(numbers, i, j, x, y, z):
     """Point near (x, y, z) where surfaces i and j are both zero, by Newton steps of least length; found or not."""
     for _ in range(20):
         f = surface_value(numbers, i, x, y, z)
@@ -31,7 +31,7 @@ def onto_curve(numbers, indices, i, j, x, y, z):
 
 
 @kernel
-def curve_tangent(numbers, indices, i, j, x, y, z):
+def curve_tangent(numbers, i, j, x, y, z):
     """Unit tangent of the curve of surfaces i and j; zero where they touch without crossing."""
     ax, ay, az = surface_gradient(numbers, i, x, y, z)
     bx, by, bz = surface_gradient(numbers, j, x, y, z)
@@ -43,7 +43,7 @@ def curve_tangent(numbers, indices, i, j, x, y, z):
 
 
 @kernel
-def follow_curve(numbers, indices, i, j, start, step, box, out):
+def follow_curve(numbers, i, j, start, step, box, out):
     """Points along the curve from `start` on, `step` apart, into out (n, 3) until it closes or leaves box (2, 3).
 
     Returns how many, and whether the curve closed.
@@ -51,8 +51,8 @@ def follow_curve(numbers, indices, i, j, start, step, box, out):
     x, y, z = start[0], start[1], start[2]
     for n in range(out.shape[0]):
         out[n, 0], out[n, 1], out[n, 2] = x, y, z
-        tx, ty, tz = curve_tangent(numbers, indices, i, j, x, y, z)
-        x, y, z, found = onto_curve(numbers, indices, i, j, x + step * tx, y + step * ty, z + step * tz)
+        tx, ty, tz = curve_tangent(numbers, i, j, x, y, z)
+        x, y, z, found = onto_curve(numbers, i, j, x + step * tx, y + step * ty, z + step * tz)
         if not found or (tx == 0.0 and ty == 0.0 and tz == 0.0):
             return n + 1, False
         for axis, value in enumerate((x, y, z)):
@@ -72,7 +72,7 @@ def edge_point(numbers, indices, e, kind, i, j, x, y, z):
         return _line_point(numbers, row, x, y, z)
     if kind == ARC:
         return _arc_point(numbers, row, x, y, z)
-    return _curve_point(numbers, indices, row, i, j, x, y, z)
+    return _curve_point(numbers, row, i, j, x, y, z)
 
 
 @kernel
@@ -105,7 +105,7 @@ def _arc_point(numbers, row, x, y, z):
 
 
 @kernel
-def _curve_point(numbers, indices, row, i, j, x, y, z):
+def _curve_point(numbers, row, i, j, x, y, z):
     px, py, pz = numbers[row], numbers[row + 1], numbers[row + 2]
     qx, qy, qz = numbers[row + 3], numbers[row + 4], numbers[row + 5]
     low = (px - x) * numbers[row + 6] + (py - y) * numbers[row + 7] + (pz - z) * numbers[row + 8]
@@ -118,8 +118,8 @@ def _curve_point(numbers, indices, row, i, j, x, y, z):
     share = low / min(low - high, -1e-30)
     sx, sy, sz = px + share * (qx - px), py + share * (qy - py), pz + share * (qz - pz)
     for _ in range(8):
-        sx, sy, sz, _ = onto_curve(numbers, indices, i, j, sx, sy, sz)
-        tx, ty, tz = curve_tangent(numbers, indices, i, j, sx, sy, sz)
+        sx, sy, sz, _ = onto_curve(numbers, i, j, sx, sy, sz)
+        tx, ty, tz = curve_tangent(numbers, i, j, sx, sy, sz)
         if tx * (qx - px) + ty * (qy - py) + tz * (qz - pz) < 0.0:
             tx, ty, tz = -tx, -ty, -tz
         short = -((sx - x) * tx + (sy - y) * ty + (sz - z) * tz) / max(slope, 0.1)
@@ -138,7 +138,7 @@ def edge_sectors(numbers, indices, i, j, point, reach, skin, out):
     of j make an edge when the sector between them is wholly inside (convex) or wholly outside (concave).
     """
     x, y, z = point[0], point[1], point[2]
-    tx, ty, tz = curve_tangent(numbers, indices, i, j, x, y, z)
+    tx, ty, tz = curve_tangent(numbers, i, j, x, y, z)
     if tx == 0.0 and ty == 0.0 and tz == 0.0:
         return 0
     count = 0

@@ -69,7 +69,7 @@ class Tracer:
     ) -> None:  # fmt: skip
         self.surfaces, self.groups = surfaces, groups
         self.lower, self.upper = lower, upper
-        self.packed = numbers, indices
+        self.numbers, self.indices = numbers, indices
 
     def chains(self) -> list[Chain]:
         """All edges, each once."""
@@ -129,17 +129,17 @@ class Tracer:
 
     def _follow(self, i: int, j: int, seed: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, bool]:
         buffer = np.empty((20_000, 3))
-        count, closed = follow_curve(*self.packed, i, j, seed, _STEP, box, buffer)
+        count, closed = follow_curve(self.numbers, i, j, seed, _STEP, box, buffer)
         forth = buffer[:count].copy()
         if closed:
             return forth, True
-        count, _ = follow_curve(*self.packed, i, j, seed, -_STEP, box, buffer)
+        count, _ = follow_curve(self.numbers, i, j, seed, -_STEP, box, buffer)
         return np.concatenate([buffer[1:count][::-1], forth]), False
 
     def _seeds(self, i: int, j: int, box: np.ndarray) -> np.ndarray:
         net = _net(self.surfaces[i], box)
         flat = np.empty(len(net.reshape(-1, 3)))
-        surface_values(self.packed[0], j, net.reshape(-1, 3), flat)
+        surface_values(self.numbers, j, net.reshape(-1, 3), flat)
         values = flat.reshape(net.shape[:2])
         seeds = []
         for axis in (0, 1):
@@ -153,7 +153,7 @@ class Tracer:
             seeds.append((1.0 - share) * q[cross] + share * p[cross])
         exact = []
         for seed in np.concatenate(seeds):
-            *point, good = onto_curve(*self.packed, i, j, *seed)
+            *point, good = onto_curve(self.numbers, i, j, *seed)
             if good and (point >= box[0]).all() and (point <= box[1]).all():
                 exact.append(point)
         return np.array(exact).reshape(-1, 3)
@@ -167,13 +167,13 @@ class Tracer:
             k = np.minimum(t.astype(int), len(points) - 2)
             share = (t - k)[:, None]
             chord = (1.0 - share) * points[k] + share * points[k + 1]
-            return np.array([onto_curve(*self.packed, i, j, *p)[:3] for p in chord])
+            return np.array([onto_curve(self.numbers, i, j, *p)[:3] for p in chord])
 
         def rows(begin: float, end: float) -> np.ndarray:
             inner = np.arange(np.floor(begin) + 1, np.ceil(end))
             inner = inner[(inner > begin + 1e-3) & (inner < end - 1e-3)]
             p = point(np.concatenate([[begin], inner, [end]]))
-            t = np.array([curve_tangent(*self.packed, i, j, *q) for q in p])
+            t = np.array([curve_tangent(self.numbers, i, j, *q) for q in p])
             chords = np.diff(p, axis=0)
             along = np.sign(np.einsum("ij,ij->i", t[:-1], chords))[:, None]
             along_end = np.sign(np.einsum("ij,ij->i", t[1:], chords))[:, None]
@@ -220,7 +220,7 @@ class Tracer:
             for k in range(group.first, group.last):
                 if k in (i, j):
                     continue
-                surface_values(self.packed[0], k, points, values)
+                surface_values(self.numbers, k, points, values)
                 inside = values <= 0.0
                 crossed = np.flatnonzero(inside[:-1] != inside[1:])
                 new = [self._crossing(curve, k, *samples[n : n + 2], *values[n : n + 2]) for n in crossed]
@@ -238,7 +238,7 @@ class Tracer:
         value = np.empty(1)
         for _ in range(60):
             middle = (low * at_high - high * at_low) / (at_high - at_low)
-            surface_values(self.packed[0], k, curve.point(np.array([middle])), value)
+            surface_values(self.numbers, k, curve.point(np.array([middle])), value)
             if abs(value[0]) < 1e-14 or not low < middle < high:
                 return middle
             if (value[0] <= 0.0) == (at_high <= 0.0):
@@ -249,10 +249,10 @@ class Tracer:
 
     def _judge(self, point: np.ndarray, i: int, j: int, slack: float) -> list[tuple]:
         x, y, z = point
-        if not all(on_patch(self.packed[0], k, x, y, z, slack) for k in (i, j)):
+        if not all(on_patch(self.numbers, k, x, y, z, slack) for k in (i, j)):
             return []
         out = np.empty((4, 3))
-        count = edge_sectors(*self.packed, i, j, point, _REACH, _SKIN, out)
+        count = edge_sectors(self.numbers, self.indices, i, j, point, _REACH, _SKIN, out)
         return [(row[0], row[1], bool(row[2])) for row in out[:count]]
 
     def _chain(self, curve: Curve, i: int, j: int, begin: float, end: float, kind: tuple) -> list[Chain]:

@@ -227,13 +227,6 @@ class Explorer:
         bag = self._recorder.bag
         return ask if bag is None else lambda poses: bag.answer(ask(poses))
 
-    def run(self, time_limit: float) -> Outcome:
-        """Until the strategy is done, or `time_limit` s of robot time are over."""
-        for _ in self.observations(time_limit):
-            pass
-        assert self.outcome is not None
-        return self.outcome
-
     def observations(self, time_limit: float) -> Generator[Observation, None, None]:
         """What the strategy is shown during the run; whatever ends it early, what was measured is kept.
 

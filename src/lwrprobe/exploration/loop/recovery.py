@@ -81,11 +81,6 @@ class Recovery:
         self._attempts = 0
         self.interruptions: list[Interruption] = []
 
-    @property
-    def reentries(self) -> int:
-        """How often the arm was set in motion again."""
-        return sum(one.device == "arm" for one in self.interruptions)
-
     def table(self) -> list[dict[str, Any]]:
         """For the summary."""
         return [asdict(one) for one in self.interruptions]

@@ -310,7 +310,7 @@ class Replay:
         pose, q = self._start
         slope, softer = stiffness_slope(pipeline.robot, q), softer_than_along(scene, pipeline.robot, q)
         pipeline.force.expect(pose[:3, 3], slope, softer)
-        task = self._task(tip)
+        task = self._task()
         pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         try:
             pipeline.strategy.start(task)
@@ -321,7 +321,7 @@ class Replay:
             raise failed("strategy", scene.strategy.name, error) from error
         return tip
 
-    def _task(self, tip: RecordedTip) -> Task:
+    def _task(self) -> Task:
         """With the delay that the recorded run had found, unless the settings state another one."""
         recording = self._recording
         delay = recording.delay
