@@ -20,6 +20,9 @@ from pydantic_core import PydanticUndefined
 INTERNAL = ("lwrprobe.bench", "lwrprobe.cli")
 """Packages whose names are no part of the library's interface."""
 
+CALIBRATING = "reference_sphere"
+"""The strategy that `lwrprobe calibrate` drives, which sets its options itself."""
+
 
 def write(folder: Path) -> None:
     """Write all generated pages into `folder`; a page that did not change keeps its time stamp."""
@@ -98,6 +101,7 @@ def scene_file() -> str:
     lines += _keys({name: Scene.model_fields[name] for name in ("name", "title")})
     for name, field in ((n, f) for n, f in Scene.model_fields.items() if _model(f.annotation)):
         lines += _table(name, field.annotation)
+        lines += _plugin_options(name)
     lines += ["", "## \\[drivers.NAME\\]", "", Scene.model_fields["drivers"].description or ""]
     lines += _drivers()
     lines += ["", "## \\[\\[object\\]\\]", ""]
@@ -119,19 +123,34 @@ def _drivers() -> list[str]:
     from lwrprobe.contracts.plugins import load
 
     lines = []
-    for name in ("sim", "fri", "ati"):
+    for name in ("sim", "mujoco", "fri", "ati"):
         config = load("driver", name).Config
         lines += ["", f"### \\[drivers.{name}\\]", "", *_attributes(config)]
     return lines
 
 
+def _plugin_options(table: str) -> list[str]:
+    """The options of each strategy, or of each reconstructor, which stand in the same table as its name."""
+    from lwrprobe.contracts.plugins import load, names
+
+    kind, naming = {"strategy": ("strategy", "name"), "reconstruction": ("reconstructor", "method")}.get(
+        table, ("", "")
+    )
+    lines = []
+    for name in names(kind) if kind else ():
+        config = load(kind, name).Config
+        if not config.__module__.rpartition(".")[2].startswith(CALIBRATING) and fields(config):
+            lines += ["", f'### Where `{naming} = "{name}"`', "", *_attributes(config)]
+    return lines
+
+
 def _attributes(config: type) -> list[str]:
-    """The fields of an options dataclass with the text of its docstring's section Attributes."""
+    """The fields of an options dataclass with the text of the section Attributes, its own or of the class it extends."""
     said, key = {}, ""
-    section = (config.__doc__ or "").partition("----------\n")[2]
-    for line in section.splitlines():
+    texts = (inspect.cleandoc(base.__doc__ or "") for base in reversed(config.__mro__[:-1]))
+    for line in "\n".join(text.partition("----------\n")[2] for text in texts).splitlines():
         name, colon, rest = line.strip().partition(" : ")
-        if colon and not line.startswith("        "):
+        if colon and not line.startswith(" "):
             key = name
             for part in key.split(","):
                 said[part.strip()] = rest
