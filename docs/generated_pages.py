@@ -133,9 +133,8 @@ def _plugin_options(table: str) -> list[str]:
     """The options of each strategy, or of each reconstructor, which stand in the same table as its name."""
     from lwrprobe.contracts.plugins import load, names
 
-    kind, naming = {"strategy": ("strategy", "name"), "reconstruction": ("reconstructor", "method")}.get(
-        table, ("", "")
-    )
+    tables = {"strategy": ("strategy", "name"), "reconstruction": ("reconstructor", "method")}
+    kind, naming = tables.get(table, ("", ""))
     lines = []
     for name in names(kind) if kind else ():
         config = load(kind, name).Config
@@ -145,7 +144,7 @@ def _plugin_options(table: str) -> list[str]:
 
 
 def _attributes(config: type) -> list[str]:
-    """The fields of an options dataclass with the text of the section Attributes, its own or of the class it extends."""
+    """The fields of an options dataclass with the text of the section Attributes, also of what it extends."""
     said, key = {}, ""
     texts = (inspect.cleandoc(base.__doc__ or "") for base in reversed(config.__mro__[:-1]))
     for line in "\n".join(text.partition("----------\n")[2] for text in texts).splitlines():

@@ -47,11 +47,8 @@ def recorded_budget(
 
     None without contacts, and where some come from an earlier part of the run.
     """
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts):
-        return None
-    joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
-    return error_budget(scene, pipeline, recorder.contacts, joints, velocities, corrections)
+    states = recorder.arm_states()
+    return None if states is None else error_budget(scene, pipeline, recorder.contacts, *states, corrections)
 
 
 def error_budget(

@@ -105,10 +105,10 @@ def take_waves_off(recorder: Recorder, scene: Scene, robot: Robot) -> GearWaves 
     belong to an earlier part of the run, of which the joints are not known.
     """
     stated = radians(scene.uncertainty.sigma("gear_ripple_deg"))
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts) or stated <= 0.0 or scene.arm.gear_waves <= 0.0:
+    states = recorder.arm_states()
+    if states is None or stated <= 0.0 or scene.arm.gear_waves <= 0.0:
         return None
-    joints = np.array([q for q, _ in states])
+    joints, _ = states
     linear = robot.jacobian_batch(joints)[:, :3]
     centres = recorder.points() + scene.probe.radius * recorder.normals()
     times = np.array([contact.time for contact in recorder.contacts])

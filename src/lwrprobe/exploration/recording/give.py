@@ -91,14 +91,14 @@ def take_give_off(recorder: Recorder, scene: Scene, pipeline: Pipeline, start: n
     `start` (n,) rad: joint values where the stiffness of the arm is stated. None without contacts, and where some
     belong to an earlier part of the run, of which neither force nor joints are known.
     """
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts):
+    states = recorder.arm_states()
+    if states is None:
         return None
     normals, points = recorder.normals(), recorder.points()
     forces = np.array([contact.force for contact in recorder.contacts])
     centres = np.array([contact.centre for contact in recorder.contacts])
     times = np.array([contact.time for contact in recorder.contacts])
-    joints = np.array([q for q, _ in states])
+    joints, _ = states
     rotations, linear = pipeline.robot.fk_batch(joints)[:, :3, :3], pipeline.robot.jacobian_batch(joints)[:, :3]
     stick = pipeline.probe.compliance * float(scene.contact.deflection)
     soft = np.einsum("nij,j,nkj->nik", rotations, stick, rotations)

@@ -11,7 +11,7 @@ itself shows (`weighed`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import cos, degrees, radians
 
 import numpy as np
@@ -69,11 +69,11 @@ def turn_to_neighbours(recorder: Recorder, scene: Scene, spacing: float | None) 
     `spacing` m of the strategy's lines. None where there are too few lines beside each other, where nothing is stated
     to turn the normals, and where some contacts belong to an earlier part of the run, of which the path is not known.
     """
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts) or friction_turn(scene) <= 0.0 or spacing is None:
+    states = recorder.arm_states()
+    if states is None or friction_turn(scene) <= 0.0 or spacing is None:
         return None
     normals, radius = recorder.normals(), scene.probe.radius
-    centres, aside = recorder.points() + radius * normals, aside_of(normals, np.array([v for _, v in states]))
+    centres, aside = recorder.points() + radius * normals, aside_of(normals, states[1])
     angles, disagreements = slopes(centres, normals, aside, spacing)
     known = np.isfinite(angles)
     if known.sum() < FEWEST:
@@ -82,8 +82,7 @@ def turn_to_neighbours(recorder: Recorder, scene: Scene, spacing: float | None) 
     share[known], error[known] = weighed(angles[known], disagreements[known])
     normals = normals - (share * np.where(known, angles, 0.0))[:, None] * aside
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    for k in np.flatnonzero(share):
-        recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
+    recorder.turn(normals, share > 0.0, radius)
     return NeighbourTurn(share, error)
 
 

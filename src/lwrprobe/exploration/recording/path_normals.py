@@ -12,7 +12,7 @@ drawn into the plane of force and path, in which friction lies.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -84,8 +84,7 @@ def turn_to_path(recorder: Recorder, radius: float) -> PathTurn:
     share = np.where(led & (np.abs(off) < LARGEST), _shares(np.abs(off), bends), 0.0)
     normals = _unit(normals - (share * off)[:, None] * chords)
     normals = _drawn_to_force(recorder, normals, np.where((share > 0.0)[:, None], chords, 0.0))
-    for k in np.flatnonzero(share):
-        recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
+    recorder.turn(normals, share > 0.0, radius)
     return PathTurn(share, np.where(led, off, np.nan))
 
 

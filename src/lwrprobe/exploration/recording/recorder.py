@@ -135,6 +135,26 @@ class Recorder:
         self.contacts, self.sequences = [self.contacts[k] for k in kept], [self.sequences[k] for k in kept]
         self.states = [self.states[k] for k in kept]
 
+    def turn(self, normals: np.ndarray, which: np.ndarray, radius: float) -> None:
+        """Give the contacts that are `which` (n,) their `normals` (n, 3), about the centres of the sphere (`radius` m).
+
+        On disk they stay.
+        """
+        for k in np.flatnonzero(which):
+            contact = self.contacts[k]
+            centre = contact.point + radius * contact.normal
+            self.contacts[k] = replace(contact, point=centre - radius * normals[k], normal=normals[k])
+
+    def arm_states(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Joint values (n, m) rad and velocities (n, 3) m/s of the centre at the contacts that follow the run.
+
+        None without contacts, and where some belong to an earlier part of the run, of which they are not known.
+        """
+        known = [state for state in self.states if state is not None]
+        if not known or len(known) < len(self.contacts):
+            return None
+        return np.array([joints for joints, _ in known]), np.array([velocity for _, velocity in known])
+
     def points(self) -> np.ndarray:
         """(n, 3) m."""
         return np.array([c.point for c in self.contacts]).reshape(-1, 3)

@@ -9,7 +9,7 @@ that are not even count with opposite signs on lines followed to and fro.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import cos, degrees, hypot, radians, sqrt
 
 import numpy as np
@@ -58,18 +58,17 @@ def take_side_turn_off(recorder: Recorder, scene: Scene, spacing: float | None) 
     the slip, and where some contacts belong to an earlier part of the run, of which the path is not known.
     """
     stated = friction_turn(scene) * _friction(recorder) / FRICTION
-    states = [state for state in recorder.states if state is not None]
-    if not states or len(states) < len(recorder.contacts) or stated <= 0.0 or spacing is None:
+    states = recorder.arm_states()
+    if states is None or stated <= 0.0 or spacing is None:
         return None
     normals, radius = recorder.normals(), scene.probe.radius
-    centres, aside = recorder.points() + radius * normals, aside_of(normals, np.array([v for _, v in states]))
+    centres, aside = recorder.points() + radius * normals, aside_of(normals, states[1])
     found = learn(centres, normals, aside, spacing, stated)
     if found is None:
         return None
     normals = normals - np.tan(found.angle) * aside
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    for k in np.flatnonzero(aside.any(axis=1)):
-        recorder.contacts[k] = replace(recorder.contacts[k], point=centres[k] - radius * normals[k], normal=normals[k])
+    recorder.turn(normals, np.abs(aside).max(axis=1) > 0.0, radius)
     return found
 
 
