@@ -250,15 +250,17 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, al
     file = folder / "mesh.stl"
     if file.is_file():
         mesh = read_mesh(file)
-        mean, largest = mesh_errors(mesh, true, points, lowest)
-        found |= {"mesh": 1e3 * mean, "mesh_max": 1e3 * largest, "manifold": edges_of_two(mesh)}
+        found["manifold"], errors = edges_of_two(mesh), mesh_errors(mesh, true, points, lowest)
+        found["picture"] = _picture(mesh, actual)
+        if errors is None:
+            return found
+        found |= {"mesh": 1e3 * errors[0], "mesh_max": 1e3 * errors[1]}
         found["where"] = _where(mesh, record, true, points, normals, reached)
-        found["mesh_reachable"] = 1e3 * mesh_errors(mesh, true, points, lowest, reached)[0]
+        found["mesh_reachable"] = _mean(mesh_errors(mesh, true, points, lowest, reached))
         others = {method: _other(method, record, true, points, lowest) for method in METHODS}
         found |= others
         best = min((error for error in others.values() if error is not None), default=None)
         found["over_best"] = found["mesh"] / best if best else None
-        found["picture"] = _picture(mesh, actual)
     return found
 
 
@@ -333,7 +335,12 @@ def _other(method: str, record: TouchRecord, true: TrueMesh, points: np.ndarray,
         mesh = reconstruct(record, method).mesh
     except LwrprobeError:
         return None
-    return 1e3 * mesh_errors(mesh, true, points, above)[0] if len(mesh.faces) else None
+    return _mean(mesh_errors(mesh, true, points, above)) if len(mesh.faces) else None
+
+
+def _mean(errors: tuple[float, float] | None) -> float | None:
+    """mm, the mean of two errors in m."""
+    return None if errors is None else 1e3 * errors[0]
 
 
 def _picture(mesh: TriangleMesh, scene: Scene) -> str:
@@ -375,7 +382,8 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
             requirement = f"{profile}: {criterion.requirement} in {100.0 * criterion.share:.0f} %"
             report.verdicts.append(replace(criterion, requirement=requirement).verdict(mine))
         for criterion, middle in zip(MEDIANS, _middles(mine)):
-            report.require(f"{profile}: {criterion.requirement}", f"{middle:.3g}", criterion.good(middle))
+            measured = f"{middle:.3g}" if np.isfinite(middle) else "no run has it"
+            report.require(f"{profile}: {criterion.requirement}", measured, criterion.good(middle))
     threats = [(item["false_threats"], item["threats"]) for item in found if item.get("threats") is not None]
     false, all_of_them = np.sum(threats, axis=0).tolist() if threats else (0, 0)
     report.require("false collision threats < 5 %", f"{false} of {all_of_them}", false <= 0.05 * all_of_them)
@@ -389,7 +397,8 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
         "A threat is false where every link was 1.5 mm or more from the object. It is judged for strategies that do "
         "not lean the probe.",
     ]
-    if all(item.get("poisson") is None for item in found):
+    compared = [item for item in found if item.get("convex_hull") is not None]
+    if compared and all(item.get("poisson") is None for item in compared):
         report.notes.append("Poisson is left out: Open3D is not installed.")
     if any(picture is not None for picture in pictures):
         report.figures["worst"] = partial(_draw_worst, worst=worst, pictures=pictures)

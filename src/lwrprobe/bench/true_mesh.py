@@ -106,8 +106,9 @@ def link_points(link: LinkShape) -> np.ndarray:
 
 def mesh_errors(
     mesh: TriangleMesh, true: TrueMesh, points: np.ndarray, above: float, judged: np.ndarray | None = None
-) -> tuple[float, float]:
-    """m, mean of both ways between mesh and surface points (n, 3), above a height, and the largest.
+) -> tuple[float, float] | None:
+    """m, mean of both ways between mesh and surface points (n, 3), above a height, and the largest; None where one of
+    both has nothing there.
 
     With `judged`, (n,) bool, only of these points, and of the mesh where one of them is the nearest of all points.
     """
@@ -121,7 +122,7 @@ def mesh_errors(
     there = true.distance(mine) if len(mine) else mine
     back = other.distance(points[points[:, 2] > above])
     if not len(there) or not len(back):
-        return np.inf, np.inf
+        return None
     return float(0.5 * (there.mean() + back.mean())), float(max(there.max(), back.max()))
 
 
