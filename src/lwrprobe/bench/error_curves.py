@@ -15,7 +15,7 @@ from lwrprobe.evaluation.mesh_error import sample_mesh
 from lwrprobe.evaluation.reach import Reach
 from lwrprobe.exploration.procedures.explore import Exploration
 from lwrprobe.exploration.recording.certification import Certification
-from lwrprobe.exploration.recording.summary import reached_upright
+from lwrprobe.exploration.recording.true_errors import reached_upright
 from lwrprobe.exploration.stages.pipeline import Pipeline
 from lwrprobe.scene import Scene
 

@@ -125,7 +125,7 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
         voxels=voxels, surface=voxels, clearance=None, object_motion=None, probe=scene.probe.as_probe(),
         area=scene.area.as_area(), explored=scene.area.as_area(), bounds=None, raised=0.0,
         touching_poses=lambda centre, facing: (),
-        force=SimpleNamespace(report=dict), torque=None, noise_at_rest=None, left_out=[],
+        force=SimpleNamespace(report=dict, planned=None), torque=None, noise_at_rest=None, left_out=[],
         line_spacing=DEFAULT_SPACING,
     )  # fmt: skip
     certified = certify(recorder, pipeline.area, pipeline.probe, pipeline.line_spacing, _OUTCOME.time)

@@ -437,6 +437,11 @@ class ForceStage:
                 f"{self._contact.stiffness:.3g} at most; stability number {number:.3g}, above 1 the force would swing"
             )
 
+    @property
+    def planned(self) -> tuple[float, float] | None:
+        """N/m along the stick and s of delay, for which the first touches were planned; None before that."""
+        return (self._report["stiffness_along_stick"], self._report["delay_s"]) if self._report else None
+
     def report(self) -> dict[str, Any]:
         """For the summary."""
         changes = self._drift.changes
