@@ -296,7 +296,7 @@ def test_over_many_drawn_worlds_the_claims_hold(profile):
     ]
     made = error_budget(scene, pipeline, contacts, joints, 0.008 * paths)
     gives = pipeline.force.compliance_sigma(5e-5, 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"))
-    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    since = pipeline.force.zero.age(np.array([contact.time for contact in contacts]))
     known = Contacts(scene, pipeline.robot, contacts, joints, 0.008 * paths, gives, since)
     inside = {False: [], True: []}
     for seed in range(150):

@@ -271,14 +271,14 @@ def test_the_time_since_the_zero_was_taken_counts_from_the_last_time_in_free_spa
     """Whatever the sensor's clock says when the run begins."""
     force, _ = stage()
     force.begin(0.0135)
-    assert force.since_zero(np.array([0.0, 0.7])) == pytest.approx([0.0, 0.7])
+    assert force.zero.age(np.array([0.0, 0.7])) == pytest.approx([0.0, 0.7])
     for k in range(100):
         sample = wrench(ahead + 1.0 + 0.008 * k, (0.004, 0.0, 0.0))
         force.update(sample, np.eye(4), None, time=1.0 + 0.008 * k)
         force.limit(Goal(np.eye(4), 0.1), sample, 0.0)
     taken = 1.0 + 0.5
-    assert force.zero_error(2.0) < force.zero_error(20.0)
-    assert force.since_zero(np.array([0.7, 9.0])) == pytest.approx([0.7, 9.0 - taken], abs=0.02)
+    assert force.zero.error(2.0) < force.zero.error(20.0)
+    assert force.zero.age(np.array([0.7, 9.0])) == pytest.approx([0.7, 9.0 - taken], abs=0.02)
 
 
 def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_on():

@@ -39,7 +39,7 @@ def explored(compliance, stick=1.04, arm=1.1, noise=0.0):
     pipeline.force = SimpleNamespace(
         rises=SimpleNamespace(found=[]),
         pressed=(press, 0.1 * press),
-        since_zero=np.zeros_like,
+        zero=SimpleNamespace(age=np.zeros_like),
         compliance_sigma=lambda *_: 0.1 * press,
     )
     recorder, true, time = Recorder(None), [], 0.0

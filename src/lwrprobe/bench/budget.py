@@ -109,7 +109,7 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
         1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
     )
     contacts = [recorder.contacts[k] for k in at]
-    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    since = pipeline.force.zero.age(np.array([contact.time for contact in contacts]))
     known = Contacts(scene, pipeline.robot, contacts, joints, velocities, gives, since)
     return known, error_budget(scene, pipeline, known.contacts, joints, velocities)
 

@@ -144,7 +144,7 @@ class SampleStep:
         if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
             doubt = torque.doubt if torque is not None else 0.0
             force = pipeline.force
-            zero = force.zero_error(time)
+            zero = force.zero.error(time)
             pipeline.object_motion.see(
                 time, place, wrench.world_force, contact, force.compliance, doubt, zero, pose[:3, 2]
             )

@@ -78,7 +78,7 @@ def error_budget(
     normal = _of_normal(scene, pipeline, normals, forces, paths, confidence, travel, beside)
     shared = _of_probe(scene, normals, rotations)
     shared |= _of_give(scene, pipeline, normals, forces, rotations, corrections.give)
-    since = pipeline.force.since_zero(np.array([contact.time for contact in contacts]))
+    since = pipeline.force.zero.age(np.array([contact.time for contact in contacts]))
     shared |= _of_force(scene, pipeline, normals, forces, rotations, paths, since, left)
     shared |= _of_arm(scene, pipeline.robot, joints, velocities)
     friction = (friction_turn(scene) if corrections.side is None else corrections.side.error) * left

@@ -1,4 +1,4 @@
-"""What a run learns of its touch as it goes: how stiff the surface is, whether the loop oscillates, where zero is."""
+"""What a run learns of its touch as it goes: how stiff the surface is, and whether the loop oscillates."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 
 from lwrprobe.contact import (
     Deflection,
-    DriftRate,
-    DriftWatch,
     Estimator,
     LimitCycle,
     PressCompliance,
@@ -23,18 +21,12 @@ from lwrprobe.contact import (
 )
 from lwrprobe.contracts import Contact, Goal, Motion, Probe, SafetyStop, VelocityCommand
 from lwrprobe.control import RETURN, Refusal
-from lwrprobe.exploration.stages.lift_off import STEADY, LiftOff
-from lwrprobe.exploration.stages.sensor_errors import zero_errors
+from lwrprobe.exploration.stages.sensor_zero import SensorZero
 from lwrprobe.exploration.stages.touch_law import touch_law
 from lwrprobe.scene import Scene
 
-FREE_WINDOW = 0.5
-"""s of even travel without a touch after which the zero may be moved."""
 NORMAL_ERROR, FRICTION_ANGLE = 0.04, 0.3
 """rad by which a touch's normals are wrong: of estimators that know friction, and of the one that knows none."""
-GUARD = 0.25
-"""s before a touch that are not trusted to have been free."""
-
 SPEED_STEPS = 40
 """Steps in which a speed is reduced."""
 COVERED = 1.25
@@ -50,14 +42,8 @@ UNSURE = 2.0
 """The same once presses have shown it."""
 ACROSS = 0.1
 """Cosine to the stick below which a motion or a normal counts as across it."""
-DRIFTED = 0.125
-"""Of the threshold, that the zero may drift by in one standard deviation before a contact is interrupted for it."""
-UNCHANGED = 0.25
-"""Of the threshold, by which a force may change in free space."""
 LEANING_GIVE = 0.1
 """Of the stated compliance, that arm and object give at least along a stick that leans."""
-LIFT_SPEED = 0.01
-"""m/s off a surface, at most."""
 
 
 class TouchRefused(SafetyStop):
@@ -91,32 +77,15 @@ class ForceStage:
         self._delay = self._tip_mass = 0.0
         self._touch_speed = self._approach
         self._normal: np.ndarray | None = None
-        self._conditioner, self._estimator, self._rate = conditioner, estimator, rate
+        self._estimator, self._rate = estimator, rate
         self._bend = Deflection(probe)
         self._axial, self._across = float(probe.compliance[2]), float(probe.compliance[:2].min())
-        self._drifting = drift = 1e-3 / 60.0 * scene.uncertainty.sigma("drift_mn_per_min")  # N/s
-        self._drift = DriftWatch(
-            conditioner,
-            touch_force=0.5 * scene.contact.threshold,
-            window=FREE_WINDOW,
-            guard=GUARD,
-            drift=DriftRate(drift, *zero_errors(scene, probe)),
-        )
-        threshold = scene.contact.threshold
-        self._lift = LiftOff(
-            self._drift,
-            due=DRIFTED * threshold / drift if drift > 0.0 else math.inf,
-            gentle=1.5 * scene.contact.target,
-            unchanged=UNCHANGED * threshold,
-            speed=min(LIFT_SPEED, self._approach),
-        )
+        self.zero = SensorZero(scene, probe, conditioner)
         wrong = FRICTION_ANGLE if scene.contact.estimator == "force_direction" else NORMAL_ERROR
         self._touch = TouchIdentification(self._bend, scene.contact.threshold, wrong)
         self._press = PressCompliance(self._bend, rate)
         self.rises = TouchRises(scene.contact.threshold)
         """Of all touches, for what is learnt of the stiffness after the run."""
-        self._taken = [(0.0, 1.0)]  # s of the run, and share of the drift that is unknown; at rest, before it
-        self._zero = math.sqrt(2.0) * zero_errors(scene, probe)[0]  # now, and when the bias was taken
         # Before it is measured, arm and object may be stiffer than stated.
         self._arm_sigma = 0.01 * scene.uncertainty.sigma("arm_stiffness_percent")
         # The samples' age follows from the stamps of two clocks.
@@ -201,21 +170,6 @@ class ForceStage:
         # What was stated bounds the error of the stated compliance alone.
         return shown if self._compliance > 0.0 else min(stated, shown)
 
-    def zero_error(self, time: float) -> float:
-        """N, one standard deviation of an axis of the force's zero at a time [s]: it drifts until it is taken anew."""
-        taken, unknown = self._taken[-1]
-        return math.hypot(self._zero, self._drifting * unknown * (time - taken))
-
-    def since_zero(self, times: np.ndarray) -> np.ndarray:
-        """(n,) s from the last time the sensor's zero was taken to each of times (n,) s of the run.
-
-        At 0 s it was taken at rest. Where the zeros have shown how fast it drifts, it is the shorter time in which the
-        stated drift makes it as wrong as what of it is still unknown.
-        """
-        taken, unknown = np.array(self._taken).T
-        last = np.maximum(np.searchsorted(taken, times) - 1, 0)
-        return np.asarray((times - taken[last]) * unknown[last])
-
     def update(
         self,
         wrench: Wrench,
@@ -230,9 +184,7 @@ class ForceStage:
 
         Raises TouchRefused when the surface turns out too stiff for the damping that was chosen.
         """
-        ahead = 0.0 if time is None else wrench.time - time
-        changes = self._drift.changes[len(self._taken) - 1 :]
-        self._taken += [(change.time - ahead, change.unknown) for change in changes]
+        self.zero.note(0.0 if time is None else wrench.time - time)
         if self._cycle is not None and self._returns is not None:
             if contact is not None:
                 force = float(contact.normal @ wrench.world_force)
@@ -261,20 +213,13 @@ class ForceStage:
             self._update_from_presses()
 
     def limit(self, motion: Motion, wrench: Wrench, acceleration: float) -> Motion:
-        """The motion, slowed while the force oscillates. On the path to a goal the sensor's zero is followed.
+        """The motion, slowed while the force oscillates; a contact is interrupted where the sensor's zero asks for it.
 
-        The zero is followed only at an `acceleration` [m/s^2] below `STEADY`, at which the tip's inertia does not show
-        as a force. A contact during which the zero may have drifted too far is interrupted. A strategy that searches
-        for a surface gives velocities; with a goal it expects nothing before it, and a touch on the path is found by
-        the force.
+        `acceleration` m/s^2 of the tip, see `SensorZero.lift`.
         """
-        lift = self._lift.motion(motion, wrench, self._place, self._normal, self._gives, acceleration, self._axis)
+        lift = self.zero.lift(motion, wrench, self._place, self._normal, self._gives, acceleration, self._axis)
         if lift is not None:
             return lift
-        free = isinstance(motion, Goal) and acceleration < STEADY
-        self._drift.observe(wrench, free, self._place, axis=self._axis)
-        if self._drift.ready:
-            self._drift.rezero()
         motion = self._slowed(motion, wrench)
         if self._cycle is None or self._cycle.scale == 1.0 or not isinstance(motion, VelocityCommand):
             return motion
@@ -444,7 +389,6 @@ class ForceStage:
 
     def report(self) -> dict[str, Any]:
         """For the summary."""
-        changes = self._drift.changes
         found, pressed, stated = self._compliance, self._press.value, 1.0 / self._contact.stiffness
         known = math.isfinite(self._press.sigma)
         report = self._report | {"stiffness_found": round(1.0 / pressed, 1) if known else None}
@@ -460,8 +404,5 @@ class ForceStage:
             "object_stiffness": round(1.0 / found, 1) if found > 0.0 else None,
             "touches_fitted": self._touch.fitted,
             "limit_cycles": self._cycle.detections if self._cycle is not None else 0,
-            "zero_moved": len(changes),
-            "lifted_off": self._lift.taken,
-            "zero_moved_by_n": np.round(sum((c.change[:3] for c in changes), np.zeros(3)), 4).tolist(),
-            "drift_suspicious": bool(self._drift.suspicious),
+            **self.zero.report(),
         }
