@@ -69,6 +69,11 @@ def test_where_the_stick_leaned_is_read_and_is_nowhere_in_an_older_run(run_folde
     run = read_run(folder)
     assert run.trace[:, 7] == pytest.approx(leans)
     assert run.record.leaning == pytest.approx(run.record.free_path[::3])
+    part = run.until(4.0)
+    assert part.free_path == pytest.approx(run.record.free_path[:5])
+    assert part.leaning == pytest.approx(run.record.free_path[[0, 3]])
+    assert run.times[len(part.points) - 1] <= 4.0
+    assert len(part.normals) == len(part.times) == len(part.points) == (run.times <= 4.0).sum()
     (folder / "trace.csv").write_text("\n".join([*lines, rows[0]]) + "\n")
     with pytest.raises(FormatError, match=r"8 numbers"):
         read_run(folder)

@@ -70,6 +70,16 @@ class RunFolder:
         assert self.record.times is not None, "contacts.csv has them"
         return self.record.times
 
+    def until(self, time: float) -> TouchRecord:
+        """The record of what was touched and passed up to a time [s]."""
+        record, n = self.record, int(np.searchsorted(self.times, time, side="right"))
+        trace = self.trace[self.trace[:, 0] <= time]
+        normals, confidence = (rows if rows is None else rows[:n] for rows in (record.normals, record.confidence))
+        return replace(
+            record, points=record.points[:n], normals=normals, confidence=confidence, times=self.times[:n],
+            free_path=trace[trace[:, 5] == 0.0, 1:4], leaning=leaning_places(trace),
+        )  # fmt: skip
+
     @property
     def duration(self) -> float:
         """s, to the last thing that was noted."""

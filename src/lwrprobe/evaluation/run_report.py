@@ -50,10 +50,6 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
     return path
 
 
-def _first(rows: np.ndarray | None, count: int) -> np.ndarray | None:
-    return None if rows is None else rows[:count]
-
-
 def _surface(run: RunFolder, record: TouchRecord) -> Reconstruction | None:
     method = run.scene.reconstruction
     try:
@@ -332,19 +328,12 @@ class _Page:
         return [f"<figure>{chart}<figcaption>{text}</figcaption></figure>" for chart, text in zip(charts, texts)]
 
     def _meshes_during_run(self, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-        record, instants = self.run.record, self.run.times
+        instants = self.run.times
         at: list[float] = []
         error: list[float] = []
         last = float(instants.max())
         for share in _STAGES_OF_TIME:
-            n = int(np.searchsorted(instants, share * last, side="right"))
-            free = self.run.trace[(self.run.trace[:, 5] == 0.0) & (self.run.trace[:, 0] <= share * last), 1:4]
-            so_far = TouchRecord(
-                record.points[:n], normals=_first(record.normals, n), confidence=_first(record.confidence, n),
-                free_path=free, leaning=record.leaning, probe_radius=record.probe_radius, table=record.table,
-                lowest=record.lowest, pitch=record.pitch,
-            )  # fmt: skip
-            made = _surface(self.run, so_far)
+            made = _surface(self.run, self.run.until(share * last))
             if made is not None:
                 at.append(share * last)
                 error.append(self._mean_error(made.mesh, solid))

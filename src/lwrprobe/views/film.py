@@ -13,7 +13,6 @@ from lwrprobe.contracts import (
     LwrprobeError,
     MissingExtraError,
     StorageError,
-    TouchRecord,
     TriangleMesh,
 )
 from lwrprobe.evaluation.mesh_error import mean_error
@@ -121,16 +120,8 @@ class _Pictures:
         elif n < FEWEST:
             return None, None
         else:
-            record = run.record
-            free = run.trace[(run.trace[:, 5] == 0.0) & (run.trace[:, 0] <= time), 1:4]
-            normals = None if record.normals is None else record.normals[:n]
-            confidence = None if record.confidence is None else record.confidence[:n]
-            part = TouchRecord(
-                record.points[:n], normals=normals, confidence=confidence, free_path=free, leaning=record.leaning,
-                probe_radius=record.probe_radius, table=record.table, lowest=record.lowest, pitch=record.pitch,
-            )  # fmt: skip
             try:
-                made = reconstruct(part, scene.reconstruction.method, **scene.reconstruction.options).mesh
+                made = reconstruct(run.until(time), scene.reconstruction.method, **scene.reconstruction.options).mesh
             except LwrprobeError:
                 return None, None
         if not len(made.faces):
