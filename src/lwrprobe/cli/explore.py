@@ -70,7 +70,7 @@ def explore(
     quiet: Quiet = False,
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
-    from lwrprobe.cli.checks import check_empty, check_folder, check_plugins
+    from lwrprobe.cli.checks import check_folder, check_plugins, check_replaceable, check_scene_apart
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
@@ -90,7 +90,8 @@ def explore(
         check_plugins(found)
         if not dry:
             check_folder("--out", run_folder(found))
-            check_empty("--out", run_folder(found), overwrite)
+            check_scene_apart("--out", run_folder(found), scene)
+            check_replaceable("--out", run_folder(found), overwrite)
 
     with ProgressLine(quiet) as line:
         line.message(f"loading scene {scene}")

@@ -115,6 +115,7 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     truth = Devices.assemble(scene, scene.run.seed, False).ground_truth if simulated else None
     make, options = named_reconstructor(scene)
     recorder, voxels = Recorder(folder), VoxelMap(scene.map.resolution)
+    recorder.open()
     try:
         _make_contacts(scene, recorder, voxels)
     finally:
