@@ -173,13 +173,14 @@ def _toml(value: Any) -> str:
 def _show(summary: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console(stderr=True)
     grid = Table(show_header=False, box=None, pad_edge=False)
     for name, text in _rows(summary):
-        grid.add_row(f"[dim]{name}[/dim]", text)
+        grid.add_row(Text(name, style="dim"), Text(text))
     console.print(grid)
-    console.print(f"run folder: {folder}", highlight=False)
+    console.print(Text(f"run folder: {folder}"))
 
 
 def _zone(zone: dict[str, Any]) -> str:
