@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import FormatError, StorageError, TriangleMesh
+from lwrprobe.contracts import FormatError, TriangleMesh
 from lwrprobe.evaluation.charts import Line, line_chart
 from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
 from lwrprobe.evaluation.mesh_error import deviation
@@ -18,6 +18,7 @@ from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View, png
 from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.reconstruction.choice import offsets
 from lwrprobe.scene.mesh_distance import MeshDistance
 
@@ -78,11 +79,7 @@ def write_comparison(first: str | Path, second: str | Path, path: str | Path) ->
         f"<title>{title} · lwrprobe</title><style>\n{style}</style></head>\n"
         f"<body><main>\n{body}\n</main></body></html>\n"
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(path, error) from None
+    write_whole(path, content.encode())
     return path
 
 

@@ -11,6 +11,7 @@ from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.mesh_error import deviation, face_deviation
 from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.scene.solid import Solid
 
 VIEWS = ((np.radians(-58.0), np.radians(28.0)), (np.radians(122.0), np.radians(28.0)))
@@ -49,7 +50,10 @@ def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: fl
 
 
 def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
-    """PLY with the signed `deviation` [m] of each vertex and face, and colours saturated at 2 mm."""
+    """PLY with the signed `deviation` [m] of each vertex and face, and colours saturated at 2 mm.
+
+    Raises StorageError.
+    """
     import trimesh
 
     path, signed = Path(path), deviation(mesh, solid)
@@ -63,5 +67,5 @@ def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
     )  # fmt: skip
     content = made.export(file_type="ply")
     assert isinstance(content, bytes), "a PLY is binary"
-    path.write_bytes(content)
+    write_whole(path, content)
     return path

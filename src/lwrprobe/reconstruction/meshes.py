@@ -6,7 +6,6 @@ All but the writing of binary STL goes through trimesh; a run leaves nothing but
 from __future__ import annotations
 
 import logging
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lwrprobe.contracts import FormatError, InputError, TriangleMesh, UnknownNameError
+from lwrprobe.host.whole_file import write_whole
 
 if TYPE_CHECKING:
     import trimesh
@@ -34,7 +34,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
 
     PLY keeps `vertex_error` as the vertex property `vertex_error` [m]; the other formats have no place for it.
     Raises UnknownNameError for an unknown ending, InputError for an encoding that the format does not have or an
-    empty mesh in a format that cannot hold one.
+    empty mesh in a format that cannot hold one, StorageError where the file cannot be written.
     """
     path = Path(path)
     encodings = WRITERS[_ending(path)]
@@ -46,10 +46,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
     content = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
     assert not isinstance(content, dict), "the formats of WRITERS are bytes or text"
-    partial = path.with_name(path.name + ".part")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
-    os.replace(partial, path)
+    write_whole(path, content if isinstance(content, bytes) else content.encode("ascii"))
     return path
 
 

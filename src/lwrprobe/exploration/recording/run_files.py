@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from shutil import rmtree
 
+from lwrprobe.errors import StorageError
+
 RUN_FILES = frozenset(
     (
         "bag", "cloud.pcd", "compared.html", "contact_errors.csv", "contacts.csv", "contacts.ply", "hiding.ply",
@@ -27,16 +29,19 @@ def is_run(folder: Path) -> bool:
 
 
 def clear_run(folder: Path) -> None:
-    """Remove what an earlier run left, before a new one begins in its folder; raises OSError.
+    """Remove what an earlier run left, before a new one begins in its folder; raises StorageError.
 
     A folder that is no run's stays as it is. Of a run, scene.toml and contacts.csv stay until they are written anew:
     killed in between, the folder is still a run's.
     """
     if not is_run(folder):
         return
-    for name in RUN_FILES - {"scene.toml", "contacts.csv"}:
-        path = folder / name
-        if path.is_dir() and not path.is_symlink():
-            rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+    try:
+        for name in RUN_FILES - {"scene.toml", "contacts.csv"}:
+            path = folder / name
+            if path.is_dir() and not path.is_symlink():
+                rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageError(folder, error) from None
