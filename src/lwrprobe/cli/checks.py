@@ -88,6 +88,12 @@ def check_scene_apart(field: str, folder: Path, scene: str) -> None:
         check_apart(field, folder, [Path(scene)])
 
 
+def beside(source: Path, ending: str) -> Path:
+    """The path of a file or folder beside `source`, a run folder or a file, which is named after it."""
+    named = source if source.name not in ("", "..") else source.resolve()
+    return named.with_name((named.name if named.is_dir() else named.stem) + ending)
+
+
 def check_output(field: str, file: Path | None, endings: Iterable[str] = ()) -> None:
     """Raise InputError unless the file can be written; with endings, its own must be among them. None passes."""
     if file is None:

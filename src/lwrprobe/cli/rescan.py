@@ -47,6 +47,7 @@ def rescan(
 ) -> None:
     """Explore a part of a run's area again, and say how far the new contacts are from the run's."""
     from lwrprobe.cli.checks import (
+        beside,
         check_apart,
         check_folder,
         check_name,
@@ -78,7 +79,7 @@ def rescan(
     area = scene.area.model_copy(update={"lower": tuple(lower), "upper": tuple(upper)})
     scene = scene.model_copy(update={"area": area})
     check_plugins(scene)
-    folder = out if out is not None else run.with_name(f"{run.resolve().name}-rescan")
+    folder = out if out is not None else beside(run, "-rescan")
     check_folder("--out", folder)
     check_apart("--out", folder, [run])
     check_replaceable("--out", folder, overwrite=False)
