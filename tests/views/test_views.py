@@ -14,9 +14,10 @@ import trimesh
 from PIL import Image
 
 import lwrprobe as lp
-from lwrprobe.contracts import InputError, TriangleMesh
+from lwrprobe.contracts import FormatError, InputError, TriangleMesh
 from lwrprobe.evaluation.comparison import _from_mesh, write_comparison
 from lwrprobe.evaluation.run_folder import read_run
+from lwrprobe.reconstruction.meshes import write_mesh
 from lwrprobe.views.film import write_film
 from lwrprobe.views.playback import body, of_scene, playback, posed
 from lwrprobe.views.viewer import Viewer
@@ -240,6 +241,29 @@ def test_two_runs_on_one_page(runs, tmp_path):
     assert page.count("<img") == 4
     assert page.count("<svg") == 3
     assert "Deviation from the true shape" in page
+
+
+@pytest.mark.parametrize("empty", [[0], [1], [0, 1]])
+def test_runs_without_a_mesh_are_compared_in_all_but_the_deviation(runs, tmp_path, empty):
+    copies = [shutil.copytree(run, tmp_path / f"{k}") for k, run in enumerate(runs)]
+    none = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    for k in empty:
+        write_mesh(copies[k] / "mesh.stl", none)
+        assert lp.open_run(copies[k]).mesh is None
+        assert playback(copies[k]).mesh is None
+    page = write_comparison(*copies, tmp_path / "compared.html").read_text()
+    assert "One of the runs has no mesh" in page
+    assert "nan" not in page
+    assert page.count("<svg") == 3
+
+
+def test_a_broken_mesh_is_told_and_not_taken_for_none(runs, tmp_path):
+    copy = shutil.copytree(runs[0], tmp_path / "broken")
+    (copy / "mesh.stl").write_bytes((copy / "mesh.stl").read_bytes()[:-7])
+    with pytest.raises(FormatError, match=r"mesh\.stl"):
+        playback(copy)
+    with pytest.raises(FormatError, match=r"mesh\.stl"):
+        write_comparison(copy, runs[1], tmp_path / "compared.html")
 
 
 def test_runs_without_a_truth_deviate_from_each_other(runs, tmp_path):

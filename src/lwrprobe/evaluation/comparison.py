@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import FormatError, TriangleMesh
+from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.charts import Line, line_chart
 from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
 from lwrprobe.evaluation.mesh_error import deviation
 from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View, png
-from lwrprobe.evaluation.run_folder import RunFolder, read_run
+from lwrprobe.evaluation.run_folder import RunFolder, read_run, run_mesh
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.host.whole_file import write_whole
 from lwrprobe.reconstruction.choice import offsets
@@ -84,17 +84,7 @@ def write_comparison(first: str | Path, second: str | Path, path: str | Path) ->
 
 
 def _side(folder: Path) -> _Side:
-    from lwrprobe.reconstruction.meshes import read_mesh
-
-    run = read_run(folder)
-    mesh = None
-    if (folder / "mesh.stl").is_file():
-        try:
-            mesh = read_mesh(folder / "mesh.stl")
-        except FormatError as error:
-            if "no triangles" not in str(error):
-                raise
-    return _Side(run, folder.resolve().name, mesh)
+    return _Side(read_run(folder), folder.resolve().name, run_mesh(folder))
 
 
 def _deviations(sides: list[_Side]) -> str:

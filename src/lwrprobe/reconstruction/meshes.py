@@ -29,6 +29,10 @@ WRITERS: dict[str, dict[Encoding, str]] = {
 """trimesh's name of the format, by ending and encoding; the first encoding is the default."""
 
 
+class NoTriangles(FormatError):
+    """A mesh file holds vertices alone: it may be a cloud."""
+
+
 def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None = None) -> Path:
     """Write a mesh in the format that the ending names; an interrupted write leaves no half file. Folders are made.
 
@@ -54,7 +58,7 @@ def read_mesh(path: str | Path) -> TriangleMesh:
     """Read a mesh; the corners that STL repeats are merged, a scene of several bodies becomes one mesh.
 
     Raises UnknownNameError for an unknown ending and FormatError, naming the file, for one that is missing,
-    broken, holds no triangles although it is not empty, or points at vertices that are not there.
+    broken, or points at vertices that are not there; NoTriangles for one without triangles that is not empty.
     """
     path = Path(path)
     ending = _ending(path)
@@ -141,7 +145,7 @@ def _check_length(path: Path, content: bytes, ending: str) -> None:
 
 def _check(path: Path, mesh: TriangleMesh, ending: str) -> None:
     if len(mesh.faces) == 0 and (len(mesh.vertices) or ending == ".obj"):
-        raise FormatError(f"{path}: holds {len(mesh.vertices)} vertices and no triangles")
+        raise NoTriangles(f"{path}: holds {len(mesh.vertices)} vertices and no triangles")
     if not np.isfinite(mesh.vertices).all():
         raise FormatError(f"{path}: vertex {np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))[0]} is not finite")
     if len(mesh.faces) and (mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices)):

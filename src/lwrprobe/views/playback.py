@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bags.bag_file import STORAGES
-from lwrprobe.contracts import FormatError, LinkShape, TriangleMesh
-from lwrprobe.evaluation.run_folder import HIDING_FILE, read_run, read_table
+from lwrprobe.contracts import LinkShape, TriangleMesh
+from lwrprobe.evaluation.run_folder import HIDING_FILE, read_run, read_table, run_mesh
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.kinematics import IKSolver, Robot
@@ -106,8 +106,6 @@ def of_scene(scene: Scene) -> Playback:
 
 
 def _of_run(folder: Path) -> Playback:
-    from lwrprobe.reconstruction.meshes import read_mesh
-
     run = read_run(folder)
     scene, robot = run.scene, robot_of(run.scene)
     record = run.record
@@ -120,12 +118,7 @@ def _of_run(folder: Path) -> Playback:
     else:
         times, joints, tips = _along(scene, robot, run.trace)
         goals, clearances, states = np.empty((0, 4)), np.empty((0, 8)), _states(folder / "states.csv")
-    mesh = None
-    if (folder / "mesh.stl").is_file():
-        try:
-            mesh = read_mesh(folder / "mesh.stl")
-        except FormatError:  # that of a run without contacts has no triangles
-            mesh = None
+    mesh = run_mesh(folder)
     voxels = VoxelMap.read(folder / "map.bt") if (folder / "map.bt").is_file() else None
     hiding = read_cloud(folder / HIDING_FILE) if (folder / HIDING_FILE).is_file() else Cloud(np.empty((0, 3)))
     simulated = run.summary is None or run.summary.link_collisions is not None
