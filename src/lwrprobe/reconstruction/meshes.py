@@ -139,7 +139,7 @@ def _check_length(path: Path, content: bytes, ending: str) -> None:
         return
     if content.lstrip()[:5].lower() != b"solid":
         raise FormatError(f"{path}: {len(content)} bytes; its header needs {max(declared, 84)}")
-    if b"endsolid" not in content[-256:]:
+    if b"endsolid" not in content[-256:].lower():
         raise FormatError(f"{path}: an ASCII STL without its last line, `endsolid`")
 
 
