@@ -1,5 +1,6 @@
 """Pages and films of runs; the page in a real browser, where one is installed."""
 
+import os
 import shutil
 import subprocess
 import threading
@@ -18,7 +19,7 @@ from lwrprobe.contracts import FormatError, InputError, TriangleMesh
 from lwrprobe.evaluation.comparison import _from_mesh, write_comparison
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.reconstruction.meshes import write_mesh
-from lwrprobe.views.film import write_film
+from lwrprobe.views.film import _write_video, write_film
 from lwrprobe.views.playback import body, of_scene, playback, posed
 from lwrprobe.views.viewer import Viewer
 
@@ -224,6 +225,21 @@ def test_a_film_as_mp4_is_read_by_ffmpeg(runs, tmp_path):
     assert count == 5 + round(1.5 * 5)
     assert seconds == pytest.approx(count / 5, abs=0.2)
     assert subprocess.run([get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "null", "-"]).returncode == 0
+
+
+def test_ffmpeg_ends_with_a_film_that_fails(tmp_path):
+    def pictures():
+        yield Image.new("RGB", (320, 180))
+        raise ValueError("no second picture")
+
+    def running():
+        children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+        known = (Path(f"/proc/{pid}/comm") for pid in children)
+        return [name for name in (file.read_text() for file in known) if "ffmpeg" in name]
+
+    with pytest.raises(ValueError, match="no second picture") as failure:
+        _write_video(tmp_path / "film.mp4", pictures(), 5)
+    assert running() == [], failure  # which keeps alive what the frames of the failure hold
 
 
 def test_films_that_cannot_be_are_refused(runs, tmp_path):
