@@ -285,11 +285,15 @@ def four_points(run_folder, tmp_path):
         (["map", "cloud", "map.bt", "--out", "new/cloud.pcd"], "new/cloud.pcd"),
         (["reconstruct", "four", "--method", "convex_hull", "--out", "new/mesh.stl"], "new/mesh.stl"),
         (["report", "four"], "four/report.html"),
+        (["evaluate", "new/hull.stl", "--truth", "block", "--out", "new"], "new/deviation.ply"),
+        (["evaluate", "new/hull.stl", "--truth", "block", "--out", "new"], "new/deviation.png"),
+        (["list", "scenes", "--pictures", "new"], "new/scenes.md"),
         (["compare", "four", "four", "--out", "new/both.html"], "new/both.html"),
     ],
 )
 def test_a_full_disk_is_one_sentence_and_keeps_what_was_there(four_points, tmp_path, arguments, file):
     (tmp_path / "new").mkdir()
+    write_mesh(tmp_path / "new" / "hull.stl", load_scene("block").solid().mesh())
     (tmp_path / file).write_text("as it was")
     (tmp_path / f"{file}.part").symlink_to("/dev/full")
     done = ask(*arguments, folder=tmp_path)

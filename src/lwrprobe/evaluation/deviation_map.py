@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,10 @@ def deviation_colours(signed: np.ndarray, limit: float) -> np.ndarray:
 
 
 def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: float, limit: float = 0.002) -> Path:
-    """PNG of the mesh from two sides, coloured by its deviation, with the scale and a histogram."""
+    """PNG of the mesh from two sides, coloured by its deviation, with the scale and a histogram.
+
+    Raises StorageError.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -45,7 +49,9 @@ def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: fl
     high = signed[mesh.vertices[:, 2] > above]
     panels[2].hist(1e3 * high, bins=80, color="#4a7ba6")
     panels[2].set(xlabel="deviation of the vertices, mm", yticks=[], title=f"mean {1e3 * np.abs(high).mean():.3f} mm")
-    figure.savefig(path)
+    picture = BytesIO()
+    figure.savefig(picture)
+    write_whole(path, picture.getvalue())
     return path
 
 

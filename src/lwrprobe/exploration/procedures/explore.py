@@ -99,8 +99,10 @@ class Exploration:
     surface : the mesh, None before `finish` and where there is none
     budget : how far each contact may be off, likewise
 
-    Raises InputError and its kin for a scene that cannot be run; inside the `with` block, DriverError for devices that
-    do not open. What ends the run early after that stands in the summary's `status` and `reason`.
+    Raises InputError and its kin for a scene that cannot be run; where the `with` block begins, DriverError for devices
+    that do not open, and InputError or StorageError for a folder that cannot be written to. An earlier run in the
+    folder is removed after the devices have opened. What ends the run early after that stands in the summary's
+    `status` and `reason`.
     """
 
     def __init__(self, scene: Scene, options: RunOptions | None = None) -> None:
