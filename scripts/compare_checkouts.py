@@ -46,7 +46,7 @@ def explore(checkout: Path, scene: str, strategy: str, seed: int, out: Path) -> 
     environment = os.environ | {"PYTHONPATH": sources}  # its own sources, wherever its installation points
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, env=environment)
     contacts, summary = out / "contacts.csv", out / "summary.json"
-    if done.returncode not in (0, 2) or not contacts.is_file() or not summary.is_file():
+    if done.returncode not in (0, 1) or not contacts.is_file() or not summary.is_file():
         print(f"{checkout}: {scene}, {strategy}: {done.stderr.strip()[-300:]}", file=sys.stderr)
         return Run(None, float("nan"))
     stages = {stage["name"]: stage["us_median"] for stage in json.loads(summary.read_text())["stages"]}

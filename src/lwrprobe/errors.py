@@ -62,10 +62,14 @@ class MissingExtraError(LwrprobeError, ImportError):
     """An optional library is needed for this and is not installed."""
 
     def __init__(self, what: str, library: str, extra: str) -> None:
+        self.what, self.library, self.extra = what, library, extra
         super().__init__(
             f"{what} needs the library {library!r}, which is not installed; "
             f"get it with: pip install 'lwrprobe[{extra}]'"
         )
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return type(self), (self.what, self.library, self.extra)
 
 
 class StorageError(LwrprobeError):

@@ -18,7 +18,7 @@ from lwrprobe.calibration import (
 from lwrprobe.calibration.calibration_file import LENGTHS
 from lwrprobe.cli.app import app
 from lwrprobe.contact import identify_payload
-from lwrprobe.contracts import FormatError, InputError, SceneError, WrenchSample
+from lwrprobe.contracts import FormatError, InputError, SceneError, StorageError, WrenchSample
 from lwrprobe.evaluation.truth import is_world_of
 from lwrprobe.exploration.loop.calibrated_sensor import CalibratedSensor
 from lwrprobe.exploration.procedures.calibrate import with_reference_sphere
@@ -70,6 +70,18 @@ def calibration():
 def test_file_holds_all(calibration, tmp_path):
     write_calibration(calibration, tmp_path / "c.toml")
     assert read_calibration(tmp_path / "c.toml") == calibration
+
+
+def test_a_full_disk_costs_neither_of_two_calibrations(calibration, tmp_path):
+    file = tmp_path / "calibration.toml"
+    write_calibration(calibration, file)
+    write_calibration(replace(calibration, touches=7), file)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(before) == {"calibration.toml", "calibration.previous.toml"}
+    (tmp_path / "calibration.toml.new.part").symlink_to("/dev/full")
+    with pytest.raises(StorageError, match=r"calibration\.toml"):
+        write_calibration(replace(calibration, touches=8), file)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def changed(calibration, name, values):

@@ -2,15 +2,18 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from answer import ask
 from typer.testing import CliRunner
 
+import lwrprobe as lp
 from lwrprobe.bench.sampled_lines import sample_lines, voxelised
 from lwrprobe.cli.app import app
-from lwrprobe.contracts import FormatError
+from lwrprobe.cli.checks import beside
+from lwrprobe.contracts import FormatError, StorageError
 from lwrprobe.evaluation.run_folder import read_run
 from lwrprobe.exploration.procedures.recover import recover
 from lwrprobe.exploration.recording.recorder import TRACE_COLUMNS
@@ -264,3 +267,73 @@ def test_interrupted_it_leaves_no_mesh(run_folder, tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["reconstruct", str(run_folder[0]), "--out", str(tmp_path / "mesh.stl")])
     assert done.exit_code == 130
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def four_points(run_folder, tmp_path):
+    """A run folder with so few contacts that its mesh takes no time, a map and a cloud beside it."""
+    folder = tmp_path / "four"
+    folder.mkdir()
+    shutil.copy(run_folder[0] / "scene.toml", folder)
+    points = ["0,0,0.05", "0.02,0,0.05", "0,0.02,0.05", "0,0,0.07"]
+    rows = [f"{k},{point},0,0,1,0.8,0.9" for k, point in enumerate(points)]
+    (folder / "contacts.csv").write_text("\n".join(["time,x,y,z,nx,ny,nz,force,confidence", *rows, ""]))
+    voxels = VoxelMap(0.001)
+    voxels.insert(np.eye(3))
+    voxels.write(tmp_path / "map.bt")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file"),
+    [
+        (["map", "cloud", "map.bt", "--out", "new/cloud.pcd"], "new/cloud.pcd"),
+        (["reconstruct", "four", "--method", "convex_hull", "--out", "new/mesh.stl"], "new/mesh.stl"),
+        (["report", "four"], "four/report.html"),
+        (["evaluate", "new/hull.stl", "--truth", "block", "--out", "new"], "new/deviation.ply"),
+        (["evaluate", "new/hull.stl", "--truth", "block", "--out", "new"], "new/deviation.png"),
+        (["list", "scenes", "--pictures", "new"], "new/scenes.md"),
+        (["compare", "four", "four", "--out", "new/both.html"], "new/both.html"),
+    ],
+)
+def test_a_full_disk_is_one_sentence_and_keeps_what_was_there(four_points, tmp_path, arguments, file):
+    (tmp_path / "new").mkdir()
+    write_mesh(tmp_path / "new" / "hull.stl", load_scene("block").solid().mesh())
+    (tmp_path / file).write_text("as it was")
+    (tmp_path / f"{file}.part").symlink_to("/dev/full")
+    done = ask(*arguments, folder=tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert file in done.stderr
+    assert "cannot be written" in done.stderr
+    assert (tmp_path / file).read_text() == "as it was"
+
+
+def test_a_table_of_a_run_is_whole_or_named(four_points, tmp_path):
+    run = lp.open_run(four_points)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "contacts.csv.part").symlink_to("/dev/full")
+    with pytest.raises(StorageError, match=r"contacts\.csv: cannot be written"):
+        run.save(tmp_path / "out")
+
+
+@pytest.mark.parametrize("inside", [".", "deeper/.."])
+def test_a_run_is_named_from_within_its_folder(four_points, inside):
+    (four_points / "deeper").mkdir()
+    assert ask("reconstruct", inside, "--method", "convex_hull", folder=four_points).returncode == 0
+    assert (four_points.parent / "four_convex_hull.stl").is_file()
+    asked = ask("film", inside, "--rate", "0", folder=four_points)
+    assert "rate" in asked.stderr
+    region = ask("rescan", inside, "--region", "0,0,0.01,0.01", "--set", "arm.base.xyz=[3, 0, 0]", folder=four_points)
+    assert "reach" in region.stderr
+
+
+def test_beside_a_folder_or_file_is_its_name_with_another_end(tmp_path, monkeypatch):
+    (tmp_path / "run.2" / "in").mkdir(parents=True)
+    (tmp_path / "cloud.pcd").touch()
+    monkeypatch.chdir(tmp_path / "run.2" / "in")
+    assert beside(tmp_path / "run.2", ".gif") == tmp_path / "run.2.gif"
+    assert beside(tmp_path / "cloud.pcd", "_hull.stl") == tmp_path / "cloud_hull.stl"
+    assert beside(Path("in"), ".gif") == Path("in.gif")
+    assert beside(Path(), "-rescan") == tmp_path / "run.2" / "in-rescan"
+    assert beside(Path(".."), ".gif") == tmp_path / "run.2.gif"

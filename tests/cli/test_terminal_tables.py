@@ -4,9 +4,14 @@ import io
 import re
 
 import pytest
+from answer import ask
 from rich.console import Console
 
+from lwrprobe.bench.report import BenchReport
+from lwrprobe.cli.bench import show
+from lwrprobe.cli.explore import finish
 from lwrprobe.cli.table import print_table
+from lwrprobe.evaluation.summary import Summary
 
 COLUMNS = ["library", "case", "median [us]", "p99 of work [us]", "success [%]", "answer", "error of the nearest pose"]
 ROWS = [
@@ -58,3 +63,32 @@ def test_a_word_wider_than_the_terminal_is_folded():
 
 def test_an_empty_table_shows_its_head():
     assert "median [us]" in printed(120, COLUMNS, [])
+
+
+MARKED = ["x[/y]/s.toml", "more than [probe] states", "[bold]as it is[/bold]"]
+
+
+@pytest.mark.parametrize("text", MARKED)
+def test_how_a_run_ended_is_shown_as_it_is(capsys, monkeypatch, text):
+    monkeypatch.setenv("COLUMNS", "200")
+    summary = Summary(
+        scene="block", status="done", reason=text, warnings=[text], real_time_factor=1.0, peak_force_n=1.0
+    )
+    finish(summary.as_dict(), text, as_json=False, quiet=False)
+    assert capsys.readouterr().err.count(text) == 3
+
+
+@pytest.mark.parametrize("text", MARKED)
+def test_a_bench_is_shown_as_it_is(text):
+    report = BenchReport("made up", text, notes=[text])
+    report.require(text, text, True)
+    stream = io.StringIO()
+    show(report, Console(file=stream, width=200))
+    assert stream.getvalue().count(text) == 4
+
+
+def test_a_scene_file_may_have_brackets_in_its_path(tmp_path):
+    done = ask("explore", "x[/y]/s.toml", folder=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "existing scene file" in done.stderr

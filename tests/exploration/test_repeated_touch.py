@@ -40,6 +40,9 @@ def test_bad_plans_are_named():
         Plan(direction=[0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="count"):
         Plan(count=1)
+    for reach in (0.0, -0.01, np.nan, np.inf):
+        with pytest.raises(InputError, match="reach"):
+            Plan(reach=reach)
     with pytest.raises(InputError, match="positive speeds"):
         Plan(speeds=(0.001, -1.0))
     with pytest.raises(InputError, match="the force limit would be passed"):

@@ -18,9 +18,14 @@ from lwrprobe.contracts import (
     Task,
     VelocityCommand,
 )
-from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, Logbook, Logged, Past, read_log
+from lwrprobe.evaluation.summary import Summary
+from lwrprobe.exploration.procedures.explore import resume
+from lwrprobe.exploration.procedures.recover import recover
+from lwrprobe.exploration.recording.logbook import OBSERVATIONS, WIDTH, WORDS, Logbook, Logged, Past, read_log
+from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS
 from lwrprobe.exploration.recording.resume import Resumed
 from lwrprobe.exploration.recording.return_path import ReturnSpeeds, return_path
+from lwrprobe.scene import load_scene, write_scene
 
 pytestmark = pytest.mark.slow
 
@@ -127,6 +132,19 @@ def test_a_row_cut_in_the_middle_is_left_out(cut_off, tmp_path):
     path = tmp_path / OBSERVATIONS
     path.write_bytes(path.read_bytes()[:-100])
     assert (read_log(tmp_path, 0.1).rows == whole[:-1]).all()
+
+
+def test_damaged_words_cannot_be_taken_up_and_the_contacts_are_saved(cut_off, tmp_path):
+    write_scene(load_scene("block"), tmp_path / "scene.toml")
+    row = "1.5,0.01,0.0,0.05,0.0,0.0,1.0,0.8,0.9"
+    (tmp_path / "contacts.csv").write_text(f"{CONTACT_COLUMNS}\n{row}\n2.0,0.0")
+    (tmp_path / WORDS).write_bytes(b"sen\xffsor\n")
+    with pytest.raises(FormatError, match=r"observations\.words: cannot be read"):
+        resume(tmp_path)
+    found = recover(tmp_path)
+    assert (found.contacts, found.dropped["contacts.csv"], found.resumable) == (1, 1, False)
+    assert (tmp_path / "contacts.csv").read_text() == f"{CONTACT_COLUMNS}\n{row}\n"
+    assert Summary.read(tmp_path / "summary.json").contacts == 1
 
 
 def resumed(folder: Path) -> tuple[Resumed, Counting, Logbook]:

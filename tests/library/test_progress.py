@@ -64,6 +64,15 @@ def test_a_script_has_its_line_on_standard_error(monkeypatch, capsys):
     assert "exploring" in caught.err
 
 
+@pytest.mark.parametrize("sentence", ["x[/y]/s.toml", "more than [probe] states", "[bold]as it is[/bold]"])
+def test_a_sentence_is_shown_as_it_is(monkeypatch, capsys, sentence):
+    monkeypatch.setenv("COLUMNS", "200")
+    with ProgressLine(False) as display:
+        display.message(sentence)
+        display.watch(ProgressSnapshot(12.0, 0.5, Progress(sentence, 0.25), 42, 0.8))
+    assert capsys.readouterr().err.count(sentence) >= 1
+
+
 def test_quiet_is_quiet(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "IPython", raising=False)
     with progress_display(quiet=True) as display:

@@ -54,6 +54,12 @@ def test_a_binary_stl_that_begins_with_solid(tmp_path, ball):
     assert len(read_mesh(path).faces) == len(ball.faces)
 
 
+def test_an_ascii_stl_may_be_in_capitals(tmp_path, ball):
+    path = write_mesh(tmp_path / "ball.stl", ball, "ascii")
+    path.write_text(path.read_text().upper())
+    assert len(read_mesh(path).faces) == len(ball.faces)
+
+
 PLY = b"ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
 FACES = b"element face %d\nproperty list uchar int vertex_indices\nend_header\n"
 BROKEN = {

@@ -202,3 +202,15 @@ def released(): Locking.held = False
     release = "threading.Timer(0.3, released).start()\n"
     code = f"{windows}import threading\nwith e._alone(): print('first')\n{release}with e._alone(): print('second')"
     assert inside(copy, code).stdout.split() == ["first", "second"]
+
+
+@pytest.mark.parametrize(("code", "said"), [(0, "1 of 1 the same"), (1, "1 of 1 the same"), (2, "0 of 1 the same")])
+def test_checkouts_are_compared_by_what_a_run_leaves_that_ends_early_too(copy, tmp_path, code, said):
+    """Exit code 1 is a run that ended early with its data kept, 2 is one that was refused."""
+    stages = '{"stages": [{"name": "strategy", "us_median": 2.0}]}'
+    explores = f"mkdir -p $8; echo a row > $8/contacts.csv; echo '{stages}' > $8/summary.json; exit {code}"
+    for checkout in (copy, tmp_path / "other"):
+        write_program(checkout / ".venv" / "bin" / "lwrprobe", explores)
+    done = call(copy, "compare_checkouts.py", str(tmp_path / "other"), "--scene", "block", "--strategy", "active")
+    assert said in done.stdout
+    assert done.returncode == (said[0] == "0")

@@ -1,5 +1,6 @@
 """Pages and films of runs; the page in a real browser, where one is installed."""
 
+import os
 import shutil
 import subprocess
 import threading
@@ -14,10 +15,11 @@ import trimesh
 from PIL import Image
 
 import lwrprobe as lp
-from lwrprobe.contracts import InputError, TriangleMesh
+from lwrprobe.contracts import FormatError, InputError, TriangleMesh
 from lwrprobe.evaluation.comparison import _from_mesh, write_comparison
 from lwrprobe.evaluation.run_folder import read_run
-from lwrprobe.views.film import write_film
+from lwrprobe.reconstruction.meshes import write_mesh
+from lwrprobe.views.film import _write_video, write_film
 from lwrprobe.views.playback import body, of_scene, playback, posed
 from lwrprobe.views.viewer import Viewer
 
@@ -225,6 +227,21 @@ def test_a_film_as_mp4_is_read_by_ffmpeg(runs, tmp_path):
     assert subprocess.run([get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "null", "-"]).returncode == 0
 
 
+def test_ffmpeg_ends_with_a_film_that_fails(tmp_path):
+    def pictures():
+        yield Image.new("RGB", (320, 180))
+        raise ValueError("no second picture")
+
+    def running():
+        children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+        known = (Path(f"/proc/{pid}/comm") for pid in children)
+        return [name for name in (file.read_text() for file in known) if "ffmpeg" in name]
+
+    with pytest.raises(ValueError, match="no second picture") as failure:
+        _write_video(tmp_path / "film.mp4", pictures(), 5)
+    assert running() == [], failure  # which keeps alive what the frames of the failure hold
+
+
 def test_films_that_cannot_be_are_refused(runs, tmp_path):
     with pytest.raises(InputError, match="gif"):
         write_film(runs[0], tmp_path / "film.avi")
@@ -240,6 +257,29 @@ def test_two_runs_on_one_page(runs, tmp_path):
     assert page.count("<img") == 4
     assert page.count("<svg") == 3
     assert "Deviation from the true shape" in page
+
+
+@pytest.mark.parametrize("empty", [[0], [1], [0, 1]])
+def test_runs_without_a_mesh_are_compared_in_all_but_the_deviation(runs, tmp_path, empty):
+    copies = [shutil.copytree(run, tmp_path / f"{k}") for k, run in enumerate(runs)]
+    none = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    for k in empty:
+        write_mesh(copies[k] / "mesh.stl", none)
+        assert lp.open_run(copies[k]).mesh is None
+        assert playback(copies[k]).mesh is None
+    page = write_comparison(*copies, tmp_path / "compared.html").read_text()
+    assert "One of the runs has no mesh" in page
+    assert "nan" not in page
+    assert page.count("<svg") == 3
+
+
+def test_a_broken_mesh_is_told_and_not_taken_for_none(runs, tmp_path):
+    copy = shutil.copytree(runs[0], tmp_path / "broken")
+    (copy / "mesh.stl").write_bytes((copy / "mesh.stl").read_bytes()[:-7])
+    with pytest.raises(FormatError, match=r"mesh\.stl"):
+        playback(copy)
+    with pytest.raises(FormatError, match=r"mesh\.stl"):
+        write_comparison(copy, runs[1], tmp_path / "compared.html")
 
 
 def test_runs_without_a_truth_deviate_from_each_other(runs, tmp_path):

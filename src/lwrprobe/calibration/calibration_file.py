@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import FormatError
+from lwrprobe.contracts import FormatError, StorageError
+from lwrprobe.host.whole_file import write_whole
 
 FORMAT = 3
 LENGTHS: dict[str, int | None] = {
@@ -123,12 +124,13 @@ def previous_path(path: str | Path) -> Path:
 
 
 def write_calibration(calibration: Calibration, path: str | Path) -> None:
-    """Write `calibration.toml`; what stood there is kept (`previous_path`), for the comparison with it."""
+    """Write `calibration.toml`; what stood there is kept (`previous_path`), for the comparison with it.
+
+    Raises StorageError; what stood there is in its place then.
+    """
     import tomli_w
 
     path = Path(path)
-    if path.is_file():
-        path.replace(previous_path(path))
     content = {
         "format": FORMAT,
         "date": calibration.date,
@@ -151,7 +153,14 @@ def write_calibration(calibration: Calibration, path: str | Path) -> None:
         "arm_errors": [list(row) for row in calibration.arm_errors],
         "force_errors": [list(row) for row in calibration.force_errors],
     }
-    path.write_bytes(tomli_w.dumps(content).encode())
+    new = path.with_name(path.name + ".new")
+    write_whole(new, tomli_w.dumps(content).encode())
+    try:
+        if path.is_file():
+            path.replace(previous_path(path))
+        new.replace(path)
+    except OSError as error:
+        raise StorageError(path, error) from None
 
 
 def read_calibration(path: str | Path) -> Calibration:

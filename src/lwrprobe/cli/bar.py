@@ -13,7 +13,7 @@ class StageBar:
 
     def __init__(self, quiet: bool) -> None:
         self._bar = Progress(
-            TextColumn("{task.description:<12}"),
+            TextColumn("{task.description:<12}", markup=False),
             BarColumn(bar_width=24),
             TaskProgressColumn(),
             console=Console(stderr=True, quiet=quiet),

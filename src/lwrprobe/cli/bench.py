@@ -50,20 +50,23 @@ def bench(
     if case is not None:
         options["case"] = str(case)
     report = import_module(BENCHES[name]).run(quick, options)
-    _show(report, Console())
+    show(report, Console())
     for path in report.write(json_file, out):
         typer.echo(f"wrote {path}", err=True)
 
 
-def _show(report: BenchReport, console: Console) -> None:
+def show(report: BenchReport, console: Console) -> None:
+    """Print title, tables, verdicts and notes, each text as it is."""
+    from rich.text import Text
+
     from lwrprobe.bench.report import cell_text
     from lwrprobe.cli.table import print_table
 
-    console.print(f"[bold]{report.title}[/bold]")
+    console.print(Text(report.title, style="bold"))
     for table in report.tables:
         print_table(console, table.title, table.columns, [[cell_text(cell) for cell in row] for row in table.rows])
     for verdict in report.verdicts:
-        mark = "[green]held[/green]  " if verdict.held else "[red]missed[/red]"
-        console.print(f"{mark}  {verdict.requirement}: {verdict.measured}", highlight=False)
+        mark = Text("held  ", style="green") if verdict.held else Text("missed", style="red")
+        console.print(Text.assemble(mark, f"  {verdict.requirement}: {verdict.measured}"))
     for note in report.notes:
-        console.print(f"- {note}", highlight=False, markup=False)
+        console.print(Text(f"- {note}"))

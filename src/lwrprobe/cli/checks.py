@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from shutil import rmtree
 from typing import TYPE_CHECKING
 
 from lwrprobe.contracts.plugins import names
 from lwrprobe.errors import InputError, UnknownNameError
+from lwrprobe.exploration.recording.run_files import is_run
 
 if TYPE_CHECKING:
     from lwrprobe.scene import Scene
@@ -54,38 +54,44 @@ def check_folder(field: str, folder: Path | None) -> None:
         raise InputError(field, str(folder), f"a folder that can be written to (no permission to write in {nearest})")
 
 
-RUN_FILES = frozenset(
-    (
-        "bag", "cloud.pcd", "compared.html", "contact_errors.csv", "contacts.csv", "contacts.ply", "hiding.ply",
-        "map.bt", "mesh.stl", "observations.f64", "observations.words", "preview.png", "report.html", "scene.toml",
-        "states.csv", "summary.json", "trace.csv",
-    )
-)  # fmt: skip
-"""What an exploration may find in its run folder, left there by an earlier one."""
+def check_replaceable(field: str, folder: Path, overwrite: bool) -> None:
+    """Raise InputError for a folder with any file that is no run's, or with a run that can be resumed.
 
-
-def check_empty(field: str, folder: Path, overwrite: bool) -> None:
-    """Raise InputError for a folder with other files than a run's, or with a run that can be resumed.
-
-    With `overwrite` a run that can be resumed is replaced. A run that came to its end always is, all of it.
+    With `overwrite` a run that can be resumed passes. Nothing is removed here: a new run does that when it begins.
     """
     if not folder.is_dir():
         return
-    others = sorted(path.name for path in folder.iterdir() if path.name not in RUN_FILES)
-    runs = (folder / "scene.toml").is_file()
-    if others and not runs:
-        raise InputError(field, str(folder), f"a new, an empty or a run folder; this one has {', '.join(others[:3])}")
-    if runs and (folder / "observations.f64").is_file() and not overwrite:
+    if not is_run(folder):
+        others = sorted(path.name for path in folder.iterdir())
+        if others:
+            allowed = f"a new, an empty or a run folder; this one is no run's and has {', '.join(others[:3])}"
+            raise InputError(field, str(folder), allowed)
+    elif (folder / "observations.f64").is_file() and not overwrite:
         raise InputError(
             field, str(folder),
             "another folder: this run was cut off. `lwrprobe resume` continues it, --overwrite replaces it",
         )  # fmt: skip
-    for name in RUN_FILES:
-        path = folder / name
-        if path.is_dir():
-            rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+
+
+def check_apart(field: str, folder: Path, sources: Iterable[Path]) -> None:
+    """Raise InputError for a folder to write that is one of the sources, inside one, or has one in it."""
+    place = folder.resolve()
+    for source in sources:
+        read = source.resolve()
+        if place == read or place in read.parents or read in place.parents:
+            raise InputError(field, str(folder), f"a folder apart from {source}, which is read")
+
+
+def check_scene_apart(field: str, folder: Path, scene: str) -> None:
+    """`check_apart` for the scene of a command line, where that is a file."""
+    if Path(scene).is_file():
+        check_apart(field, folder, [Path(scene)])
+
+
+def beside(source: Path, ending: str) -> Path:
+    """The path of a file or folder beside `source`, a run folder or a file, which is named after it."""
+    named = source if source.name not in ("", "..") else source.resolve()
+    return named.with_name((named.name if named.is_dir() else named.stem) + ending)
 
 
 def check_output(field: str, file: Path | None, endings: Iterable[str] = ()) -> None:

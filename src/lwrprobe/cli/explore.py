@@ -70,7 +70,7 @@ def explore(
     quiet: Quiet = False,
 ) -> None:
     """Explore an unseen object; write contacts, point cloud, map, mesh, picture and report into a run folder."""
-    from lwrprobe.cli.checks import check_empty, check_folder, check_plugins
+    from lwrprobe.cli.checks import check_folder, check_plugins, check_replaceable, check_scene_apart
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
@@ -90,7 +90,8 @@ def explore(
         check_plugins(found)
         if not dry:
             check_folder("--out", run_folder(found))
-            check_empty("--out", run_folder(found), overwrite)
+            check_scene_apart("--out", run_folder(found), scene)
+            check_replaceable("--out", run_folder(found), overwrite)
 
     with ProgressLine(quiet) as line:
         line.message(f"loading scene {scene}")
@@ -172,13 +173,14 @@ def _toml(value: Any) -> str:
 def _show(summary: dict[str, Any], folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console(stderr=True)
     grid = Table(show_header=False, box=None, pad_edge=False)
     for name, text in _rows(summary):
-        grid.add_row(f"[dim]{name}[/dim]", text)
+        grid.add_row(Text(name, style="dim"), Text(text))
     console.print(grid)
-    console.print(f"run folder: {folder}", highlight=False)
+    console.print(Text(f"run folder: {folder}"))
 
 
 def _zone(zone: dict[str, Any]) -> str:

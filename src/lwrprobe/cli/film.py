@@ -20,10 +20,10 @@ def film(
 ) -> None:
     """Film the arm exploring and the mesh growing, with error and time."""
     from lwrprobe.cli.bar import StageBar
-    from lwrprobe.cli.checks import check_folder, check_run
+    from lwrprobe.cli.checks import beside, check_folder, check_run
 
     check_run("run", run)
-    target = out if out is not None else run.with_name(f"{run.resolve().name}.gif")
+    target = out if out is not None else beside(run, ".gif")
     check_folder("--out", target.parent)
     from lwrprobe.views.film import write_film
 

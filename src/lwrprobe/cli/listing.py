@@ -47,6 +47,7 @@ def list_names(
 def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
     """`scenes.md` and the pictures in it, under `folder`; the page."""
     from lwrprobe.evaluation.scene_picture import draw_scene
+    from lwrprobe.host.whole_file import write_whole
     from lwrprobe.scene import load_scene
 
     lines = [
@@ -63,7 +64,7 @@ def _draw(rows: list[tuple[str, str]], folder: Path) -> Path:
     cells += [""] * (len(cells) % 2)
     lines += [f"| {left} | {right} |" for left, right in zip(cells[::2], cells[1::2])]
     page = folder / "scenes.md"
-    page.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(page, ("\n".join(lines) + "\n").encode())
     return page
 
 

@@ -29,7 +29,7 @@ def merge(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but the result of --json.")] = False,
 ) -> None:
     """Join the contacts of several runs over one object, which may have moved a few millimetres between them."""
-    from lwrprobe.cli.checks import check_empty, check_folder, check_name, check_run
+    from lwrprobe.cli.checks import check_apart, check_folder, check_name, check_replaceable, check_run
     from lwrprobe.errors import InputError
 
     if len(runs) < 2:
@@ -38,9 +38,8 @@ def merge(
         check_run("runs", folder)
     check_name("reconstructor", method)
     check_folder("--out", out)
-    if out.resolve() in [folder.resolve() for folder in runs]:
-        raise InputError("--out", str(out), "another folder than those of the runs that are merged")
-    check_empty("--out", out, overwrite=False)
+    check_apart("--out", out, runs)
+    check_replaceable("--out", out, overwrite=False)
     from lwrprobe.exploration.procedures.merge import merge as run
 
     message = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))

@@ -45,7 +45,7 @@ def reconstruct(
 ) -> None:
     """Make a mesh from contact points."""
     from lwrprobe.cli.bar import StageBar
-    from lwrprobe.cli.checks import check_input, check_name, check_output
+    from lwrprobe.cli.checks import beside, check_input, check_name, check_output
     from lwrprobe.reconstruction.meshes import WRITERS, write_mesh
 
     check_input("source", source)
@@ -59,7 +59,7 @@ def reconstruct(
         bar("reading", 0.0)
         record = read_touches(source, probe_radius, table)
         found = run(record, method, bar, **options)
-    path = write_mesh(out or source.with_name(f"{source.stem or source.name}_{method}.stl"), found.mesh)
+    path = write_mesh(out or beside(source, f"_{method}.stl"), found.mesh)
     report = _plain(found.report) | {"vertices": len(found.mesh.vertices), "faces": len(found.mesh.faces)}
     if as_json:
         typer.echo(json.dumps(report | {"mesh": str(path)}))

@@ -41,13 +41,16 @@ def repeat(
     """Touch one place N times at each speed: mean, sigma and range along the approach, and the bias of each speed."""
     import numpy as np
 
-    from lwrprobe.cli.checks import check_folder, check_plugins
+    from lwrprobe.cli.checks import check_folder, check_plugins, check_replaceable, check_scene_apart
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
     given = (("arm.driver", arm), ("sensor.driver", sensor))
     overrides = [*(settings or []), *(f"{key}={json.dumps(value)}" for key, value in given if value is not None)]
     check_folder("--out", out)
+    if out is not None:
+        check_scene_apart("--out", out, scene)
+        check_replaceable("--out", out, overwrite=True)
     loaded = load_scene(scene, overrides, check=check_plugins)
     from lwrprobe.exploration.procedures.repeat import Plan
     from lwrprobe.exploration.procedures.repeat import repeat as touch

@@ -38,7 +38,7 @@ def replay(
     """Take recorded sensor data through the pipeline again; with the same settings all contacts are the same."""
     from rich.console import Console
 
-    from lwrprobe.cli.checks import check_empty, check_folder, check_input, check_name, check_plugins
+    from lwrprobe.cli.checks import check_apart, check_folder, check_input, check_name, check_plugins, check_replaceable
     from lwrprobe.cli.table import print_table
     from lwrprobe.scene import load_scene
 
@@ -46,7 +46,10 @@ def replay(
     check_name("strategy", strategy)
     check_folder("--out", out)
     if out is not None:
-        check_empty("--out", out, overwrite=True)
+        check_apart("--out", out, [source])
+        several = estimator if estimator and len(estimator) > 1 else [""]
+        for folder in [out / name for name in several]:
+            check_replaceable("--out", folder, overwrite=True)
     from lwrprobe.runs.replay import replay as run
 
     changes = [*(settings or []), *([f"strategy.name={json.dumps(strategy)}"] if strategy else [])]

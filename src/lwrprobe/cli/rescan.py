@@ -46,7 +46,15 @@ def rescan(
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
 ) -> None:
     """Explore a part of a run's area again, and say how far the new contacts are from the run's."""
-    from lwrprobe.cli.checks import check_empty, check_folder, check_name, check_plugins, check_run
+    from lwrprobe.cli.checks import (
+        beside,
+        check_apart,
+        check_folder,
+        check_name,
+        check_plugins,
+        check_replaceable,
+        check_run,
+    )
     from lwrprobe.errors import InputError
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
@@ -71,9 +79,10 @@ def rescan(
     area = scene.area.model_copy(update={"lower": tuple(lower), "upper": tuple(upper)})
     scene = scene.model_copy(update={"area": area})
     check_plugins(scene)
-    folder = out if out is not None else run.with_name(f"{run.resolve().name}-rescan")
+    folder = out if out is not None else beside(run, "-rescan")
     check_folder("--out", folder)
-    check_empty("--out", folder, overwrite=False)
+    check_apart("--out", folder, [run])
+    check_replaceable("--out", folder, overwrite=False)
     from lwrprobe.exploration.safety.confirm import Confirm
     from lwrprobe.runs.explore import explore
     from lwrprobe.runs.run import Run

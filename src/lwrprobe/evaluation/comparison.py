@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.contracts import FormatError, StorageError, TriangleMesh
+from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.charts import Line, line_chart
 from lwrprobe.evaluation.deviation_map import VIEWS, deviation_colours
 from lwrprobe.evaluation.mesh_error import deviation
 from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View, png
-from lwrprobe.evaluation.run_folder import RunFolder, read_run
-from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.evaluation.run_folder import RunFolder, read_run, run_mesh
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.reconstruction.choice import offsets
 from lwrprobe.scene.mesh_distance import MeshDistance
 
@@ -78,33 +78,19 @@ def write_comparison(first: str | Path, second: str | Path, path: str | Path) ->
         f"<title>{title} · lwrprobe</title><style>\n{style}</style></head>\n"
         f"<body><main>\n{body}\n</main></body></html>\n"
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(path, error) from None
+    write_whole(path, content.encode())
     return path
 
 
 def _side(folder: Path) -> _Side:
-    from lwrprobe.reconstruction.meshes import read_mesh
-
-    run = read_run(folder)
-    mesh = None
-    if (folder / "mesh.stl").is_file():
-        try:
-            mesh = read_mesh(folder / "mesh.stl")
-        except FormatError as error:
-            if "no triangles" not in str(error):
-                raise
-    return _Side(run, folder.resolve().name, mesh)
+    return _Side(read_run(folder), folder.resolve().name, run_mesh(folder))
 
 
 def _deviations(sides: list[_Side]) -> str:
     """Fill in the deviations; what they are from, empty where there are none."""
     if any(side.mesh is None for side in sides):
         return ""
-    solids = [true_solid(side.run.scene) if _simulated(side.run) else None for side in sides]
+    solids = [side.run.true_solid() for side in sides]
     if all(solid is not None for solid in solids):
         for side, solid in zip(sides, solids):
             assert side.mesh is not None
@@ -116,10 +102,6 @@ def _deviations(sides: list[_Side]) -> str:
         assert other.mesh is not None
         side.signed = _from_mesh(side.mesh, other.mesh)
     return "the other run's mesh"
-
-
-def _simulated(run: RunFolder) -> bool:
-    return run.scene.arm.driver == "sim" and (run.summary is None or run.summary.link_collisions is not None)
 
 
 def _from_mesh(mesh: TriangleMesh, other: TriangleMesh) -> np.ndarray:

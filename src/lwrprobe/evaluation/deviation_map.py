@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.mesh_error import deviation, face_deviation
 from lwrprobe.evaluation.ramps import DEVIATION
 from lwrprobe.evaluation.render import Sight, View
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.scene.solid import Solid
 
 VIEWS = ((np.radians(-58.0), np.radians(28.0)), (np.radians(122.0), np.radians(28.0)))
@@ -23,7 +25,10 @@ def deviation_colours(signed: np.ndarray, limit: float) -> np.ndarray:
 
 
 def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: float, limit: float = 0.002) -> Path:
-    """PNG of the mesh from two sides, coloured by its deviation, with the scale and a histogram."""
+    """PNG of the mesh from two sides, coloured by its deviation, with the scale and a histogram.
+
+    Raises StorageError.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -44,12 +49,17 @@ def draw_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid, above: fl
     high = signed[mesh.vertices[:, 2] > above]
     panels[2].hist(1e3 * high, bins=80, color="#4a7ba6")
     panels[2].set(xlabel="deviation of the vertices, mm", yticks=[], title=f"mean {1e3 * np.abs(high).mean():.3f} mm")
-    figure.savefig(path)
+    picture = BytesIO()
+    figure.savefig(picture)
+    write_whole(path, picture.getvalue())
     return path
 
 
 def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
-    """PLY with the signed `deviation` [m] of each vertex and face, and colours saturated at 2 mm."""
+    """PLY with the signed `deviation` [m] of each vertex and face, and colours saturated at 2 mm.
+
+    Raises StorageError.
+    """
     import trimesh
 
     path, signed = Path(path), deviation(mesh, solid)
@@ -63,5 +73,5 @@ def write_deviation(path: str | Path, mesh: TriangleMesh, solid: Solid) -> Path:
     )  # fmt: skip
     content = made.export(file_type="ply")
     assert isinstance(content, bytes), "a PLY is binary"
-    path.write_bytes(content)
+    write_whole(path, content)
     return path

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lwrprobe.contracts import Area, FormatError, LwrprobeError, TouchRecord
+from lwrprobe.contracts import Area, FormatError, LwrprobeError, TouchRecord, TriangleMesh
 from lwrprobe.contracts.options import configure
 from lwrprobe.contracts.plugins import load
 from lwrprobe.evaluation.summary import Summary
@@ -123,6 +123,18 @@ def read_run(folder: str | Path, corrected: bool = True) -> RunFolder:
     if corrected:
         record = _corrected(record, folder / CLOUD_FILE)
     return RunFolder(folder, scene, summary, record, contacts[:, 7], trace)
+
+
+def run_mesh(folder: Path) -> TriangleMesh | None:
+    """The mesh of a run [m, world frame]; None where it has none, as after a run without contacts.
+
+    Raises FormatError for a broken file.
+    """
+    from lwrprobe.reconstruction.meshes import read_mesh
+
+    file = folder / "mesh.stl"
+    mesh = read_mesh(file) if file.is_file() else None
+    return mesh if mesh is not None and len(mesh.faces) else None
 
 
 def _corrected(record: TouchRecord, file: Path) -> TouchRecord:

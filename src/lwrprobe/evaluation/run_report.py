@@ -22,6 +22,7 @@ from lwrprobe.evaluation.reach import reach
 from lwrprobe.evaluation.render import Sight, View, png, render_points
 from lwrprobe.evaluation.run_folder import HIDING_FILE, RunFolder, read_run
 from lwrprobe.evaluation.summary import area_by_reason
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.mapping.clouds import read_cloud
 from lwrprobe.reconstruction.fits import fit
 from lwrprobe.reconstruction.reconstruct import reconstruct
@@ -38,15 +39,13 @@ def write_report(folder: str | Path, surface: Reconstruction | None = None) -> P
     """Write `report.html` into a run folder and return its path.
 
     `surface` is the run's mesh if it is available; otherwise it is reconstructed with the scene's method. Raises
-    FormatError for a folder that is no run's.
+    FormatError for a folder that is no run's, StorageError where the page cannot be written.
     """
     run = read_run(folder)
     error = run.summary.mesh_error_mm if surface is not None and run.summary is not None else None
     page = _Page(run, surface or _surface(run, run.record), error)
     path = run.folder / "report.html"
-    part = path.with_name(path.name + ".part")
-    part.write_text(page.html(), encoding="utf-8")
-    part.replace(path)
+    write_whole(path, page.html().encode())
     return path
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from lwrprobe.contracts import TriangleMesh
 from lwrprobe.evaluation.render import Sight, View, png
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.scene import Scene
 
 WIDTH, HEIGHT = 360, 250
@@ -18,7 +19,7 @@ EDGE = 0.0004
 
 
 def draw_scene(path: Path, scene: Scene) -> Path:
-    """Draw a scene's true shapes, its table and the edges of its area to a PNG; the path as written."""
+    """Draw a scene's true shapes, its table and the edges of its area to a PNG; the path. Raises StorageError."""
     low, high = np.array(scene.area.lower), np.array(scene.area.upper)
     parts = [(_edges(low, high), BOX)]
     if scene.table.present:
@@ -32,8 +33,7 @@ def draw_scene(path: Path, scene: Scene) -> Path:
     view = View(AZIMUTH, ELEVATION, vertices.min(axis=0), vertices.max(axis=0), WIDTH, HEIGHT)
     picture = Sight(TriangleMesh(vertices, faces), view).paint(colours)
     cover = picture[..., 3:] / 255.0
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(png(np.round(picture[..., :3] * cover + 255.0 * (1.0 - cover)).astype(np.uint8)))
+    write_whole(path, png(np.round(picture[..., :3] * cover + 255.0 * (1.0 - cover)).astype(np.uint8)))
     return path
 
 

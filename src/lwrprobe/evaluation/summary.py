@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lwrprobe.contracts import FormatError, LeftOut
+from lwrprobe.host.whole_file import write_whole
 
 CUT_OFF = "cut off"
 """Status of a run that was killed before it could write its summary."""
@@ -243,11 +244,9 @@ class Summary:
         return cls.from_dict(content)
 
     def write(self, path: str | Path) -> Path:
-        """Write `summary.json`, whole or not at all; the path."""
+        """Write `summary.json`, whole or not at all; the path. Raises StorageError."""
         path = Path(path)
-        part = path.with_name(f"{path.name}.part")
-        part.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
-        part.replace(path)
+        write_whole(path, (json.dumps(self.as_dict(), indent=1) + "\n").encode())
         return path
 
 

@@ -1,1 +1,1 @@
-"""What a run asks of its operating system: when a datagram arrived, real-time priority."""
+"""What a run asks of its operating system: when a datagram arrived, real-time priority, files written whole."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lwrprobe.contracts import FormatError, InputError, UnknownNameError
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.mapping import csv_file, pcd_file, ply_file
 from lwrprobe.mapping.cloud import Cloud
 
@@ -35,11 +36,10 @@ def read_cloud(path: str | Path) -> Cloud:
 def write_cloud(path: str | Path, cloud: Cloud) -> Path:
     """Write a `.pcd`, `.ply` or `.csv`, by the ending, and make its folder; the path as written.
 
-    PCD and PLY hold single precision, as their readers expect; CSV holds every digit.
+    PCD and PLY hold single precision, as their readers expect; CSV holds every digit. Raises StorageError.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(_FORMATS[_ending(path)].encode(cloud))
+    write_whole(path, _FORMATS[_ending(path)].encode(cloud))
     return path
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from lwrprobe.compiled import entry
 from lwrprobe.contracts import InputError, UnknownNameError
 from lwrprobe.contracts.samples import Vector
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.mapping import carve_kernels, kernels, octomap_file
 from lwrprobe.mapping.voxel_set import VoxelSet
 
@@ -186,9 +187,12 @@ class VoxelMap:
         return (low - kernels.CENTRE_KEY) * self._resolution, (high - kernels.CENTRE_KEY) * self._resolution
 
     def write(self, path: str | Path) -> Path:
-        """Write `.bt` or `.ot`, by the ending, as OctoMap's own readers take it; the path as written."""
+        """Write `.bt` or `.ot`, by the ending, as OctoMap's own readers take it; the path as written.
+
+        Raises StorageError.
+        """
         path = Path(path)
-        path.write_bytes(self.encoded(_ending(path)))
+        write_whole(path, self.encoded(_ending(path)))
         return path
 
     def encoded(self, ending: str) -> bytes:

@@ -6,7 +6,6 @@ All but the writing of binary STL goes through trimesh; a run leaves nothing but
 from __future__ import annotations
 
 import logging
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lwrprobe.contracts import FormatError, InputError, TriangleMesh, UnknownNameError
+from lwrprobe.host.whole_file import write_whole
 
 if TYPE_CHECKING:
     import trimesh
@@ -29,12 +29,16 @@ WRITERS: dict[str, dict[Encoding, str]] = {
 """trimesh's name of the format, by ending and encoding; the first encoding is the default."""
 
 
+class NoTriangles(FormatError):
+    """A mesh file holds vertices alone: it may be a cloud."""
+
+
 def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None = None) -> Path:
     """Write a mesh in the format that the ending names; an interrupted write leaves no half file. Folders are made.
 
     PLY keeps `vertex_error` as the vertex property `vertex_error` [m]; the other formats have no place for it.
     Raises UnknownNameError for an unknown ending, InputError for an encoding that the format does not have or an
-    empty mesh in a format that cannot hold one.
+    empty mesh in a format that cannot hold one, StorageError where the file cannot be written.
     """
     path = Path(path)
     encodings = WRITERS[_ending(path)]
@@ -46,10 +50,7 @@ def write_mesh(path: str | Path, mesh: TriangleMesh, encoding: Encoding | None =
         raise InputError("mesh", "no faces", "at least one face for .obj; .stl, .ply and .glb can be empty")
     content = _binary_stl(mesh) if kind == "stl" else as_trimesh(mesh).export(file_type=kind)
     assert not isinstance(content, dict), "the formats of WRITERS are bytes or text"
-    partial = path.with_name(path.name + ".part")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial.write_bytes(content if isinstance(content, bytes) else content.encode("ascii"))
-    os.replace(partial, path)
+    write_whole(path, content if isinstance(content, bytes) else content.encode("ascii"))
     return path
 
 
@@ -57,7 +58,7 @@ def read_mesh(path: str | Path) -> TriangleMesh:
     """Read a mesh; the corners that STL repeats are merged, a scene of several bodies becomes one mesh.
 
     Raises UnknownNameError for an unknown ending and FormatError, naming the file, for one that is missing,
-    broken, holds no triangles although it is not empty, or points at vertices that are not there.
+    broken, or points at vertices that are not there; NoTriangles for one without triangles that is not empty.
     """
     path = Path(path)
     ending = _ending(path)
@@ -138,13 +139,13 @@ def _check_length(path: Path, content: bytes, ending: str) -> None:
         return
     if content.lstrip()[:5].lower() != b"solid":
         raise FormatError(f"{path}: {len(content)} bytes; its header needs {max(declared, 84)}")
-    if b"endsolid" not in content[-256:]:
+    if b"endsolid" not in content[-256:].lower():
         raise FormatError(f"{path}: an ASCII STL without its last line, `endsolid`")
 
 
 def _check(path: Path, mesh: TriangleMesh, ending: str) -> None:
     if len(mesh.faces) == 0 and (len(mesh.vertices) or ending == ".obj"):
-        raise FormatError(f"{path}: holds {len(mesh.vertices)} vertices and no triangles")
+        raise NoTriangles(f"{path}: holds {len(mesh.vertices)} vertices and no triangles")
     if not np.isfinite(mesh.vertices).all():
         raise FormatError(f"{path}: vertex {np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))[0]} is not finite")
     if len(mesh.faces) and (mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices)):

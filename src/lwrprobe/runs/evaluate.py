@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lwrprobe.contracts import Area, FormatError, InputError, Reconstruction, TouchRecord, TriangleMesh
+from lwrprobe.contracts import Area, InputError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.evaluation.align import Placement
 from lwrprobe.evaluation.coverage import DEFAULT_SPACING, Coverage
 from lwrprobe.evaluation.facings import FacingError
@@ -160,7 +160,7 @@ def _read(path: Path) -> Run | TouchRecord | TriangleMesh:
     """A run folder, a mesh, or a cloud or map. A .ply without triangles is a cloud."""
     from lwrprobe.evaluation.touch_source import MAPS, read_touches
     from lwrprobe.mapping.clouds import ENDINGS as CLOUDS
-    from lwrprobe.reconstruction.meshes import read_mesh
+    from lwrprobe.reconstruction.meshes import NoTriangles, read_mesh
 
     if path.is_dir():
         return Run.read(path)
@@ -168,9 +168,8 @@ def _read(path: Path) -> Run | TouchRecord | TriangleMesh:
     if ending == ".ply":
         try:
             return read_mesh(path)
-        except FormatError as error:
-            if "no triangles" not in str(error):
-                raise
+        except NoTriangles:
+            pass
     return read_touches(path) if ending in (*CLOUDS, *MAPS) else read_mesh(path)
 
 

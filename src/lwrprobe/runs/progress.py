@@ -50,10 +50,10 @@ class ProgressLine:
 
         self._console = Console(stderr=True, quiet=quiet)
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=24),
             TaskProgressColumn(),
-            TextColumn("{task.fields[facts]}"),
+            TextColumn("{task.fields[facts]}", markup=False),
             console=self._console,
             transient=True,
         )
@@ -68,8 +68,10 @@ class ProgressLine:
 
     def message(self, sentence: str) -> None:
         """A new phase."""
+        from rich.text import Text
+
         self._clear()
-        self._console.print(f"[dim]{sentence}[/dim]", highlight=False)
+        self._console.print(Text(sentence, style="dim"))
 
     def compiled(self, count: int, seconds: float, total: int | None) -> None:
         """So many kernels have been compiled in so many seconds, of `total` as far as that is known."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lwrprobe.contracts import InputError, TouchRecord, TriangleMesh
-from lwrprobe.evaluation.run_folder import read_run
+from lwrprobe.evaluation.run_folder import read_run, run_mesh
 from lwrprobe.evaluation.summary import CUT_OFF, Summary
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene
@@ -131,11 +131,9 @@ class Run:
 
     @cached_property
     def _triangles(self) -> TriangleMesh | None:
-        from lwrprobe.reconstruction.meshes import read_mesh
-
         surface = self._surface
-        if surface is None and self.folder is not None and (self.folder / "mesh.stl").is_file():
-            surface = read_mesh(self.folder / "mesh.stl")
+        if surface is None and self.folder is not None:
+            surface = run_mesh(self.folder)
         return surface if surface is not None and len(surface.faces) else None
 
     def picture(self) -> bytes:

@@ -100,10 +100,11 @@ class Session:
         with ExitStack() as shown:
             shown.enter_context(self._display)
             shown.enter_context(compilation_shown(self._display))
-            self._exploration = Exploration(self.scene, self._options)
-            self._exploration.__enter__()
+            exploration = Exploration(self.scene, self._options)
+            exploration.__enter__()
+            self._exploration = exploration
             self._shown = shown.pop_all()
-        self._steps = iter(self._exploration)
+        self._steps = iter(exploration)
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from lwrprobe.contracts import SceneError, UnknownNameError
 from lwrprobe.errors import nearest
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.scene import library
 from lwrprobe.scene.actual_scene import widened_area
 from lwrprobe.scene.calibrated_scene import calibration_of
@@ -130,10 +131,10 @@ def _source(content: dict[str, Any], settings: list[tuple[str, str]], path: Path
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:
-    """Write the scene with every value spelled out; loading it again gives an equal scene."""
+    """Write the scene with every value spelled out; loading it again gives an equal scene. Raises StorageError."""
     import tomli_w
 
-    Path(path).write_bytes(tomli_w.dumps(scene_content(scene)).encode())
+    write_whole(Path(path), tomli_w.dumps(scene_content(scene)).encode())
 
 
 def json_schema() -> dict[str, Any]:

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lwrprobe.errors import StorageError
 from lwrprobe.evaluation.charts import Line, line_chart
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.sweeps.table import Row
 
 ERRORS = {
@@ -46,10 +46,7 @@ def write_page(folder: Path, rows: Sequence[Row], seconds: float) -> Path:
         f"<h2>Every run</h2>{_table(rows)}</main></body></html>\n"
     )
     path = folder / "sweep.html"
-    try:
-        path.write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(path, error) from None
+    write_whole(path, content.encode())
     return path
 
 

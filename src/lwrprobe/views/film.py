@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -214,11 +215,11 @@ def _write_video(out: Path, frames: Iterator[Any], rate: int) -> None:
         raise MissingExtraError(f"a film {out.suffix}", "imageio-ffmpeg", "film") from None
     first = next(frames)
     writer = imageio_ffmpeg.write_frames(str(out), first.size, fps=rate, macro_block_size=2, ffmpeg_log_level="error")
-    writer.send(None)
-    picture = first
-    writer.send(np.asarray(picture).tobytes())
-    for picture in frames:
+    with closing(writer):
+        writer.send(None)
+        picture = first
         writer.send(np.asarray(picture).tobytes())
-    for _ in range(round(LAST * rate)):
-        writer.send(np.asarray(picture).tobytes())
-    writer.close()
+        for picture in frames:
+            writer.send(np.asarray(picture).tobytes())
+        for _ in range(round(LAST * rate)):
+            writer.send(np.asarray(picture).tobytes())

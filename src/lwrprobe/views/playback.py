@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from lwrprobe.bags.bag_file import STORAGES
-from lwrprobe.contracts import FormatError, LinkShape, TriangleMesh
-from lwrprobe.evaluation.run_folder import HIDING_FILE, read_run, read_table
-from lwrprobe.evaluation.truth import true_solid
+from lwrprobe.contracts import LinkShape, TriangleMesh
+from lwrprobe.evaluation.run_folder import HIDING_FILE, read_run, read_table, run_mesh
+from lwrprobe.evaluation.truth import is_simulated, true_solid
 from lwrprobe.exploration.procedures.start_posture import start_posture
 from lwrprobe.kinematics import IKSolver, Robot
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, read_cloud
 from lwrprobe.scene import Scene, load_scene
 from lwrprobe.scene.scene_robot import robot_of
+from lwrprobe.scene.solid import Solid
 
 RATE = 25.0
 """Hz of the places that are kept."""
@@ -101,13 +102,21 @@ def of_scene(scene: Scene) -> Playback:
     pose, q = start_posture(scene, robot)
     none, empty = np.empty(0), np.empty((0, 3))
     return Playback(
-        scene, robot, np.zeros(1), q[None], pose[None], empty, empty, none, none, none, truth=_truth(scene, True)
+        scene,
+        robot,
+        np.zeros(1),
+        q[None],
+        pose[None],
+        empty,
+        empty,
+        none,
+        none,
+        none,
+        truth=_mesh_of(true_solid(scene)),
     )
 
 
 def _of_run(folder: Path) -> Playback:
-    from lwrprobe.reconstruction.meshes import read_mesh
-
     run = read_run(folder)
     scene, robot = run.scene, robot_of(run.scene)
     record = run.record
@@ -120,18 +129,12 @@ def _of_run(folder: Path) -> Playback:
     else:
         times, joints, tips = _along(scene, robot, run.trace)
         goals, clearances, states = np.empty((0, 4)), np.empty((0, 8)), _states(folder / "states.csv")
-    mesh = None
-    if (folder / "mesh.stl").is_file():
-        try:
-            mesh = read_mesh(folder / "mesh.stl")
-        except FormatError:  # that of a run without contacts has no triangles
-            mesh = None
+    mesh = run_mesh(folder)
     voxels = VoxelMap.read(folder / "map.bt") if (folder / "map.bt").is_file() else None
     hiding = read_cloud(folder / HIDING_FILE) if (folder / HIDING_FILE).is_file() else Cloud(np.empty((0, 3)))
-    simulated = run.summary is None or run.summary.link_collisions is not None
     return Playback(
         scene, robot, times, joints, tips, record.points, record.normals, run.times, run.force, record.confidence,
-        _truth(scene, simulated), mesh, voxels, goals, clearances, states, _sigmas(folder, run.times), hiding.points,
+        _mesh_of(run.true_solid()), mesh, voxels, goals, clearances, states, _sigmas(folder, run.times), hiding.points,
         hiding.scalars.get("size", np.zeros(len(hiding.points))),
     )  # fmt: skip
 
@@ -174,8 +177,8 @@ def _of_bag(path: Path) -> Playback:
     states = [(time, str(content.get("doing", ""))) for time, content in recording.frames]
     return Playback(
         scene, robot, times, joints, _tips(robot, joints), contacts[:, :3], contacts[:, 3:6], contacts[:, 8],
-        contacts[:, 6], contacts[:, 7], _truth(scene, scene.arm.driver == "sim"), goals=np.array(goals).reshape(-1, 4),
-        clearances=np.array(lines).reshape(-1, 8), states=states,
+        contacts[:, 6], contacts[:, 7], _mesh_of(true_solid(scene) if is_simulated(scene) else None),
+        goals=np.array(goals).reshape(-1, 4), clearances=np.array(lines).reshape(-1, 8), states=states,
     )  # fmt: skip
 
 
@@ -220,8 +223,7 @@ def _states(path: Path) -> list[tuple[float, str]]:
     return found
 
 
-def _truth(scene: Scene, simulated: bool) -> TriangleMesh | None:
-    solid = true_solid(scene) if simulated else None
+def _mesh_of(solid: Solid | None) -> TriangleMesh | None:
     return None if solid is None else solid.mesh()
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from lwrprobe.compiled.disk_cache import is_stored
 from lwrprobe.compiled.pipeline import collector_paused
 from lwrprobe.contact import Counters
-from lwrprobe.contracts import Contact, Observation
+from lwrprobe.contracts import Contact, Observation, StorageError
 from lwrprobe.evaluation import reach
 from lwrprobe.evaluation.render_kernels import paint
 from lwrprobe.evaluation.run_report import write_report
@@ -52,7 +52,7 @@ class CompileAhead:
     """The second process of a run; it ends when it is done, when `close` is called, or with the run's own process."""
 
     def __init__(self, scene: Scene) -> None:
-        """Raises OSError where no process can be started."""
+        """Raises OSError where no process can be started, StorageError where its scene cannot be written."""
         folder = tempfile.TemporaryDirectory(prefix="lwrprobe-", ignore_cleanup_errors=True)
         try:
             write_scene(scene, Path(folder.name, "scene.toml"))
@@ -77,7 +77,7 @@ class CompileAhead:
             return None
         if is_stored(nearest_batch) and is_stored(paint):  # the first and the last that it compiles
             return None
-        with suppress(OSError):
+        with suppress(OSError, StorageError):
             return cls(scene)
         return None
 
@@ -115,6 +115,7 @@ def compile_late_kernels(scene: Scene, folder: Path) -> None:
     truth = Devices.assemble(scene, scene.run.seed, False).ground_truth if simulated else None
     make, options = named_reconstructor(scene)
     recorder, voxels = Recorder(folder), VoxelMap(scene.map.resolution)
+    recorder.open()
     try:
         _make_contacts(scene, recorder, voxels)
     finally:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from shutil import rmtree
 from time import perf_counter
 from types import TracebackType
 from typing import Any, Self
@@ -100,8 +99,10 @@ class Exploration:
     surface : the mesh, None before `finish` and where there is none
     budget : how far each contact may be off, likewise
 
-    Raises InputError and its kin for a scene that cannot be run; inside the `with` block, DriverError for devices that
-    do not open. What ends the run early after that stands in the summary's `status` and `reason`.
+    Raises InputError and its kin for a scene that cannot be run; where the `with` block begins, DriverError for devices
+    that do not open, and InputError or StorageError for a folder that cannot be written to. An earlier run in the
+    folder is removed after the devices have opened. What ends the run early after that stands in the summary's
+    `status` and `reason`.
     """
 
     def __init__(self, scene: Scene, options: RunOptions | None = None) -> None:
@@ -135,8 +136,6 @@ class Exploration:
         if self._beyond:
             message(self._beyond)
         self.recorder = Recorder(out, earlier)
-        if out is not None:
-            write_scene(self._stated, out / "scene.toml")
         self._seconds = {"prepare": perf_counter() - begin}
 
         message("loading kernels; the first time they are compiled, which takes up to a minute")
@@ -158,12 +157,12 @@ class Exploration:
             from lwrprobe.bags.recover import recover_bag
             from lwrprobe.exploration.recording.run_bag import RunBag
 
-            if earlier is None:
-                rmtree(out / "bag", ignore_errors=True)
-            elif (out / "bag").is_dir():
+            if earlier is not None and (out / "bag").is_dir():
                 recover_bag(out)
             self.recorder.bag = RunBag(out, robot, sensor, arm.cycle, scene.probe.radius)
-        self._log = _logged(self.pipeline, out, earlier)
+        self._log: Logbook | None = None
+        if earlier is not None:
+            self._log = _taken_up(self.pipeline, earlier)
         self.explorer = Explorer(
             scene, self.pipeline, self._devices, self.recorder, options.watch, options.confirm, message
         )
@@ -187,6 +186,7 @@ class Exploration:
             if self._devices.ground_truth is None:
                 stack.enter_context(real_time_priority(LOOP))
             with collector_paused():
+                self._begin_recording()
                 self._make_ready()
             self._stack = stack.pop_all()
         self._seconds["compile"] += perf_counter() - begin
@@ -240,6 +240,18 @@ class Exploration:
         finally:
             self._end_ahead()
         return self._summary
+
+    def _begin_recording(self) -> None:
+        """Open the run folder. An earlier run that is there is lost by it: the devices have answered by now."""
+        self.recorder.open()
+        if self.out is None:
+            return
+        write_scene(self._stated, self.out / "scene.toml")
+        if self.recorder.bag is not None:
+            self.recorder.bag.open()
+        if self._log is None:
+            self._log = Logbook(self.out)
+            self.pipeline.strategy = Logged(self.pipeline.strategy, self._log)
 
     def _can_record(self) -> bool:
         """Whether the libraries for a bag are there; else the run says that it goes without one."""
@@ -375,16 +387,10 @@ def _check_recording(out: Path | None) -> None:
     require("recording a bag")
 
 
-def _logged(pipeline: Pipeline, out: Path | None, earlier: RunFolder | None) -> Logbook | None:
-    """Put the log before the pipeline's strategy, and the strategy's past, where there is one."""
-    if out is None:
-        return None
-    if earlier is None:
-        log = Logbook(out)
-        pipeline.strategy = Logged(pipeline.strategy, log)
-        return log
-    past = read_log(out, 0.5 * earlier.scene.contact.threshold)
-    log = Logbook(out, keep=past.last + 2)  # the task's row, and those up to the last one shown
+def _taken_up(pipeline: Pipeline, earlier: RunFolder) -> Logbook:
+    """Put the log of a run that was cut off before the pipeline's strategy, and the strategy's past."""
+    past = read_log(earlier.folder, 0.5 * earlier.scene.contact.threshold)
+    log = Logbook(earlier.folder, keep=past.last + 2)  # the task's row, and those up to the last one shown
     pipeline.strategy = Resumed(pipeline.strategy, log, past)
     return log
 

@@ -20,6 +20,7 @@ from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.recording.results import write_run
+from lwrprobe.exploration.recording.run_files import clear_run
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.reconstruction.registration import Registration, intruding, register
 from lwrprobe.scene import Scene
@@ -98,6 +99,7 @@ def merge(
     summary.reconstruction = _plain(surface.report) if surface is not None else None
     summary.left_out = list(lack)
     mesh = surface.mesh if surface is not None else None
+    clear_run(out)
     write_run(out, scene, joined, np.concatenate(force), trace, voxels, mesh, summary, np.concatenate(which))
     return summary.as_dict()
 

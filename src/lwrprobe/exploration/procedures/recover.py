@@ -12,6 +12,7 @@ from lwrprobe.evaluation.summary import CUT_OFF, Summary
 from lwrprobe.exploration.recording.logbook import OBSERVATIONS, read_log
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, STATE_COLUMNS, TRACE_COLUMNS
 from lwrprobe.exploration.recording.results import write_shapes
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud
 from lwrprobe.reconstruction.reconstruct import reconstruct
@@ -85,9 +86,7 @@ def _whole_lines(path: Path, columns: str, numbers: int) -> int:
     kept = [line for line in ended if _is_row(line, numbers, columns.count(",") + 1)]
     dropped = len(ended) - len(kept) + bool(rest)
     if dropped or lines[0] != columns.encode():
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(b"\n".join([columns.encode(), *kept, b""]))
-        part.replace(path)
+        write_whole(path, b"\n".join([columns.encode(), *kept, b""]))
     return dropped
 
 

@@ -82,6 +82,8 @@ class Plan:
         if not (np.isfinite(size) and size > 0.0):
             raise InputError("direction", self.direction.tolist(), "three numbers, not all zero")
         self.direction = self.direction / size
+        if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0.0):
+            raise InputError("reach", self.reach, "a positive length in m")
         if self.count < 2:
             raise InputError("count", self.count, "at least 2 touches")
         if not all(np.isfinite(v) and v > 0.0 for v in self.speeds):
@@ -116,7 +118,7 @@ class RepeatedTouch:
             above = np.array([*(0.5 * (area.lower + area.upper))[:2], area.upper[2]])
         self._from = np.asarray(above, dtype=np.float64)
         depth = self._from[2] - area.lower[2]
-        self._reach = plan.reach or (depth if depth > 0.0 else 0.05)
+        self._reach = plan.reach if plan.reach is not None else depth if depth > 0.0 else 0.05
         level = np.array([self._from[0], self._from[1], max(task.start[2], self._from[2])])
         self._path = [level, self._from]
 

@@ -200,8 +200,7 @@ class Replay:
         if recording.poses is None and joints != pipeline.robot.n:
             raise FormatError(f"{recording.path}: {joints} joints; {pipeline.robot.name} has {pipeline.robot.n}")
         self.recorder = Recorder(out)
-        if out is not None:
-            write_scene(stated, out / "scene.toml")
+        self._stated = stated
         self._arm = RecordedArm(recording, pipeline.robot)
         self._clock = StageClock(STAGES)
         self._record = RunRecord(scene, pipeline, self.recorder)
@@ -222,6 +221,9 @@ class Replay:
         begin = perf_counter()
         status, reason = "ended early", "the recording ends here"
         last = 0.0
+        self.recorder.open()
+        if self._out is not None:
+            write_scene(self._stated, self._out / "scene.toml")
         try:
             tip = self._begin()
             self._clock.reset()

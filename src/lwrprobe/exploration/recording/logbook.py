@@ -55,7 +55,8 @@ class Logbook:
     folder : of the run
     keep : rows of an earlier part of the run that stay, None = begin anew
 
-    Raises InputError when the folder cannot be written to, and StorageError when that fails later.
+    Raises InputError when the folder cannot be written to, StorageError when that fails later, and FormatError for
+    words of the earlier part that cannot be read.
     """
 
     def __init__(self, folder: Path, keep: int | None = None) -> None:
@@ -266,4 +267,7 @@ def _last_even(rows: np.ndarray, free_force: float) -> int | None:
 
 
 def _read_words(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8").split("\n")[:-1] if path.is_file() else []
+    try:
+        return path.read_text(encoding="utf-8").split("\n")[:-1] if path.is_file() else []
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: cannot be read: {error}") from None

@@ -15,6 +15,7 @@ import numpy as np
 
 from lwrprobe.contracts import Contact, InputError, StorageError
 from lwrprobe.evaluation.run_folder import RunFolder
+from lwrprobe.exploration.recording.run_files import clear_run
 from lwrprobe.exploration.recording.stream import write_all
 from lwrprobe.exploration.recording.swept_path import SweptPath
 
@@ -36,7 +37,7 @@ class Recorder:
 
     Parameters
     ----------
-    folder : the run folder, made when missing; None records in memory alone
+    folder : the run folder; None records in memory alone
     earlier : what an earlier part of the run left there, to go on after; None begins anew
 
     Attributes
@@ -44,7 +45,7 @@ class Recorder:
     bag : the run as a bag, None where none is recorded
     swept : where the probe has been in this part of the run
 
-    Raises InputError when the folder cannot be made or written to, and StorageError when that fails later.
+    Until `open` nothing is written. Raises StorageError when the folder cannot be written to any more.
     """
 
     def __init__(self, folder: Path | None, earlier: RunFolder | None = None) -> None:
@@ -65,9 +66,27 @@ class Recorder:
         self._trace: list[tuple[float, float, float, float, float, bool, float, float]] = []
         if earlier is not None:
             self._take_over(earlier)
-        self._contact_file = self._open("contacts.csv", CONTACT_COLUMNS, earlier is not None)
-        self._trace_file = self._open("trace.csv", TRACE_COLUMNS, earlier is not None)
-        self._state_file = self._open("states.csv", STATE_COLUMNS, earlier is not None)
+        self._goes_on = earlier is not None
+        self._contact_file: FileIO | None = None
+        self._trace_file: FileIO | None = None
+        self._state_file: FileIO | None = None
+
+    def open(self) -> None:
+        """The run begins: make the folder where it is missing, remove what another run left there, open the streams.
+
+        Raises InputError when the folder cannot be made or written to.
+        """
+        if self.folder is None:
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if not self._goes_on:
+                clear_run(self.folder)
+            self._contact_file = self._open(self.folder / "contacts.csv", CONTACT_COLUMNS)
+            self._trace_file = self._open(self.folder / "trace.csv", TRACE_COLUMNS)
+            self._state_file = self._open(self.folder / "states.csv", STATE_COLUMNS)
+        except OSError as error:
+            raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
 
     def contact(self, contact: Contact, sequence: int, state: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         """One trusted contact, the wrench sample it comes from, and the arm's state (see `states`)."""
@@ -218,18 +237,12 @@ class Recorder:
             self.states.append(None)
         self._trace += [(*row[:5], bool(row[5]), *row[6:]) for row in earlier.trace.tolist()]
 
-    def _open(self, name: str, header: str, go_on: bool) -> FileIO | None:
-        if self.folder is None:
-            return None
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            # No buffer: a line goes to the system as soon as it is written, in one piece.
-            if go_on and (self.folder / name).is_file():
-                _cut_to_whole_lines(self.folder / name)
-                return open(self.folder / name, "ab", buffering=0)
-            stream = open(self.folder / name, "wb", buffering=0)  # noqa: SIM115
-        except OSError as error:
-            raise InputError("out", str(self.folder), f"a folder that can be written to ({error.strerror})") from None
+    def _open(self, path: Path, header: str) -> FileIO:
+        # No buffer: a line goes to the system as soon as it is written, in one piece.
+        if self._goes_on and path.is_file():
+            _cut_to_whole_lines(path)
+            return path.open("ab", buffering=0)
+        stream = path.open("wb", buffering=0)
         self._write(stream, f"{header}\n")
         return stream
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from lwrprobe.evaluation.run_folder import CLOUD_FILE, leaning_places
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, TRACE_COLUMNS, Recorder
 from lwrprobe.exploration.stages.pipeline import Pipeline
+from lwrprobe.host.whole_file import write_whole
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.mapping.clouds import Cloud, write_cloud
 from lwrprobe.scene import Scene, write_scene
@@ -80,13 +82,13 @@ def write_run(
     trace : (k, 8) as `Recorder.trace` gives it
     run : (n,) number of the run that each contact comes from, where several were merged
 
-    Raises InputError for a folder that cannot be written to.
+    Raises InputError for a folder that cannot be made, StorageError where it cannot be written to.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_scene(scene, out / "scene.toml")
     except OSError as error:
         raise InputError("out", str(out), f"a folder that can be written to ({error.strerror})") from None
+    write_scene(scene, out / "scene.toml")
     assert record.times is not None
     assert record.normals is not None
     assert record.confidence is not None
@@ -96,11 +98,9 @@ def write_run(
     if run is not None:
         columns, form, header = [*columns, run], [*form, "%d"], f"{header},run"
         scalars["run"] = run.astype(np.float64)
-    np.savetxt(out / "contacts.csv", np.column_stack(columns), form, ",", header=header, comments="")
-    np.savetxt(
-        out / "trace.csv", trace, ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f", "%.4f"], ",",
-        header=TRACE_COLUMNS.replace(",state", ""), comments="",
-    )  # fmt: skip
+    _write_table(out / "contacts.csv", np.column_stack(columns), form, header)
+    form = ["%.4f", *["%.6f"] * 3, "%.4f", "%d", "%.5f", "%.4f"]
+    _write_table(out / "trace.csv", trace, form, TRACE_COLUMNS.replace(",state", ""))
     write_shapes(out, scene, Cloud(record.points, record.normals, scalars), voxels, mesh, summary)
     summary.write(out / "summary.json")
 
@@ -108,7 +108,7 @@ def write_run(
 def write_shapes(
     out: Path, scene: Scene, cloud: Cloud, voxels: VoxelMap, mesh: TriangleMesh | None, summary: Summary
 ) -> None:
-    """Cloud, map, mesh and picture of contacts, into a folder that is there."""
+    """Cloud, map, mesh and picture of contacts, into a folder that is there. Raises StorageError."""
     from lwrprobe.evaluation.preview import run_preview
     from lwrprobe.reconstruction.meshes import write_mesh
 
@@ -117,4 +117,10 @@ def write_shapes(
     voxels.write(out / "map.bt")
     empty = TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
     write_mesh(out / "mesh.stl", empty if mesh is None else mesh)
-    (out / "preview.png").write_bytes(run_preview(scene, summary, cloud.points, mesh))
+    write_whole(out / "preview.png", run_preview(scene, summary, cloud.points, mesh))
+
+
+def _write_table(path: Path, rows: np.ndarray, form: list[str], header: str) -> None:
+    text = StringIO()
+    np.savetxt(text, rows, form, ",", header=header, comments="")
+    write_whole(path, text.getvalue().encode())

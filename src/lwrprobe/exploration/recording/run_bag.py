@@ -47,19 +47,18 @@ class RunBag:
 
     Parameters
     ----------
-    folder : of the run; its scene.toml is there already
+    folder : of the run
     robot : of the run
     sensor, cycle : of the devices, s
     radius : m, of the sphere
 
-    Raises StorageError, also later, where the bag cannot be written, and MissingExtraError.
+    Raises StorageError where the bag cannot be written.
     """
 
     def __init__(self, folder: Path, robot: Robot, sensor: Sensor, cycle: float, radius: float) -> None:
-        self._writer = BagWriter(folder / "bag", "bag")
+        self._folder = folder
         self._robot, self._radius = robot, radius
         self._about = {"cycle": cycle, "rate": float(sensor.rate), "latency": float(sensor.latency)}
-        self._scene = (folder / "scene.toml").read_text(encoding="utf-8")
         names = [f"{robot.name}_joint_{k + 1}" for k in range(robot.n)]
         self._frames = np.empty((robot.n + 1, 4, 4))
         self._frame_names = [f"{robot.name}_link_{k}" for k in range(robot.n + 1)] + ["probe_tip"]
@@ -79,6 +78,11 @@ class RunBag:
         self._stream_due = self._slow_due = self._rare_due = 0.0
         self._map_due = MAP_EVERY
         self._goal: np.ndarray | None = None
+
+    def open(self) -> None:
+        """The run begins, and its scene.toml is there; raises MissingExtraError."""
+        self._writer = BagWriter(self._folder / "bag", "bag")
+        self._scene = (self._folder / "scene.toml").read_text(encoding="utf-8")
 
     def record_at_rest(self, samples: Sequence[WrenchSample], q: np.ndarray) -> None:
         """The samples of a pause in which the bias is taken, with the joints at q (n,)."""
