@@ -278,6 +278,21 @@ def test_broken_file_is_refused_with_its_place(calibration, tmp_path, old, new, 
         read_calibration(path)
 
 
+def test_a_setting_names_the_file_as_seen_from_the_working_folder_and_a_scene_as_seen_from_its_own(
+    calibration, tmp_path, monkeypatch
+):
+    """`--set calibration=...` for a built-in scene had looked in the folder of the built-in scenes."""
+    work, scenes = tmp_path / "work", tmp_path / "scenes"
+    for folder in (work, scenes):
+        folder.mkdir()
+        write_calibration(calibration, folder / "c.toml")
+    monkeypatch.chdir(work)
+    (scenes / "own.toml").write_text('calibration = "c.toml"\n')
+    for scene in ("block", scenes / "own.toml"):
+        assert load_scene(scene, ["calibration=./c.toml"]).calibration == str(work / "c.toml")
+    assert load_scene(scenes / "own.toml").calibration == str(scenes / "c.toml")
+
+
 def test_missing_file_and_another_probe_are_refused(calibration, tmp_path):
     with pytest.raises(SceneError, match="lwrprobe calibrate"):
         load_scene("block", {"calibration": str(tmp_path / "none.toml")})

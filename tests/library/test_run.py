@@ -3,6 +3,8 @@
 import ast
 import inspect
 import json
+from copy import copy
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -179,6 +181,17 @@ def test_equal_scenes_have_one_truth(tmp_path):
         stated = np.array(lp.evaluate(scene.solid().mesh(), given).truth.bounds())
         assert np.array_equal(stated, scene.solid().bounds())
         assert np.abs(stated - actual).max() > 1e-3
+
+
+def test_a_run_of_a_real_arm_is_held_against_the_objects_that_its_scene_states(bare):
+    """What `[truth]` draws is the world of a simulation."""
+    real, scene = copy(bare), lp.Session("block", progress=False).scene
+    real.summary, real.scene = replace(bare.summary, link_collisions=None), scene
+    assert np.array_equal(lp.evaluate(real).truth.bounds(), actual_scene(scene).solid().bounds())
+    real.scene = scene.model_copy(update={"arm": scene.arm.model_copy(update={"driver": "fri"})})
+    stated = lp.evaluate(real).truth.bounds()
+    assert np.array_equal(stated, scene.solid().bounds())
+    assert np.abs(np.array(stated) - actual_scene(scene).solid().bounds()).max() > 1e-3
 
 
 def test_folders_that_are_no_runs_are_refused(tmp_path):

@@ -100,8 +100,9 @@ def evaluate(
     subject : a run, contacts, a mesh, or the path of a run folder, a mesh (.stl, .ply, .obj, .glb), a cloud (.pcd,
         .ply, .csv) or a map (.bt, .ot)
     scene : whose objects are the truth: a built-in name, a scene file, a `Scene`, or a closed mesh file; None = the
-        run's own. Objects of a `Scene` are where a simulation of it has them, those of a name or a file where it states
-        them; those of a file with a table `[truth]`, as a run folder's has, where that puts them
+        run's own, which for a real arm are where the scene states them. Objects of a `Scene` are where a simulation of
+        it has them, those of a name or a file where it states them; those of a file with a table `[truth]`, as a run
+        folder's has, where that puts them
     above : m, only what lies higher is compared, None = what the sphere's centre can get down to in that scene
     align : first move the subject onto the true shape by rigid registration
 
@@ -140,14 +141,17 @@ def evaluate(
 
 def _truth(scene: str | Path | Scene | None, subject: object) -> tuple[Solid, float]:
     """The true shape, and the height [m] above which it is compared."""
-    from lwrprobe.evaluation.truth import read_truth, true_solid
+    from lwrprobe.evaluation.truth import is_simulated, read_truth, true_solid
 
     solid: Solid | None
     if scene is None:
         if not isinstance(subject, Run):
             raise InputError("scene", None, "a scene or a closed mesh, unless a run is evaluated")
         scene = subject.scene
-    if isinstance(scene, Scene):
+        drawn = subject.summary.truth_known or is_simulated(scene)  # the world of a real arm is not
+        solid = true_solid(scene) if drawn else scene.solid() if scene.objects else None
+        lowest = scene.area.lower[2]
+    elif isinstance(scene, Scene):
         solid, lowest = true_solid(scene), scene.area.lower[2]
     else:
         solid, lowest = read_truth(str(scene))

@@ -108,11 +108,12 @@ def _stated(content: dict[str, Any], settings: list[tuple[str, str]], path: Path
 def _resolved(content: dict[str, Any], settings: list[tuple[str, str]], path: Path) -> dict[str, Any]:
     """A file's content with settings on top, and with absolute paths."""
     content = deepcopy(content)
+    given = content.get("calibration")
     for key, value in settings:
         _override(content, key, value)
     content.setdefault("name", path.stem)
     _resolve_meshes(content.get("object"), path, "object")
-    _resolve_calibration(content, path)
+    _resolve_calibration(content, path.parent if content.get("calibration") == given else Path())
     return content
 
 
@@ -264,11 +265,11 @@ def _mesh_files(shapes: Any) -> Iterator[Path]:
             yield from _mesh_files(shape.get("children"))
 
 
-def _resolve_calibration(content: dict[str, Any], path: Path) -> None:
-    """Make the calibration's path absolute."""
+def _resolve_calibration(content: dict[str, Any], folder: Path) -> None:
+    """Make the calibration's path absolute; a relative one is looked for in a folder."""
     file = content.get("calibration")
     if isinstance(file, str) and file:
-        content["calibration"] = str((path.parent / file).resolve())
+        content["calibration"] = str((folder / file).resolve())
         if not isfile(content["calibration"]):
             raise SceneError("calibration", file, "an existing file written by `lwrprobe calibrate`")
 
