@@ -77,6 +77,18 @@ def test_the_scene_file_is_not_in_the_folder_that_is_written(finished, tmp_path,
     assert content(folder) == before
 
 
+@pytest.mark.parametrize("command", ["explore", "merge"])
+def test_a_run_that_was_cut_off_is_kept_and_only_an_option_that_there_is_replaces_it(finished, tmp_path, command):
+    cut_off, other = (shutil.copytree(finished, tmp_path / name) for name in ("cut_off", "other"))
+    (cut_off / "observations.f64").touch()
+    before = content(cut_off)
+    done = ask(command, *([finished, other] if command == "merge" else ["block"]), "--out", cut_off, folder=tmp_path)
+    assert done.returncode == 2
+    assert "resume" in done.stderr
+    assert ("--overwrite" in done.stderr) is (command == "explore")
+    assert content(cut_off) == before
+
+
 def test_a_finished_run_is_there_until_the_devices_of_the_next_one_have_answered(finished, tmp_path):
     before = content(finished)
     arguments = ["block", "--out", finished, "--quiet"]

@@ -54,10 +54,11 @@ def check_folder(field: str, folder: Path | None) -> None:
         raise InputError(field, str(folder), f"a folder that can be written to (no permission to write in {nearest})")
 
 
-def check_replaceable(field: str, folder: Path, overwrite: bool) -> None:
+def check_replaceable(field: str, folder: Path, overwrite: bool | None = None) -> None:
     """Raise InputError for a folder with any file that is no run's, or with a run that can be resumed.
 
-    With `overwrite` a run that can be resumed passes. Nothing is removed here: a new run does that when it begins.
+    With `overwrite` a run that can be resumed passes; None where the command has no option for that. Nothing is removed
+    here: a new run does that when it begins.
     """
     if not folder.is_dir():
         return
@@ -67,10 +68,9 @@ def check_replaceable(field: str, folder: Path, overwrite: bool) -> None:
             allowed = f"a new, an empty or a run folder; this one is no run's and has {', '.join(others[:3])}"
             raise InputError(field, str(folder), allowed)
     elif (folder / "observations.f64").is_file() and not overwrite:
-        raise InputError(
-            field, str(folder),
-            "another folder: this run was cut off. `lwrprobe resume` continues it, --overwrite replaces it",
-        )  # fmt: skip
+        option = "" if overwrite is None else ", --overwrite replaces it"
+        allowed = f"another folder: this run was cut off. `lwrprobe resume` continues it{option}"
+        raise InputError(field, str(folder), allowed)
 
 
 def check_apart(field: str, folder: Path, sources: Iterable[Path]) -> None:

@@ -39,7 +39,7 @@ def merge(
     check_name("reconstructor", method)
     check_folder("--out", out)
     check_apart("--out", out, runs)
-    check_replaceable("--out", out, overwrite=False)
+    check_replaceable("--out", out)
     from lwrprobe.exploration.procedures.merge import merge as run
 
     message = (lambda text: None) if quiet else (lambda text: typer.echo(text, err=True))

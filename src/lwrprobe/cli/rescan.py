@@ -82,7 +82,7 @@ def rescan(
     folder = out if out is not None else beside(run, "-rescan")
     check_folder("--out", folder)
     check_apart("--out", folder, [run])
-    check_replaceable("--out", folder, overwrite=False)
+    check_replaceable("--out", folder)
     from lwrprobe.exploration.safety.confirm import Confirm
     from lwrprobe.runs.explore import explore
     from lwrprobe.runs.run import Run
