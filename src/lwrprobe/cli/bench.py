@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import key_values
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -35,18 +37,13 @@ def bench(
 
     from lwrprobe.bench import BENCHES
     from lwrprobe.cli.checks import check_folder, check_output
-    from lwrprobe.errors import InputError, UnknownNameError
+    from lwrprobe.errors import UnknownNameError
 
     if name not in BENCHES:
         raise UnknownNameError("bench", name, BENCHES)
     check_output("--json", json_file)
     check_folder("--out", out)
-    options = {}
-    for setting in settings or []:
-        key, equals, value = setting.partition("=")
-        if not equals:
-            raise InputError("--set", setting, "key=value")
-        options[key] = value
+    options = key_values(settings)
     if case is not None:
         options["case"] = str(case)
     report = import_module(BENCHES[name]).run(quick, options)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import Arm, Confirmed, Sensor, Settings, overrides
 from lwrprobe.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,12 +39,8 @@ def calibrate(
     reference_sphere: Annotated[
         float, typer.Option("--reference-sphere", metavar="M", help="Diameter of the reference sphere in m.")
     ],
-    arm: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the arm (see `lwrprobe list drivers`).")
-    ] = None,
-    sensor: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Driver of the sensor (see `lwrprobe list drivers`).")
-    ] = None,
+    arm: Arm = None,
+    sensor: Sensor = None,
     poses: Annotated[
         list[str] | None,
         typer.Option(
@@ -51,13 +48,8 @@ def calibrate(
         ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")] = Path("calibration.toml"),
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable.")
-    ] = None,
-    confirm: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
-    ] = 0,
+    settings: Settings = None,
+    confirm: Confirmed = 0,
 ) -> None:
     """Measure probe, sensor, arm, clocks and table on a reference sphere, and write calibration.toml.
 
@@ -67,11 +59,9 @@ def calibrate(
     from lwrprobe.cli.checks import check_output, check_plugins
     from lwrprobe.scene import load_scene
 
-    overrides = list(settings or [])
-    overrides += [f'arm.driver="{arm}"'] if arm is not None else []
-    overrides += [f'sensor.driver="{sensor}"'] if sensor is not None else []
+    changes = overrides(settings, {"arm.driver": arm, "sensor.driver": sensor})
     check_output("--out", out, [".toml"])
-    loaded = load_scene(scene, overrides, check=check_plugins)
+    loaded = load_scene(scene, changes, check=check_plugins)
     from lwrprobe.calibration import write_calibration
     from lwrprobe.exploration.procedures.calibrate import calibrate as run
     from lwrprobe.exploration.safety.confirm import Confirm

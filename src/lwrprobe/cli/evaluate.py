@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lwrprobe.cli.shared_options import Json
+
 if TYPE_CHECKING:
     from lwrprobe.runs.evaluate import Evaluation
 
@@ -30,7 +32,7 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder for deviation.ply and deviation.png.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Compare with the ground truth: distances both ways, volume, normals, coverage, errors by facing."""
     from lwrprobe.cli.checks import check_folder, check_input, check_run

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lwrprobe.cli.shared_options import Arm, Confirmed, Quiet, Realtime, SceneName, Sensor, Settings, SummaryJson
+from lwrprobe.cli.shared_options import (
+    Arm,
+    Confirmed,
+    Quiet,
+    Realtime,
+    SceneName,
+    Sensor,
+    Settings,
+    SummaryJson,
+    overrides,
+)
 from lwrprobe.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,14 +84,8 @@ def explore(
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
-    given = (
-        ("strategy.name", strategy),
-        ("arm.driver", arm),
-        ("sensor.driver", sensor),
-        ("run.seed", seed),
-    )
-    overrides = [*(settings or []), *(f"{key}={_toml(value)}" for key, value in given if value is not None)]
-    overrides += [_until(rule) for rule in until or []]
+    given = {"strategy.name": strategy, "arm.driver": arm, "sensor.driver": sensor, "run.seed": seed}
+    changes = overrides(settings, given) + [_until(rule) for rule in until or []]
 
     def run_folder(found: Scene) -> Path:
         return out if out is not None else Path("runs") / found.name
@@ -95,7 +99,7 @@ def explore(
 
     with ProgressLine(quiet) as line:
         line.message(f"loading scene {scene}")
-        loaded = load_scene(scene, overrides, profile, checked)
+        loaded = load_scene(scene, changes, profile, checked)
         if dry:
             return _dry_run(loaded, line, as_json)
         folder = run_folder(loaded)
@@ -164,10 +168,6 @@ def _until(rule: str) -> str:
     if key not in ("time", "certified", "accurate") or not equals or not value:
         raise InputError("--until", rule, "time=SECONDS, certified=MM or accurate=MM")
     return f"run.until.{key}={value}"
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value)
 
 
 def _show(summary: dict[str, Any], folder: Path) -> None:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from lwrprobe.cli.shared_options import Json, key_values
+
 Source = Annotated[
     Path, typer.Argument(help="A run folder, a cloud (.pcd, .ply, .csv) or a map (.bt, .ot).", show_default=False)
 ]
@@ -18,7 +20,6 @@ Radius = Annotated[
 Table = Annotated[
     float | None, typer.Option("--table", metavar="M", help="Height of the table in m; a run folder contains it.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def reconstruct(
@@ -95,17 +96,12 @@ def fit(source: Source, probe_radius: Radius = None, table: Table = None, as_jso
 def _options(settings: list[str]) -> dict[str, Any]:
     import tomllib
 
-    from lwrprobe.contracts import InputError
-
-    options = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        if not equals or not key.strip():
-            raise InputError("--set", setting, "key=value")
+    options: dict[str, Any] = {}
+    for key, text in key_values(settings).items():
         try:
-            options[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+            options[key] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
-            options[key.strip()] = text
+            options[key] = text
     return options
 
 

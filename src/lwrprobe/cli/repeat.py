@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from lwrprobe.cli.shared_options import Arm, Realtime, SceneName, Sensor, Settings
+from lwrprobe.cli.shared_options import Arm, Realtime, SceneName, Sensor, Settings, overrides
 
 
 def repeat(
@@ -45,13 +45,12 @@ def repeat(
     from lwrprobe.runs.progress import ProgressLine
     from lwrprobe.scene import load_scene
 
-    given = (("arm.driver", arm), ("sensor.driver", sensor))
-    overrides = [*(settings or []), *(f"{key}={json.dumps(value)}" for key, value in given if value is not None)]
+    changes = overrides(settings, {"arm.driver": arm, "sensor.driver": sensor})
     check_folder("--out", out)
     if out is not None:
         check_scene_apart("--out", out, scene)
         check_replaceable("--out", out, overwrite=True)
-    loaded = load_scene(scene, overrides, check=check_plugins)
+    loaded = load_scene(scene, changes, check=check_plugins)
     from lwrprobe.exploration.procedures.repeat import Plan
     from lwrprobe.exploration.procedures.repeat import repeat as touch
 

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from lwrprobe.cli.shared_options import Json, Settings
+
 
 def replay(
     source: Annotated[
@@ -22,10 +24,7 @@ def replay(
     estimator: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Contact estimator; repeatable, to compare several.")
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the scene; repeatable."),
-    ] = None,
+    settings: Settings = None,
     scene: Annotated[
         str | None, typer.Option(metavar="NAME", help="Scene of a bag that was not recorded by lwrprobe.")
     ] = None,
@@ -33,7 +32,7 @@ def replay(
         Path | None,
         typer.Option(metavar="FOLDER", help="Run folder to write; with several estimators one in it for each."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Take recorded sensor data through the pipeline again; with the same settings all contacts are the same."""
     from rich.console import Console

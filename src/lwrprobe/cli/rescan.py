@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lwrprobe.cli.explore import finish
+from lwrprobe.cli.shared_options import Confirmed, Quiet, Settings, SummaryJson, overrides
 
 if TYPE_CHECKING:
     from lwrprobe.runs.run import Run
@@ -23,27 +24,19 @@ def rescan(
         str | None,
         typer.Option(metavar="NAME", help="Strategy (see `lwrprobe list strategies`); the run's if left out."),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change one value of the scene: strategy.step=0.002; repeatable."
-        ),
-    ] = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Run folder to write; RUN-rescan if left out.")
     ] = None,
-    confirm: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Ask before each of the first N motions; Enter stops a motion."),
-    ] = 0,
+    confirm: Confirmed = 0,
     record: Annotated[
         bool | None,
         typer.Option(
             "--record/--no-record", help="Write a rosbag2 bag (MCAP) into the run folder; on with real devices."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")] = False,
+    as_json: SummaryJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Explore a part of a run's area again, and say how far the new contacts are from the run's."""
     from lwrprobe.cli.checks import (
@@ -71,9 +64,7 @@ def rescan(
     if not (lower[0] < upper[0] and lower[1] < upper[1]):
         allowed = f"a part of the run's area, {low[0]:g},{low[1]:g},{high[0]:g},{high[1]:g}"
         raise InputError("--region", region, allowed)
-    changes = [f"area.lower={lower}", f"area.upper={upper}", *(settings or [])]
-    if strategy is not None:
-        changes.append(f'strategy.name="{strategy}"')
+    changes = [f"area.lower={lower}", f"area.upper={upper}", *overrides(settings, {"strategy.name": strategy})]
     scene = load_scene(run / "scene.toml", changes)
     # Departures of a simulated object may have widened the area again: the region is what was asked for.
     area = scene.area.model_copy(update={"lower": tuple(lower), "upper": tuple(upper)})

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 import typer
+
+from lwrprobe.errors import InputError
 
 SceneName = Annotated[
     str, typer.Argument(help="Built-in scene or random:KIND:SEED (see `lwrprobe list scenes`), or scene file.")
@@ -21,3 +24,21 @@ Confirmed = Annotated[
 ]
 SummaryJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, as the last line.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def overrides(settings: list[str] | None, given: dict[str, str | int | None]) -> list[str]:
+    """`--set` of a command, and what its own options set, by the scene's key; None = not given."""
+    own = [f"{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
+    return [*(settings or []), *own]
+
+
+def key_values(settings: list[str] | None) -> dict[str, str]:
+    """`--set` of a command that sets no scene's values; raises InputError for what is no key=value."""
+    found = {}
+    for setting in settings or []:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise InputError("--set", setting, "key=value")
+        found[key.strip()] = value
+    return found
