@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.reconstruction.alignment import STILL, Alignment, Pairs, RigidMotion
+from lwrprobe.reconstruction.touches import dense
 
 CELL = 0.0015
 """m, touches that lie so close and face the same way are averaged into one."""
@@ -28,6 +29,8 @@ OPEN = 0.05
 """Share of the best determined direction below which a direction counts as open: it keeps its value."""
 GAP = 2e-3
 """m, a touch without partner counts as so far off when starts are compared."""
+SWEPT = 1e-3
+"""m between two places of a path at which the sphere was."""
 DIRECTIONS = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 
@@ -90,7 +93,8 @@ def intruding(points: np.ndarray, record: TouchRecord, tolerance: float = 1e-3) 
     radius = record.probe_radius
     if radius is None or len(points) == 0:
         return np.zeros(len(points), dtype=bool)
-    centres = [_dense(record.free_path, record.free_gap)]
+    path = np.empty((0, 3)) if record.free_path is None else record.free_path
+    centres = [dense(path, record.free_gap, SWEPT)]
     if record.normals is not None:
         centres.append(record.points + radius * record.normals)
     visited = np.concatenate(centres)
@@ -146,15 +150,3 @@ def _tukey(pairs: Pairs) -> np.ndarray:
 def _score(fit: Alignment, motion: RigidMotion) -> float:
     pairs, count = fit.pairs(motion), len(fit.points)
     return float(np.minimum(np.abs(pairs.apart), GAP).sum() + GAP * (count - len(pairs.who))) / count
-
-
-def _dense(path: np.ndarray | None, gap: float) -> np.ndarray:
-    """The path's points with more between them, 1 mm apart, where a step is no gap."""
-    if path is None or len(path) == 0:
-        return np.empty((0, 3))
-    step = np.diff(path, axis=0)
-    length = np.linalg.norm(step, axis=1)
-    pieces = np.where(length <= gap, np.maximum(np.ceil(length / 1e-3), 1.0), 1.0).astype(np.int64)
-    which = np.repeat(np.arange(len(step)), pieces)
-    share = (np.arange(len(which)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[which]
-    return np.concatenate([path[which] + share[:, None] * step[which], path[-1:]])

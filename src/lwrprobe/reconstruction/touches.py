@@ -65,8 +65,8 @@ def prepare(record: TouchRecord, spacing: float) -> Touches:
     seen_below = float(np.mean(normals[:, 2] < _UNDERSIDE)) > 0.02
     table = _table(record, points, seen_below, without)
     lowest = float(centres[:, 2].min()) if record.lowest is None else min(record.lowest, float(centres[:, 2].min()))
-    visited = np.empty((0, 3)) if record.free_path is None else _dense(record.free_path, record.free_gap, spacing)
-    leaning = np.empty((0, 3)) if record.leaning is None else _dense(record.leaning, record.free_gap, spacing)
+    visited = np.empty((0, 3)) if record.free_path is None else dense(record.free_path, record.free_gap, spacing)
+    leaning = np.empty((0, 3)) if record.leaning is None else dense(record.leaning, record.free_gap, spacing)
     if record.free_path is None:
         without.append("free path")
     noise = float(np.hypot(_RAW_NOISE, record.resolution / np.sqrt(12.0)))
@@ -117,8 +117,11 @@ def _table(record: TouchRecord, points: np.ndarray, seen_below: bool, without: l
     return None if seen_below else float(points[:, 2].min())
 
 
-def _dense(path: np.ndarray, gap: float, spacing: float) -> np.ndarray:
-    """The path with points at most `spacing` apart where it is swept; rows that are not finite are left out."""
+def dense(path: np.ndarray, gap: float, spacing: float) -> np.ndarray:
+    """The path (k, 3) m with points at most `spacing` m apart where it is swept, in steps of up to `gap` m.
+
+    Rows that are not finite are left out.
+    """
     path = np.asarray(path, dtype=np.float64).reshape(-1, 3)
     path = path[np.isfinite(path).all(axis=1)]
     if len(path) < 2:

@@ -151,7 +151,7 @@ def compilation_shown(display: ProgressDisplay) -> Iterator[None]:
     # these load numba, which a command with a wrong argument does without
     from lwrprobe.compiled.disk_cache import loads
     from lwrprobe.compiled.pipeline import on_compilation
-    from lwrprobe.exploration.procedures.compile_ahead import cores
+    from lwrprobe.host.cores import cores
 
     start, count = time.monotonic(), 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from multiprocessing import get_context
@@ -25,11 +24,6 @@ KILLED = "killed"
 """Status of a task whose workers died."""
 CONNECT = 10.0
 """s, within which a scheduler has to answer."""
-
-
-def cores() -> int:
-    """Those that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_in_order(tasks: Sequence[Task], work: Callable[[Task], Result], workers: int) -> list[Result]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lwrprobe.errors import StorageError
+from lwrprobe.exploration.recording.stream import write_all
 
 LONGEST = 1 << 22
 """Bytes of a line."""
@@ -49,11 +50,7 @@ class Journal:
         if self._path is None:
             return
         content = json.dumps({"key": key, "result": result}).encode() + b"\n"
-        try:
-            while content:
-                content = content[self._stream.write(content) :]
-        except OSError as error:
-            raise StorageError(self._path, error) from None
+        write_all(self._stream, content, self._path)
 
     def close(self) -> None:
         """Give the file back."""

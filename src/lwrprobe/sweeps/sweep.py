@@ -7,7 +7,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from lwrprobe.sweeps.execute import Result, cores, is_settled, prepare_here, run_cluster, run_local
+from lwrprobe.host.cores import cores
+from lwrprobe.sweeps.execute import Result, is_settled, prepare_here, run_cluster, run_local
 from lwrprobe.sweeps.journal import Journal
 from lwrprobe.sweeps.page import write_page
 from lwrprobe.sweeps.plan import SweepTask, check_scenes, read_plan

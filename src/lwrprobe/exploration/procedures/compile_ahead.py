@@ -34,6 +34,7 @@ from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.summary import DEFAULT_SPACING, summarise
 from lwrprobe.exploration.stages.pipeline import named_reconstructor
+from lwrprobe.host.cores import cores
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.scene import Scene, load_scene, write_scene
 from lwrprobe.scene.shape import Box
@@ -99,11 +100,6 @@ def _end(process: subprocess.Popen[bytes], folder: tempfile.TemporaryDirectory[s
         process.stdin.close()
     process.wait()
     folder.cleanup()
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def compile_late_kernels(scene: Scene, folder: Path) -> None:

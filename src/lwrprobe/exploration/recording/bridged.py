@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lwrprobe.exploration.recording.groups import groups
+
 LEAP = 0.003
 """m, from one contact to the next, from which on something was passed over."""
 STILL = 0.25
@@ -69,7 +71,7 @@ def bridged(points: np.ndarray, normals: np.ndarray, times: np.ndarray, radius: 
     zones = []
     for kind in sorted(set(kinds)):
         own = np.flatnonzero([k == kind for k in kinds])
-        for group in _together(middles[own], 1.3 * pitch):
+        for group in groups(middles[own], 1.3 * pitch):
             members = own[group]
             box = middles[members]
             zones.append(Bridged(kind, float(widths[members].max()), box.min(axis=0), box.max(axis=0), len(members)))
@@ -93,15 +95,3 @@ def _classified(points: np.ndarray, centres: np.ndarray, i: int) -> tuple[str, f
     if not pivots:
         return "inner edge", float(np.linalg.norm(points[i + 1] - points[i]))
     return "gap", float(np.linalg.norm(ends[1] - ends[0]))
-
-
-def _together(places: np.ndarray, apart: float) -> list[np.ndarray]:
-    """Index groups of places (n, 3) that hang together by steps of at most `apart` m."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(places).query_pairs(apart, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
-    count, label = connected_components(graph, directed=False)
-    return [np.flatnonzero(label == k) for k in range(count)]

@@ -10,6 +10,7 @@ import numpy as np
 from lwrprobe.contracts import Area, InputError, TriangleMesh
 from lwrprobe.evaluation import touched
 from lwrprobe.evaluation.mesh_error import sample_mesh
+from lwrprobe.exploration.recording.groups import groups
 
 SAMPLES = 4000
 SMALLEST = 20e-6
@@ -84,7 +85,7 @@ def untouched(
     for k in np.flatnonzero(~outside & (facing[:, 2] >= DOWN)):
         why[k] = REASONS.index(hindrance(centres[k], facing[k]))
     found = []
-    for place in _places(samples):
+    for place in groups(samples, TOGETHER):
         if len(place) * each < SMALLEST:
             continue
         for reason in np.unique(why[place]):
@@ -98,17 +99,3 @@ def _area_above(mesh: TriangleMesh, floor: float) -> float:
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     high = (a + b + c)[:, 2] > 3.0 * floor
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)[high].sum())
-
-
-def _places(samples: np.ndarray) -> list[np.ndarray]:
-    """Indices of the samples (n, 3) that lie together."""
-    if not len(samples):
-        return []
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(samples).query_pairs(TOGETHER, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(samples),) * 2)
-    count, of = connected_components(graph, directed=False)
-    return [np.flatnonzero(of == k) for k in range(count)]
