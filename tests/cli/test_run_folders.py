@@ -5,6 +5,8 @@ import shutil
 import pytest
 from answer import ask
 
+import lwrprobe as lp
+from lwrprobe.contracts import InputError
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, Recorder
 from lwrprobe.scene import load_scene, write_scene
 
@@ -87,6 +89,16 @@ def test_a_run_that_was_cut_off_is_kept_and_only_an_option_that_there_is_replace
     assert "resume" in done.stderr
     assert ("--overwrite" in done.stderr) is (command == "explore")
     assert content(cut_off) == before
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "mesh.stl", "bag"])
+def test_the_library_writes_over_no_file_that_is_no_runs(tmp_path, name):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / name).write_text("mine")
+    with pytest.raises(InputError, match=rf"no run's and has {name}"):
+        lp.explore("block", out=mine, progress=False)
+    assert set(content(mine).values()) == {b"mine"}
 
 
 def test_a_finished_run_is_there_until_the_devices_of_the_next_one_have_answered(finished, tmp_path):

@@ -172,12 +172,14 @@ class Run:
     def save(self, folder: str | Path) -> Run:
         """Leave a run folder, as an exploration with `out` does, but without the strategy's trace; the run in it.
 
-        Raises InputError for a folder that cannot be written to.
+        Raises InputError for a folder that cannot be written to, or has files of these names that are no run's.
         """
         from lwrprobe.evaluation.run_report import write_report
         from lwrprobe.exploration.recording.results import write_run
+        from lwrprobe.exploration.recording.run_files import check_own
 
         folder = Path(folder)
+        check_own(folder)
         c = self.contacts
         record = TouchRecord(c.points, c.normals, c.confidence, c.times)
         write_run(folder, self.scene, record, c.forces, self.trace, self.map, self._triangles, self.summary)

@@ -41,6 +41,7 @@ from lwrprobe.exploration.recording.mesh_errors import expect_mesh_errors
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.results import touch_record, write_results
 from lwrprobe.exploration.recording.resume import Resumed
+from lwrprobe.exploration.recording.run_files import check_own
 from lwrprobe.exploration.recording.run_warnings import ANOTHER_WORLD, run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.confirm import Confirm
@@ -135,6 +136,8 @@ class Exploration:
         self._beyond = unreachable_part(scene, robot, pose, q)
         if self._beyond:
             message(self._beyond)
+        if out is not None and earlier is None:
+            check_own(out)
         self.recorder = Recorder(out, earlier)
         self._seconds = {"prepare": perf_counter() - begin}
 

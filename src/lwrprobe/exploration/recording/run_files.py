@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from shutil import rmtree
 
-from lwrprobe.errors import StorageError
+from lwrprobe.errors import InputError, StorageError
 
 RUN_FILES = frozenset(
     (
@@ -26,6 +26,16 @@ def is_run(folder: Path) -> bool:
             return file.read(len(_FIRST_COLUMNS)) == _FIRST_COLUMNS and (folder / "scene.toml").is_file()
     except OSError:
         return False
+
+
+def check_own(folder: Path) -> None:
+    """Raise InputError for a folder that is no run's and has files which a run would write over."""
+    if is_run(folder):
+        return
+    others = sorted(name for name in RUN_FILES if (folder / name).exists())
+    if others:
+        allowed = f"a folder without such files, or a run's; this one is no run's and has {', '.join(others[:3])}"
+        raise InputError("out", str(folder), allowed)
 
 
 def clear_run(folder: Path) -> None:
