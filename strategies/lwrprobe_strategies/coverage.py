@@ -473,7 +473,8 @@ class Coverage(SkillStrategy):
         if line.fallback is not None or line.low:
             return self.give_up()
         self.retractions.go_back()
-        higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat)
+        touched = self.lines.highest_touch()
+        higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat, touched)
         if higher is None:
             return self.give_up()
         self.lines.raise_line(replace(higher, foot_followed=self.foot_followed))

@@ -343,7 +343,7 @@ def test_a_raised_line_meets_the_edge_that_the_stick_has_met_with_the_side_of_th
     here, edge = np.array([0.0, -0.01, LOW]), np.array([0.0, -0.008, HIGH])
     pressed = Contact(0.0, edge, -ALONG, -ALONG, here, 0.0, Doubt.AXIS_MISSES)
     seen = Observation(0.0, pose_at(here), np.zeros(3), np.zeros(3), pressed)
-    line = above_what_was_met(Line(1, 0.0, -0.02, 0.02, LOW), seen, task(), 0.01)
+    line = above_what_was_met(Line(1, 0.0, -0.02, 0.02, LOW), seen, task(), 0.01, -np.inf)
     assert edge[2] - 0.6 * task().probe.radius < line.height < edge[2]
 
 
@@ -351,17 +351,25 @@ def test_a_line_that_was_raised_goes_higher_when_it_leads_in_under_the_same_agai
     """Above a foot that it meets it goes down to that, and there the stick comes near what overhangs once more."""
     seen = Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3))
     line = Line(1, 0.0, -0.03, 0.05, 0.019)
-    first = above_what_was_met(line, seen, task(), 0.01)
+    first = above_what_was_met(line, seen, task(), 0.01, -np.inf)
     assert first.height == pytest.approx(LOW + RAISE)
-    again = above_what_was_met(replace(line, raised=True), seen, task(), 0.01)
+    again = above_what_was_met(replace(line, raised=True), seen, task(), 0.01, -np.inf)
     assert again.height == pytest.approx(0.019 + RAISE)
     line = replace(line, raised=True)
     heights = []
     while line is not None:
         heights.append(line.height)
-        line = above_what_was_met(line, seen, task(), 0.01)
+        line = above_what_was_met(line, seen, task(), 0.01, -np.inf)
     assert max(heights) <= AREA.upper[2]
     assert len(heights) < 1 + (AREA.upper[2] - 0.019) / RAISE, "it ends"
+
+
+@pytest.mark.parametrize(("raised", "height"), [(False, LOW + RAISE), (True, 0.057 + RAISE)])
+def test_a_line_that_has_led_down_by_itself_goes_on_above_what_it_came_down_from(raised, height):
+    """From a wall's top, which it met on its way to where it was to begin, it had led down once for each step."""
+    seen = Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3))
+    line = Line(1, 0.0, -0.03, 0.05, LOW + RAISE if raised else LOW, raised=raised)
+    assert above_what_was_met(line, seen, task(), 0.01, 0.057).height == pytest.approx(height)
 
 
 def level_contour(place, normal, reason=None, force=0.8):

@@ -14,15 +14,17 @@ BELOW = 0.5
 stick begins, nobody could tell which of the two is touched."""
 
 
-def above_what_was_met(line: Line, seen: Observation, task: Task, back: float) -> Line | None:
+def above_what_was_met(line: Line, seen: Observation, task: Task, back: float, touched: float) -> Line | None:
     """The rest of a line from `back` m before here on; None where it would leave the area.
 
     A line that was raised before goes higher than that: its own way down to a foot may lead in under the same again.
+    Where it has led down by itself, it did so from what it `touched` up to that height [m], and would again.
     """
     here = seen.pose[:3, 3]
     height = float(here[Z]) + max(RAISE, height_met(seen) - BELOW * task.probe.radius)
     if line.raised:
-        height = max(height, line.height + RAISE)
+        led_down = float(here[Z]) < line.height
+        height = max(height, (max(line.height, touched) if led_down else line.height) + RAISE)
     if height > task.area.upper[Z]:
         return None
     begin = float(here[line.axis]) - line.sign * back

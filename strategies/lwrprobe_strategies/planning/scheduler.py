@@ -152,6 +152,10 @@ class LineScheduler:
         centres = self._memory.contacts()[self._before :, : Z + 1]
         return bool((np.linalg.norm(centres - place, axis=1) < self._spacing).any())
 
+    def highest_touch(self) -> float:
+        """m, the largest height of the sphere's centre at which the present line touched something; else -inf."""
+        return float(self._memory.contacts()[self._before :, Z].max(initial=-np.inf))
+
     def _missed_beside(self, line: Line) -> bool:
         """Whether the line beside one up a side, as high as that or higher, touched nothing: this side recedes, too."""
         return any(
