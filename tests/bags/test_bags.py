@@ -19,7 +19,7 @@ from lwrprobe.bags import messages
 from lwrprobe.bags.bag_file import BagState, bag_files, read_bag, read_file
 from lwrprobe.bags.bag_writer import BagWriter, state_of
 from lwrprobe.bags.recover import recover_bag
-from lwrprobe.contracts import FormatError, StorageError
+from lwrprobe.contracts import FormatError, InputError, StorageError
 from lwrprobe.exploration.procedures.replay import Replay, recorded_scene
 from lwrprobe.exploration.recording.recording import read_recording
 from lwrprobe.exploration.recording.run_bag import SAMPLE_COLUMNS, quaternion
@@ -185,6 +185,16 @@ def test_three_estimators_on_one_recording(run, tmp_path):
     assert all((row.folder / "contacts.csv").is_file() for row in found.values())
     assert found["force_direction"].error_mm["median"] > 2.0 * found["fused"].error_mm["median"]
     assert found["wrench_axis"].contacts > 100
+
+
+@pytest.mark.parametrize("out", [".", "bag", ".."])
+def test_the_library_replays_into_no_folder_that_it_reads(run, out):
+    from lwrprobe.runs.replay import replay
+
+    before = sorted(path.stat().st_mtime_ns for path in run.rglob("*"))
+    with pytest.raises(InputError, match="apart from"):
+        replay(run, out=run / out)
+    assert sorted(path.stat().st_mtime_ns for path in run.rglob("*")) == before
 
 
 def small(folder: Path, count: int = 400) -> Path:

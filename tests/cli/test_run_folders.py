@@ -7,6 +7,7 @@ from answer import ask
 
 import lwrprobe as lp
 from lwrprobe.contracts import InputError
+from lwrprobe.exploration.procedures.merge import merge
 from lwrprobe.exploration.recording.recorder import CONTACT_COLUMNS, Recorder
 from lwrprobe.scene import load_scene, write_scene
 
@@ -99,6 +100,14 @@ def test_the_library_writes_over_no_file_that_is_no_runs(tmp_path, name):
     with pytest.raises(InputError, match=rf"no run's and has {name}"):
         lp.explore("block", out=mine, progress=False)
     assert set(content(mine).values()) == {b"mine"}
+
+
+@pytest.mark.parametrize("out", [".", "again", ".."])
+def test_the_library_merges_into_no_run_that_it_reads(finished, out):
+    before = content(finished)
+    with pytest.raises(InputError, match="apart from"):
+        merge([finished, finished], finished / out)
+    assert content(finished) == before
 
 
 def test_a_finished_run_is_there_until_the_devices_of_the_next_one_have_answered(finished, tmp_path):

@@ -252,7 +252,7 @@ def test_none_of_the_merged_runs_is_written_over(tmp_path):
     """It had been replaced, without a question, by what it was a part of."""
     a, b = (run_folder(tmp_path / name, "block", touches("block")) for name in "ab")
     before = (a / "contacts.csv").read_bytes()
-    with pytest.raises(InputError, match=r"out.*another folder"):
+    with pytest.raises(InputError, match=r"out.*a folder apart from"):
         merge([a, b], tmp_path / "x" / ".." / "a")
     done = CliRunner().invoke(app, ["merge", str(a), str(b), "--out", str(a)])
     assert done.exit_code != 0

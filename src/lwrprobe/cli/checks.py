@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from lwrprobe.contracts.plugins import names
 from lwrprobe.errors import InputError, UnknownNameError
-from lwrprobe.exploration.recording.run_files import is_run
+from lwrprobe.exploration.recording.run_files import check_apart, is_run
 
 if TYPE_CHECKING:
     from lwrprobe.scene import Scene
@@ -71,15 +71,6 @@ def check_replaceable(field: str, folder: Path, overwrite: bool | None = None) -
         option = "" if overwrite is None else ", --overwrite replaces it"
         allowed = f"another folder: this run was cut off. `lwrprobe resume` continues it{option}"
         raise InputError(field, str(folder), allowed)
-
-
-def check_apart(field: str, folder: Path, sources: Iterable[Path]) -> None:
-    """Raise InputError for a folder to write that is one of the sources, inside one, or has one in it."""
-    place = folder.resolve()
-    for source in sources:
-        read = source.resolve()
-        if place == read or place in read.parents or read in place.parents:
-            raise InputError(field, str(folder), f"a folder apart from {source}, which is read")
 
 
 def check_scene_apart(field: str, folder: Path, scene: str) -> None:

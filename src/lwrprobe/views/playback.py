@@ -101,19 +101,8 @@ def of_scene(scene: Scene) -> Playback:
     robot = robot_of(scene)
     pose, q = start_posture(scene, robot)
     none, empty = np.empty(0), np.empty((0, 3))
-    return Playback(
-        scene,
-        robot,
-        np.zeros(1),
-        q[None],
-        pose[None],
-        empty,
-        empty,
-        none,
-        none,
-        none,
-        truth=_mesh_of(true_solid(scene)),
-    )
+    truth = _mesh_of(true_solid(scene))
+    return Playback(scene, robot, np.zeros(1), q[None], pose[None], empty, empty, none, none, none, truth=truth)
 
 
 def _of_run(folder: Path) -> Playback:

@@ -20,7 +20,7 @@ from lwrprobe.evaluation.run_folder import RunFolder, read_run
 from lwrprobe.evaluation.summary import Summary
 from lwrprobe.evaluation.truth import true_solid
 from lwrprobe.exploration.recording.results import write_run
-from lwrprobe.exploration.recording.run_files import clear_run
+from lwrprobe.exploration.recording.run_files import check_apart, check_own, clear_run
 from lwrprobe.mapping import VoxelMap
 from lwrprobe.reconstruction.registration import Registration, intruding, register
 from lwrprobe.scene import Scene
@@ -55,13 +55,14 @@ def merge(
     as_is : leave every run where it is; whether they belong together is checked all the same
     message : called with a sentence at each step
 
-    Raises InputError naming the run (`runs[i]`) and why it does not belong to those before it, FormatError for a
-    folder that is no run's. Nothing is written then.
+    Raises InputError naming the run (`runs[i]`) and why it does not belong to those before it, or for an `out` that is
+    one of the runs or has files that are no run's, and FormatError for a folder that is no run's. Nothing is written
+    then.
     """
     if len(folders) < 2:
         raise InputError("runs", [str(folder) for folder in folders], "two run folders or more")
-    if Path(out).resolve() in [Path(folder).resolve() for folder in folders]:
-        raise InputError("out", str(out), "another folder than those of the runs that are merged")
+    check_apart("out", Path(out), map(Path, folders))
+    check_own(Path(out))
     runs = [read_run(folder) for folder in folders]
     for i, run in enumerate(runs):
         if len(run.record.points) == 0:

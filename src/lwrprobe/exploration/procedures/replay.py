@@ -45,7 +45,7 @@ from lwrprobe.exploration.recording.corrections import correct_contacts
 from lwrprobe.exploration.recording.recorder import Recorder
 from lwrprobe.exploration.recording.recording import Pause, Recording
 from lwrprobe.exploration.recording.results import touch_record, write_results
-from lwrprobe.exploration.recording.run_files import check_own
+from lwrprobe.exploration.recording.run_files import check_apart, check_own
 from lwrprobe.exploration.recording.run_warnings import run_warnings
 from lwrprobe.exploration.recording.summary import summarise
 from lwrprobe.exploration.safety.reaction import ReactionExcess
@@ -194,6 +194,7 @@ class Replay:
 
     def __init__(self, recording: Recording, scene: Scene, out: Path | None = None, same: bool = True) -> None:
         if out is not None:
+            check_apart("out", out, [recording.path])
             check_own(out)
         stated = scene
         scene, _, *self._start = scene_at_start(stated)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from shutil import rmtree
 
@@ -36,6 +37,15 @@ def check_own(folder: Path) -> None:
     if others:
         allowed = f"a folder without such files, or a run's; this one is no run's and has {', '.join(others[:3])}"
         raise InputError("out", str(folder), allowed)
+
+
+def check_apart(field: str, folder: Path, sources: Iterable[Path]) -> None:
+    """Raise InputError for a folder to write that is one of the sources, inside one, or has one in it."""
+    place = folder.resolve()
+    for source in sources:
+        read = source.resolve()
+        if place == read or place in read.parents or read in place.parents:
+            raise InputError(field, str(folder), f"a folder apart from {source}, which is read")
 
 
 def clear_run(folder: Path) -> None:
