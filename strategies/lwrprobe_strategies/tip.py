@@ -129,7 +129,7 @@ class Tip:
         self.free.note(seen.pose, contact.normal if contact is not None else None, self.reliable)
         self.overhangs.note(seen.pose, contact)
         if self.body is not None:
-            self.body.note(seen.pose, contact is not None)
+            self.body.note(seen.pose, None if contact is None else contact.point)
         if contact is None:
             self.leaving = False
 

@@ -246,14 +246,34 @@ def in_window(window, shape):
     return [(row, column) for row in range(i, min(end_i, shape[0])) for column in range(j, min(end_j, shape[1]))]
 
 
-def lowered(heights, at, below, height):
-    """The heights, lowered around a square to what is below a height; square by square."""
-    found, around = heights.copy(), len(below) // 2
-    for i, j in np.ndindex(heights.shape):
-        row, column = i - at[0] + around, j - at[1] + around
-        if 0 <= row < len(below) and 0 <= column < len(below):
-            found[i, j] = min(found[i, j], height - below[row, column])
-    return found
+class SweptColumns:
+    """Of each square the two upper spans of height that were swept, as lists; square by square."""
+
+    def __init__(self, shape, half):
+        self.half, self.spans = half, {at: [] for at in np.ndindex(shape)}
+
+    def note(self, at, height):
+        around = len(self.half) // 2
+        for square, spans in self.spans.items():
+            row, column = np.array(square) - at + around
+            if not (0 <= row < len(self.half) and 0 <= column < len(self.half) and self.half[row, column] > 0.0):
+                continue
+            low, high = height - self.half[row, column], height + self.half[row, column]
+            touching = [span for span in spans if span[0] <= high and span[1] >= low]
+            if not touching and len(spans) == 2:
+                spans.remove(min(spans))
+            for span in touching:
+                low, high = min(low, span[0]), max(high, span[1])
+                spans.remove(span)
+            spans.append((low, high))
+
+    def free_from(self, above):
+        found = above.copy()
+        for square, spans in self.spans.items():
+            for low, high in sorted(spans, reverse=True):
+                if high >= found[square]:
+                    found[square] = min(found[square], low)
+        return found
 
 
 def bridged(heights, known, touched, hidden):

@@ -7,7 +7,7 @@ from scipy.ndimage import minimum_filter
 from scipy.spatial.transform import Rotation
 
 from lwrprobe.contracts import InputError
-from lwrprobe.mapping import BodyOverHeights, PlanView
+from lwrprobe.mapping import BodyOverHeights, PlanView, SweptColumns
 
 SHAPE, LOW, CELL, TOP = (41, 31), np.array([-0.02, -0.015]), 0.001, 0.1
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -124,17 +124,34 @@ def test_a_window_is_looked_through_up_to_the_last_square():
         assert view.lowest_facing(normals, window, (0.6, -0.8), 0.5) == min(facing, default=np.inf)
 
 
-def test_squares_around_one_are_lowered_to_what_is_below_it():
+def test_columns_are_free_above_what_the_sphere_swept_up_to_where_nothing_is():
     chance = np.random.default_rng(9)
-    view = PlanView(SHAPE, 0.05)
-    for _ in range(100):
-        below = chance.uniform(0.0, 0.005, (7, 7))
-        below[chance.random((7, 7)) < 0.3] = -np.inf
-        at, height = tuple(map(int, chance.integers(-4, np.array(SHAPE) + 4))), chance.uniform(0.0, 0.06)
-        expected = naive.lowered(view.heights, at, below, height)
-        view.lower_below(*at, below, height)
-        np.testing.assert_array_equal(view.heights, expected)
-    assert (view.heights < 0.05).mean() > 0.5
+    half = chance.uniform(-0.002, 0.006, (7, 7))
+    swept, twin = SweptColumns(SHAPE, half), naive.SweptColumns(SHAPE, half)
+    above = chance.uniform(0.02, 0.08, SHAPE)
+    at, height, lower = np.array(SHAPE) // 2, 0.04, 0
+    for _ in range(1500):
+        at = np.clip(at + chance.integers(-2, 3, 2), -4, np.array(SHAPE) + 4)
+        height = float(np.clip(height + chance.normal(0.0, 0.008), 0.0, 0.09))
+        swept.note(*at.tolist(), height)
+        twin.note(at, height)
+        found = swept.free_from(above)
+        np.testing.assert_array_equal(found, twin.free_from(above))
+        lower = max(lower, int((found < above).sum()))
+    assert lower > 100
+
+
+def test_a_column_is_not_free_where_the_sphere_has_passed_below_without_coming_up():
+    half = np.full((1, 1), 0.004)
+    swept, above = SweptColumns((1, 1), half), np.full((1, 1), 0.05)
+    for height in (0.047, 0.03, 0.008, 0.012, 0.02, 0.0219):
+        swept.note(0, 0, height)
+    assert swept.free_from(above)[0, 0] == pytest.approx(0.043), "the sphere came up to 25.9 mm"
+    swept.note(0, 0, 0.0225)
+    assert swept.free_from(above)[0, 0] == pytest.approx(0.043), "what was passed at 30 mm is forgotten"
+    for height in (0.03, 0.036, 0.0395):
+        swept.note(0, 0, height)
+    assert swept.free_from(above)[0, 0] == pytest.approx(0.004)
 
 
 def test_between_two_known_squares_it_is_as_tall_as_the_taller_of_both():

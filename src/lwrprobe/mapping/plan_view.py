@@ -28,20 +28,15 @@ class PlanView:
     heights : (n, m) m; may be written to in place
     """
 
-    __slots__ = ("_bridge", "_lower", "_lower_below", "_lowest_facing", "_tallest", "heights")
+    __slots__ = ("_bridge", "_lower", "_lowest_facing", "_tallest", "heights")
 
     def __init__(self, shape: tuple[int, int], height: float) -> None:
         self.heights = np.full(shape, height)
-        self._tallest, self._lowest_facing, self._bridge, self._lower, self._lower_below = _entries()
+        self._tallest, self._lowest_facing, self._bridge, self._lower = _entries()
 
     def lower(self, i: int, j: int, around: int, height: float) -> None:
         """Lower a square and so many to all sides of it to a height [m] where they are higher."""
         self._lower(self.heights, i, j, around, height)
-
-    def lower_below(self, i: int, j: int, below: np.ndarray, height: float) -> None:
-        """Lower squares around one, which may lie outside, to what is `below` (2 k + 1, 2 k + 1) m under a height [m];
-        a square that has -inf below stays as it is."""
-        self._lower_below(self.heights, i, j, below, height)
 
     def tallest(self, window: Window) -> float:
         """m, largest height in a window; -inf where that is empty."""
@@ -88,5 +83,4 @@ def _entries() -> tuple[Callable, ...]:
         entry(kernels.lowest_facing, plane, normals, *window, 0.0, 0.0, 0.0),
         entry(kernels.bridge, plane, plane > 0.0, plane > 0.0, np.zeros(1), True, False, plane),
         entry(kernels.lower, plane, 0, 0, 0, 0.0),
-        entry(kernels.lower_below, plane, 0, 0, plane, 0.0),
     )

@@ -204,16 +204,6 @@ def lower(heights, i, j, around, height):
 
 
 @kernel
-def lower_below(heights, i, j, below, height):
-    """Lower the squares around one to what is `below` (2k + 1, 2k + 1) m under a height [m]; the heights are (n, m)."""
-    around = below.shape[0] // 2
-    for row in range(max(i - around, 0), min(i + around + 1, heights.shape[0])):
-        for column in range(max(j - around, 0), min(j + around + 1, heights.shape[1])):
-            under = height - below[row - i + around, column - j + around]
-            heights[row, column] = min(heights[row, column], under)
-
-
-@kernel
 def lower_around(lowest, around, above, out):
     """Lower `out` (n, m) to what is `above` m over the finite heights (n, m), in so many squares around each."""
     for i in range(lowest.shape[0]):
@@ -221,3 +211,32 @@ def lower_around(lowest, around, above, out):
             height = lowest[i, j] + above
             if height < np.inf:
                 lower(out, i, j, around, height)
+
+
+@kernel
+def sweep(spans, i, j, half, height):
+    """A sphere at a height in a square: what it sweeps joins the spans (n, m, 2, 2) of the squares around, low and high
+    of the upper and of the lower one; it is `half` (2k + 1, 2k + 1) m high above and below its centre, if more than 0.
+
+    A span that touches neither replaces the lower one, unless it lies above both.
+    """
+    around = half.shape[0] // 2
+    for row in range(max(i - around, 0), min(i + around + 1, spans.shape[0])):
+        for column in range(max(j - around, 0), min(j + around + 1, spans.shape[1])):
+            reach = half[row - i + around, column - j + around]
+            if not reach > 0.0:
+                continue
+            low, high = height - reach, height + reach
+            upper, lower = spans[row, column, 0], spans[row, column, 1]
+            if low <= upper[1] and high >= upper[0]:
+                upper[0], upper[1] = min(upper[0], low), max(upper[1], high)
+            elif low <= lower[1] and high >= lower[0]:
+                lower[0], lower[1] = min(lower[0], low), max(lower[1], high)
+            elif low > upper[1]:
+                lower[0], lower[1] = upper[0], upper[1]
+                upper[0], upper[1] = low, high
+            else:
+                lower[0], lower[1] = low, high
+            if lower[1] >= upper[0]:
+                upper[0], upper[1] = min(upper[0], lower[0]), max(upper[1], lower[1])
+                lower[0], lower[1] = np.inf, -np.inf

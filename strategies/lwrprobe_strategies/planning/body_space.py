@@ -3,9 +3,9 @@
 Where all of the probe is known to fit, sphere and stick may go faster than where they may touch something.
 
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
-touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere, and
-nothing is as high as the sphere's underside, there or right beside: a sphere on a steep side has its centre far above
-the surface in the same column. Between two lines, no farther apart than the spacing, the object is taken to be no
+touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere. What
+the sphere swept is free, and so is a square of the plan view above it if the sphere came up there to what is known to
+be free: on the way up a steep side, right beside that. Under what overhangs it did not. Between two lines, no farther apart than the spacing, the object is taken to be no
 taller than on either of them, half the distance to both sides; and where it was touched, than by what a sphere that
 passes on both may leave between. Where the body itself has been it may come back. All else counts as full up to the
 tallest.
@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from lwrprobe.contracts import LinkShape, Task
-from lwrprobe.mapping import BodyOverHeights, PlanView
+from lwrprobe.mapping import BodyOverHeights, PlanView, SweptColumns
 from lwrprobe_strategies.planning.free_space import UPRIGHT
 from lwrprobe_strategies.planning.lines import Line, Z
 from lwrprobe_strategies.planning.upright_body import body, tallest_possible
@@ -29,9 +29,6 @@ STEP = 0.001
 """m between two places of a line that are looked at."""
 SUNK = 0.2
 """Of the sphere's radius, by which something may be above its underside: contacts and the probe's place err."""
-THROUGH = 3.0
-"""Times the sphere's radius, by which its underside may pass below where the stick stood, in the same column, for
-nothing to be in between: on a side of 70 degrees both are as far apart."""
 WORSE = 0.001
 """m by which the body may be deeper than it may go: a surface is left with a motion that is not quite level."""
 WIDER = 2
@@ -69,17 +66,16 @@ class BodySpace:
         self._top = tallest_possible(task)
         self._task, self._spacing, self.upright = task, spacing, task.orientation
         self._radius = task.probe.radius
-        self._underside = PlanView(shape, np.inf)
-        below = _cap(self._radius) - SUNK * self._radius
-        self._below = np.where(below > 0.0, below, -np.inf)
+        self._swept = SweptColumns(shape, _cap(self._radius) - SUNK * self._radius)
         gaps = 0.5 * CELL * np.arange(round((spacing + WIDE) / CELL) + 1)
         self._hidden = self._radius - np.sqrt(np.maximum(self._radius**2 - gaps**2, 0.0))
         self.under = task.probe.radius - task.probe.stick_radius
         behind = [link for link in task.probe.links if link.name != "stick"]
         points = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
-        self._column: tuple[int, int, float] = (-1, -1, np.inf)
+        self._column, self._height = (-1, -1, False), np.inf
         self._changed = True
         self._met, self._border = np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
+        self._touched = np.full(shape, -np.inf)
         self._border[1:-1, 1:-1] = False
         heights = np.where(self._border, -np.inf, self._top)
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
@@ -103,22 +99,29 @@ class BodySpace:
         self._front.raise_top(self._top)
         self.survey()
 
-    def note(self, pose: np.ndarray, touches: bool) -> None:
-        """The tip is at a pose (4, 4), and touches something or nothing; called with every sample."""
+    def note(self, pose: np.ndarray, point: np.ndarray | None) -> None:
+        """The tip is at a pose (4, 4), and touches something at a `point` (3,) m or nothing; for every sample."""
         self._changed |= self._body.note(pose)
-        if -pose.item(2, 2) <= UPRIGHT:
-            return
         x, y, z = pose[:3, 3].tolist()
         i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
-        if touches:
+        upright = -pose.item(2, 2) > UPRIGHT
+        if point is not None:
+            self._touch(*point.tolist())
+        if point is not None and upright:
             met = self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
             self._changed |= not met.all()
             met[...] = True
-        if z >= self._column[2] and (i, j) == self._column[:2]:
+        if (i, j, upright) == self._column and abs(z - self._height) < CELL:
             return
-        self._column, self._changed = (i, j, z), True
-        self._stood.lower(i, j, 1, z)
-        self._underside.lower_below(i, j, self._below, z)
+        self._column, self._height, self._changed = (i, j, upright), z, True
+        self._swept.note(i, j, z)
+        if upright:
+            self._stood.lower(i, j, 1, z)
+
+    def _touch(self, x: float, y: float, z: float) -> None:
+        i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
+        if 0 <= i < self._touched.shape[0] and 0 <= j < self._touched.shape[1] and z > self._touched[i, j]:
+            self._touched[i, j], self._changed = z, True
 
     def survey(self) -> None:
         """Take what was noted since the last call into account."""
@@ -126,14 +129,13 @@ class BodySpace:
             return
         self._changed = False
         stood = PlanView(self._met.shape, np.inf)
-        stick, under = self._stood.heights, self._underside.heights
-        own = stick - (1.0 - SUNK) * self._radius
-        heights = np.where(under > stick - THROUGH * self._radius, np.minimum(under, own), own)
+        under_stick = np.minimum(self._stood.heights - (1.0 - SUNK) * self._radius, self._top)
+        heights = self._swept.free_from(under_stick)
         stood.heights[:] = np.where(self._border & ~self._met, -np.inf, heights)
         heights = np.minimum(stood.bridged(stood.heights < self._top, self._met, self._hidden), self._top)
         self._body.lower(heights, WIDER, WORSE)
         self._body.heights = heights
-        self._clear.heights = np.maximum(heights, self._kept(np.where(self._met, heights, -np.inf)))
+        self._clear.heights = np.maximum(heights, self._kept(self._touched))
         self._front.heights = self._clear.heights
 
     @property
