@@ -5,10 +5,10 @@ Where all of the probe is known to fit, sphere and stick may go faster than wher
 Nothing is above the tallest that the area may hold. Nothing is on the area's border and beyond it, unless it was
 touched there: then the area is cut through an object. Where the upright stick stood nothing is above the sphere. What
 the sphere swept is free, and so is a square of the plan view above it if the sphere came up there to what is known to
-be free: on the way up a steep side, right beside that. Under what overhangs it did not. Between two lines, no farther apart than the spacing, the object is taken to be no
-taller than on either of them, half the distance to both sides; and where it was touched, than by what a sphere that
-passes on both may leave between. Where the body itself has been it may come back. All else counts as full up to the
-tallest.
+be free: on the way up a steep side, right beside that. Under what overhangs it did not. Between two lines, no farther
+apart than the spacing, the object is taken to be no taller than on either of them, half the distance to both sides; and
+where it was touched, than by what a sphere that passes on both may leave between. Where the body itself has been it may
+come back. All else counts as full up to the tallest.
 """
 
 from __future__ import annotations

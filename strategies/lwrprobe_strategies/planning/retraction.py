@@ -7,10 +7,10 @@ import numpy as np
 from lwrprobe.contracts import Confidence, Observation
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.planning.paths import HELD, OFF, SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import HELD, OFF, THERE, SpeedLimit, Waypoint
 
 OWN_COLUMN = 0.9
-"""Share of the path off a surface along the stick, from which on the path is free: the probe itself fills it."""
+"""Share of the path off a surface along the stick, from which on it is in the column of the stick."""
 FLANK = 0.4
 """Share of the normal across z, from which on what is above stands beside the stick and not over it."""
 PAST = 0.001
@@ -19,18 +19,22 @@ UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 
 
-def off_surface(seen: Observation, normal: np.ndarray, distance: float) -> list[Waypoint]:
+def off_surface(seen: Observation, normal: np.ndarray, distance: float, free: FreeSpace) -> list[Waypoint]:
     """A place off the surface touched, from which an upright probe may go up.
 
     `normal` (3,) is the surface's; `distance` m is the path off a contact that is not reliable: where its normal is
-    nearly along the stick straight along that, for the sphere may meet what stands beside it.
+    nearly along the stick straight along that, for the sphere may meet what stands beside it. The path along the stick
+    is `free` where the sphere came down there: it is wider than the stick, and may have come in under a ledge.
     """
     if seen.contact is None:
         return []
     here, back = seen.pose[:3, 3], -seen.pose[:3, Z]
     own_column = float(normal @ back) > OWN_COLUMN
     if seen.contact.confidence is Confidence.RELIABLE:
-        return [Waypoint(here + OFF * normal, SpeedLimit.FREE if own_column else SpeedLimit.GUARDED)]
+        if not own_column:
+            return [Waypoint(here + OFF * normal, SpeedLimit.GUARDED)]
+        known = free.clear_down_to(here.item(0), here.item(1)) <= here.item(Z) + THERE
+        return [Waypoint(here + OFF * normal, SpeedLimit.FREE if known else SpeedLimit.COLUMN)]
     if own_column:
         return [Waypoint(here + distance * back, SpeedLimit.COLUMN)]
     return [Waypoint(here + distance * normal, SpeedLimit.GUARDED)]
