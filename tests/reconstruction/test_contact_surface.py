@@ -13,7 +13,7 @@ from lwrprobe.bench.sampled_lines import NOISE, NORMAL_NOISE, sample_lines, voxe
 from lwrprobe.contracts import InputError, TouchRecord
 from lwrprobe.evaluation import mesh_error, reach
 from lwrprobe.reconstruction import contact_surface, rulings
-from lwrprobe.reconstruction.clusters import cluster, supported
+from lwrprobe.reconstruction.clusters import Clusters, cluster, supported, wedged
 from lwrprobe.reconstruction.contact_surface import ContactSurface
 from lwrprobe.reconstruction.convex_hull import convex_hull
 from lwrprobe.reconstruction.grid import Grid
@@ -58,7 +58,8 @@ def recorded(name, pitch=0.025):
 
     `bridge`, `combination`: every eighth of the first 120 s and 200 s of `active`. `receding`: of `grid_version` on
     `random:revolution:8704` every sixth contact below 25 mm, every 36th of the others, and every fourth free place.
-    `comb`: every 16th contact of `active` on a comb of boxes, and every second free place.
+    `comb`: every 16th contact of `active` on a comb of boxes, and every second free place. `rods`: every 16th contact
+    and every eighth free place of `grid_version` on `random:thin:11607` in the lab world.
     """
     file = np.load(Path(__file__).parent / "recorded" / f"{name}.npz")
     contacts, free = file["contacts"].astype(float), file["free_path"].astype(float)
@@ -677,6 +678,28 @@ def test_the_other_side_of_a_slot_makes_no_hole_in_a_thin_wall():
     ]
     solid = Solid.from_shapes([Box(shape="box", size=(0.09, 0.024, 0.01), at=Pose(xyz=(0.0, 0.0, 0.005))), *fins])
     assert error(surface(recorded("comb"), compare=False).mesh, solid).mean < 3e-4
+
+
+def test_a_rod_beside_which_the_sphere_was_wedged_is_whole():
+    """What faced it, from across the sphere, took all in front for free: the mesh ended 15 mm below the rod's top."""
+    record = replace(recorded("rods", 0.01), lowest=0.0085)
+    top = record.points[:, 2].max()
+    assert surface(record, compare=False).mesh.vertices[:, 2].max() == pytest.approx(top, abs=5e-4)
+
+
+def test_a_sphere_is_wedged_where_it_lies_on_the_plane_of_what_faces_it():
+    """In a groove of 60 degrees the lowest place lies on both its planes; in one of 90 degrees they face no more."""
+
+    def groove(half_angle):
+        out = np.array([np.cos(half_angle), 0.0, np.sin(half_angle)])
+        up = np.array([-out[2], 0.0, out[0]])
+        left = [k * 0.002 * up for k in range(5)]
+        places, normals = [*left, *(place * [-1.0, 1.0, 1.0] for place in left[1:])], [out] * 5 + [out * [-1, 1, 1]] * 4
+        count = len(places)
+        return wedged(Clusters(np.array(places), np.array(normals), np.ones(count), np.arange(count)), 0.01).tolist()
+
+    assert groove(np.radians(30.0)) == [True] + [False] * 8
+    assert groove(np.radians(45.0)) == [False] * 9
 
 
 def test_a_path_right_over_a_plate_makes_no_hole_in_it():

@@ -24,6 +24,12 @@ _WALL = 8
 _MIN_SUPPORT, _MIN_SHARE = 1.5, 0.25
 """Weight, and share of the weight around it, below which what a contact and its like say is chance."""
 
+_FACING = -0.2
+"""Cosine between normals below which two surfaces face each other: they leave less than 78 degrees between them."""
+
+_ON_PLANE = 5e-4
+"""m beside a tangent plane, up to which the sphere touches that surface as well: noise, and a little curvature."""
+
 _PORTION = 50_000
 """Points between two looks at the progress callback."""
 
@@ -78,6 +84,26 @@ def outvoted(clusters: Clusters, feet: np.ndarray, reach: float) -> np.ndarray:
         own += np.bincount(pairs[:, here], weight * (facing > _WITH), minlength=len(feet))
         against += np.bincount(pairs[:, here], weight * (facing < -_WITH), minlength=len(feet))
     return against > _OUTVOTED * own
+
+
+def wedged(clusters: Clusters, reach: float) -> np.ndarray:
+    """(k,) bool: places of the sphere's centre, the clusters' points, at which it touches two surfaces.
+
+    They lie on the tangent plane of a place within `reach` m whose surface faces theirs. Two surfaces of the centres
+    meet there. The normal is that of one of them, or of the sum of two forces, and beyond the place it holds for
+    neither: in front of one surface is the body of the other.
+    """
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(clusters.points).query_pairs(reach, output_type="ndarray")
+    one, other = clusters.normals[pairs[:, 0]], clusters.normals[pairs[:, 1]]
+    pairs = pairs[np.einsum("ij,ij->i", one, other) < _FACING]
+    found = np.zeros(len(clusters.points), dtype=bool)
+    for here, there in ((pairs[:, 0], pairs[:, 1]), (pairs[:, 1], pairs[:, 0])):
+        apart = clusters.points[here] - clusters.points[there]
+        off = np.abs(np.einsum("ij,ij->i", apart, clusters.normals[there]))
+        found[here[off < _ON_PLANE]] = True
+    return found
 
 
 def supported(

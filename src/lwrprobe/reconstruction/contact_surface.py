@@ -17,7 +17,7 @@ import numpy as np
 
 from lwrprobe.contracts import RECONSTRUCTOR_CONTRACT, InputError, Reconstruction, TouchRecord, TriangleMesh
 from lwrprobe.reconstruction.choice import better_method, lines_apart
-from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall
+from lwrprobe.reconstruction.clusters import Clusters, cluster, outvoted, supported, thinnest_wall, wedged
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.convex_hull import ConvexHull
 from lwrprobe.reconstruction.convexity import tangent_bound
@@ -55,6 +55,7 @@ _STEEPER = 4.0  # times the difference of values over a part of a cell, as what 
 _HEIGHT = 0.7  # of the planes over the body's smooth parts: its triangles then err to neither side
 _WALLS_APART = 3.0  # radii at most between guessed walls, and to contacts, where these lie in no regular lines
 _CLOSER = 0.65  # of the stated pitch: lines that are closer together than that count as what they are
+_NO_NORMAL = 3.0  # rad, standard deviation of a normal that says nothing
 _EVERY = 4  # vertices of the centres' surface share one deviation: it varies over a line pitch, not over a cell
 
 Progress = Callable[[str, float], None]
@@ -305,12 +306,9 @@ def _ring(touches: Touches, pitch: float, step: float) -> np.ndarray:
 
 def _hermite_data(clusters: Clusters, touches: Touches) -> HermiteData:
     share = 1.0 / np.sqrt(clusters.weight)
-    return HermiteData(
-        clusters.points,
-        clusters.normals,
-        np.hypot(touches.noise * share, _NOISE_FLOOR),
-        touches.normal_noise * np.hypot(share, 0.3),
-    )
+    normal_sd = touches.normal_noise * np.hypot(share, 0.3)
+    normal_sd[wedged(clusters, 2.0 * touches.radius)] = _NO_NORMAL
+    return HermiteData(clusters.points, clusters.normals, np.hypot(touches.noise * share, _NOISE_FLOOR), normal_sd)
 
 
 def _outer_field(
