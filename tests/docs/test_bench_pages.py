@@ -9,6 +9,7 @@ import pytest
 from lwrprobe.bench import BENCHES
 from lwrprobe.bench.page import COLUMNS, NAMED, SUMMARIES
 from lwrprobe.bench.report import BenchReport, Table, Verdict
+from lwrprobe.contracts import StorageError
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "bench"
 PAGES = sorted(path for path in FOLDER.glob("*.md") if path.stem != "index")
@@ -55,6 +56,16 @@ def test_page_of_a_report(report, tmp_path):
     assert max(line.count("|") for line in text.splitlines()) <= COLUMNS + 1
     with table.open(newline="") as file:
         assert list(csv.reader(file))[1][-1] == str(1 / 3)
+
+
+@pytest.mark.parametrize("name", ["clearance.json", "clearance.md", "clearance-1.csv", "clearance-drawn.png"])
+def test_a_full_disk_is_one_error_and_keeps_what_was_there(report, tmp_path, name):
+    report.figures["drawn"] = lambda figure: figure.subplots().plot([0, 1])
+    (tmp_path / name).write_text("as it was")
+    (tmp_path / f"{name}.part").symlink_to("/dev/full")
+    with pytest.raises(StorageError, match=name):
+        report.write(tmp_path / "clearance.json", tmp_path)
+    assert (tmp_path / name).read_text() == "as it was"
 
 
 def test_sentence_with_the_figures_of_the_tables(report):

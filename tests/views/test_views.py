@@ -242,6 +242,21 @@ def test_ffmpeg_ends_with_a_film_that_fails(tmp_path):
     assert running() == [], failure  # which keeps alive what the frames of the failure hold
 
 
+@pytest.mark.parametrize("ending", ["gif", "mp4"])
+def test_a_film_that_fails_leaves_the_one_that_was_there(runs, tmp_path, ending):
+    film = tmp_path / f"film.{ending}"
+    film.write_text("as it was")
+
+    def stop(done, of):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_film(runs[0], film, seconds=1.0, rate=6, width=320, watch=stop)
+    assert [file.name for file in tmp_path.iterdir()] == [film.name]
+    assert film.read_text() == "as it was"
+
+
 def test_films_that_cannot_be_are_refused(runs, tmp_path):
     with pytest.raises(InputError, match="gif"):
         write_film(runs[0], tmp_path / "film.avi")

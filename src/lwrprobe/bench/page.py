@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
 
 from lwrprobe.bench.report import BenchReport, Table, cell_text
+from lwrprobe.host.whole_file import write_whole
 
 COLUMNS = 8
 """Most columns of a table on a page."""
@@ -296,9 +298,10 @@ def write_csv(report: BenchReport, out: Path) -> list[Path]:
     written = []
     for number, table in enumerate(report.tables, 1):
         path = out / f"{report.name}-{number}.csv"
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(table.columns)
-            writer.writerows(table.rows)
+        text = StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table.columns)
+        writer.writerows(table.rows)
+        write_whole(path, text.getvalue().encode())
         written.append(path)
     return written

@@ -6,8 +6,11 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+
+from lwrprobe.host.whole_file import write_whole
 
 
 @dataclass(slots=True)
@@ -78,18 +81,19 @@ class BenchReport:
         return markdown(self)
 
     def write(self, json_file: Path | None = None, out: Path | None = None) -> list[Path]:
-        """Write JSON to `json_file`, Markdown, CSV and PNG into `out`; returns what was written."""
+        """Write JSON to `json_file`, Markdown, CSV and PNG into `out`; returns what was written.
+
+        Raises StorageError naming the file that cannot be written.
+        """
         written = []
         if json_file is not None:
-            json_file.parent.mkdir(parents=True, exist_ok=True)
-            json_file.write_text(json.dumps(self.as_dict(), indent=1, default=float) + "\n", encoding="utf-8")
+            write_whole(json_file, (json.dumps(self.as_dict(), indent=1, default=float) + "\n").encode())
             written.append(json_file)
         if out is not None:
             from lwrprobe.bench.page import write_csv
 
-            out.mkdir(parents=True, exist_ok=True)
             page = out / f"{self.name}.md"
-            page.write_text(self.as_markdown(), encoding="utf-8")
+            write_whole(page, self.as_markdown().encode())
             written += [page, *write_csv(self, out)]
             written += [self._draw(stem, out) for stem in self.figures]
         return written
@@ -101,8 +105,9 @@ class BenchReport:
         figure = Figure(figsize=(9.0, 5.5), dpi=130, layout="constrained")
         FigureCanvasAgg(figure)
         self.figures[stem](figure)
-        path = out / f"{self.name}-{stem}.png"
-        figure.savefig(path)
+        path, png = out / f"{self.name}-{stem}.png", BytesIO()
+        figure.savefig(png)
+        write_whole(path, png.getvalue())
         return path
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +72,18 @@ def write_film(
     pictures = _Pictures(read_run(folder), playback(folder), width)
     count = max(2, round(seconds * rate))
     frames = (_shown(picture, k, count, watch) for k, picture in enumerate(pictures.all(count)))
+    part = out.with_name(f"{out.stem}.part{out.suffix}")
     try:
         if out.suffix.lower() == ".gif":
-            _write_gif(out, frames, rate)
+            _write_gif(part, frames, rate)
         else:
-            _write_video(out, frames, rate)
+            _write_video(part, frames, rate)
+        part.replace(out)
     except OSError as error:
         raise StorageError(out, error) from None
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
     return out
 
 
@@ -203,9 +208,7 @@ def _write_gif(out: Path, frames: Iterator[Any], rate: int) -> None:
     palette = pictures[-1].quantize(128, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     few = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     times = [round(1000 / rate)] * (len(few) - 1) + [round(1000 * LAST)]
-    part = out.with_name(out.name + ".part")
-    few[0].save(part, "gif", save_all=True, append_images=few[1:], duration=times, loop=0, optimize=True)
-    part.replace(out)
+    few[0].save(out, "gif", save_all=True, append_images=few[1:], duration=times, loop=0, optimize=True)
 
 
 def _write_video(out: Path, frames: Iterator[Any], rate: int) -> None:
