@@ -26,6 +26,7 @@ import numpy as np
 
 from lwrprobe.contracts import Done, Progress, Task
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.encounter import BESIDE_LINE, above_foot, beside_line, led_in_under, shows_stiffness
 from lwrprobe_strategies.outcomes import (
     Blocked,
     CollisionThreat,
@@ -47,7 +48,6 @@ from lwrprobe_strategies.planning.lean import horizontal
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
-from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
 from lwrprobe_strategies.planning.shaft import stick_led_to, stretch
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
@@ -55,7 +55,6 @@ from lwrprobe_strategies.planning.upright_body import clear_of
 from lwrprobe_strategies.retraction_planner import RetractionPlanner
 from lwrprobe_strategies.skills import (
     Procedure,
-    along_stick,
     follow_contour,
     guarded_move,
     press,
@@ -69,10 +68,6 @@ from lwrprobe_strategies.skills import (
 )
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
 
-NEAR_SIDE = -0.3
-"""Share of the normal along the line, below which the line leads into the object."""
-BESIDE_LINE = 0.002
-"""m across a line, from which on what is touched is not on it."""
 AT_TOP = 2e-4
 """m below the area's upper end, from which on what is touched reaches it."""
 RAISE = 0.005
@@ -83,8 +78,6 @@ MAX_DETOURS = 2
 """Times that the path to one line is begun again."""
 ASLANT = 0.8
 """Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
-ABOVE_FOOT = 0.002
-"""m above the area's floor, from which on a wall is taken for one that goes on below."""
 BACK = 2.0
 """Times the distance to a line, over which the tip comes back to it: only what lies between lines that keep their
 distance counts as known."""
@@ -211,7 +204,7 @@ class Coverage(SkillStrategy):
             case Ended.TABLE | Ended.UNDERSIDE:
                 self.tip.leave()
                 return self.along_line()
-            case Ended.CONTACT if self._beside_the_line():
+            case Ended.CONTACT if beside_line(self.tip, self.frame.line):
                 return self.approach_again()
             case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
                 return self.along_surface()
@@ -355,16 +348,12 @@ class Coverage(SkillStrategy):
     def along_surface(self) -> Procedure:
         """Along a surface that is touched anew; around the object where its outline is sought."""
         line, normal = self.frame.line, self.tip.control.normal
-        if self._begins_above_a_foot():
+        if above_foot(self.tip, self.frame) and not self.foot_followed:
             self.foot_followed, self.frame = True, self.frame.back_down()
         elif line.outline:
             sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
             self.frame = self.frame.horizontal(sense, line.height)
-        return self._press_first() if self._shows_stiffness() else self.contour()
-
-    def _shows_stiffness(self) -> bool:
-        """Whether a press shows for the first time how stiff the arm is."""
-        return not self.tip.pressed and self.tip.reliable and along_stick(self.tip, self.tip.normal())
+        return self._press_first() if shows_stiffness(self.tip) else self.contour()
 
     def _press_first(self) -> Procedure:
         yield from press(self.tip, self.tip.normal())
@@ -383,7 +372,7 @@ class Coverage(SkillStrategy):
             return Ended.CIRCLING
         if line.outline:
             return Ended.END_FOUND if self.end_found() else None
-        if self._shows_stiffness():
+        if shows_stiffness(self.tip):
             return Ended.CONTACT  # as one that is touched anew: it is pressed first
         return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
 
@@ -431,7 +420,7 @@ class Coverage(SkillStrategy):
 
     def answer_threat(self) -> Procedure | None:
         """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
-        if self._led_in_under():
+        if led_in_under(self.tip, self.frame):
             return self.raise_line()
         self.threats += 1
         return self.avoid()
@@ -487,38 +476,10 @@ class Coverage(SkillStrategy):
         self.begin_line(line if line.sign == inward else line.turned())
         return self.contour()
 
-    def on_far_side(self) -> bool:
-        """Whether what is followed is the far side of what the line has come over."""
-        return bool(self.tip.control.normal @ self.frame.line.ahead >= -NEAR_SIDE)
-
     def _reaches_the_top(self) -> bool:
         """Whether something was touched as high as the probe flies over all that may be there."""
         centres = self.tip.memory.contacts()[:, Z]
         return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
-
-    def _begins_above_a_foot(self) -> bool:
-        """Whether a line that had to be raised, or leads up a side, meets a wall above its foot.
-
-        There the sphere goes in under what the stick met or may meet, as far as both fit.
-        """
-        tip, line = self.tip, self.frame.line
-        met = tip.trace.ended is guarded_move and not self.frame.level
-        wall = met and float(tip.control.normal @ line.ahead) < NEAR_SIDE
-        above = bool(tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT)
-        return (line.raised or line.low) and not self.foot_followed and wall and above
-
-    def _beside_the_line(self) -> bool:
-        """Whether what is touched on the path to the line's beginning stands beside the line, or behind its end."""
-        line, here = self.frame.line, self.tip.here
-        off = max(abs(float(here[line.aside]) - line.place), line.sign * (float(here[line.axis]) - line.end))
-        return self.tip.trace.ended is transit and off > BESIDE_LINE
-
-    def _led_in_under(self) -> bool:
-        """Whether the line has led in under what stands ahead, so that the stick comes near that."""
-        interrupted, normal = self.tip.trace.ended, self.tip.control.normal
-        if interrupted is follow_contour and not self.frame.level:
-            return bool(normal @ self.frame.line.ahead < 0.0 and normal[Z] < UNDER)
-        return interrupted is guarded_move
 
     def _at_next_line(self) -> bool:
         """Whether the tip has come as far in x as the next line of the grid."""

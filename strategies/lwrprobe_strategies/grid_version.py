@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
+from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.encounter import on_near_side
 from lwrprobe_strategies.skills import Procedure
 
 MAX_THREATS = 2
@@ -19,6 +20,6 @@ class GridVersion(Coverage):
         line is given up and the next one begins from above.
         """
         line = self.frame.line
-        if self.threats > MAX_THREATS or self.tip.control.normal @ line.ahead < NEAR_SIDE or line.outline:
+        if self.threats > MAX_THREATS or on_near_side(self.tip, line) or line.outline:
             return self.give_up()
         return self.retract_onward()

@@ -11,6 +11,7 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.encounter import on_far_side
 from lwrprobe_strategies.outcomes import Ended, Outcome
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
 from lwrprobe_strategies.planning.lines import Z
@@ -99,7 +100,13 @@ class OrientationChange(Coverage):
     def _on_along_line(self) -> Procedure | None:
         """Off a far side, and on along the line: its foot is touched afterwards."""
         line = self.frame.line
-        if not self.on_far_side() or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
+        if (
+            not on_far_side(self.tip, line)
+            or self.frame.level
+            or line.outline
+            or line.low
+            or self.threats > MAX_THREATS
+        ):
             return self.give_up()
         return self.retract_onward()
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.encounter import on_far_side
 from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.skills import Procedure
 
@@ -48,6 +49,6 @@ class SurfaceContour(Coverage):
             return self.give_up()
         if line.axis == X:
             # Beside the foot of a near side nothing is known of what the body would meet on its path around.
-            onward = self.on_far_side() and not line.low and not line.outline
+            onward = on_far_side(self.tip, line) and not line.low and not line.outline
             return self.retract_onward() if onward else self.give_up()
         return self.contour_upright() if level else self.contour_level()

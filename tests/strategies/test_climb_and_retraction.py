@@ -11,6 +11,7 @@ from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.coverage import BACK, MAX_DETOURS
+from lwrprobe_strategies.encounter import beside_line
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
@@ -690,4 +691,4 @@ def test_what_the_path_to_a_line_touches_beside_it_or_behind_its_end_is_not_foll
     strategy.begin_line(line)
     strategy.tip.observe(seen([*place, 0.02], 1.0))
     strategy.tip.trace.ended = transit
-    assert strategy._beside_the_line() == again
+    assert beside_line(strategy.tip, line) == again
