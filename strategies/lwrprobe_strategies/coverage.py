@@ -19,12 +19,12 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import Done, Progress, Task
+from lwrprobe_strategies.contour_watch import ContourWatch
 from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.encounter import BESIDE_LINE, above_foot, beside_line, led_in_under, shows_stiffness
 from lwrprobe_strategies.outcomes import (
@@ -40,12 +40,10 @@ from lwrprobe_strategies.outcomes import (
 )
 from lwrprobe_strategies.planning.approaches import Departure
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.circling_watch import CirclingWatch
-from lwrprobe_strategies.planning.climb import DescentWatch
 from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
-from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
+from lwrprobe_strategies.planning.contour_end import past_end
 from lwrprobe_strategies.planning.lean import horizontal
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
 from lwrprobe_strategies.planning.scheduler import LineScheduler
@@ -101,7 +99,6 @@ class Coverage(SkillStrategy):
     frame : the present line, and the plane in which a contact on it is followed
     line_rotation : (3, 3), the orientation in which the present line was begun
     threats : collision threats on the present line so far
-    circling : whether contours on the present line lead nowhere
     detours : how often the path to the present line was begun again
     foot_followed : the wall that the present line meets has been followed down to its foot
     """
@@ -121,6 +118,7 @@ class Coverage(SkillStrategy):
         tip.body = BodySpace(task, self.options.step) if BodySpace.needed(task) else None
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
+        self._watch = ContourWatch(tip, self.upright, self.lines, self.end_found, self.leaves_descents)
         self._stand_still_first = False
         self._led: tuple[Line, float] | None = None  # the last line that met nothing, and m on its axis, how far
         self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
@@ -243,7 +241,7 @@ class Coverage(SkillStrategy):
 
     def leaves_descents(self, line: Line) -> bool:
         """Whether a wall down which the line leads may be climbed from its other end instead."""
-        return line.free_end
+        return bool(self.options.climb) and line.free_end
 
     def end_found(self) -> bool:
         """Whether an outline has come to the end that it seeks."""
@@ -275,8 +273,9 @@ class Coverage(SkillStrategy):
 
     def begin_line(self, line: Line) -> None:
         """A line becomes the present one; its contours are counted and measured anew."""
-        self.threats, self.circling, self.retractions.line = 0, CirclingWatch(self.task.area), line
+        self.threats, self.retractions.line = 0, line
         self.frame = TrackingFrame(line, self.task.area)
+        self._watch.begin_line()
         self.tip.overhangs.survey(line.height)
 
     def approach(self, line: Line) -> Procedure:
@@ -361,39 +360,7 @@ class Coverage(SkillStrategy):
 
     def contour(self) -> Procedure:
         """On along the surface, in the plane of the frame."""
-        descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
-        return follow_contour(self.tip, self.frame, lambda: self._contour_end(descent))
-
-    def _contour_end(self, descent: DescentWatch) -> Outcome | None:
-        """The outcome with which the contour ends where the tip is now, None = it goes on; asked with every sample."""
-        tip, line = self.tip, self.frame.line
-        step = tip.period * hypot(*tip.seen.velocity.tolist())
-        if self.circling.circles(self.frame, tip.here, step):
-            return Ended.CIRCLING
-        if line.outline:
-            return Ended.END_FOUND if self.end_found() else None
-        if shows_stiffness(self.tip):
-            return Ended.CONTACT  # as one that is touched anew: it is pressed first
-        return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
-
-    def _level_contour_end(self) -> Outcome | None:
-        """As `_contour_end`, in a horizontal plane: at the next line, or where it leads away from that again."""
-        if self._at_next_line():
-            return Ended.NEXT_LINE
-        return Ended.LINE_END if turned_back(self.tip.control, self.frame, self.lines.towards_next()) else None
-
-    def _upright_contour_end(self, descent: DescentWatch) -> Outcome | None:
-        """As `_contour_end`, in the vertical plane of the line."""
-        tip, frame = self.tip, self.frame
-        if tip.here[Z] > frame.line.ceiling and tip.control.tangent(frame.binormal)[Z] > 0.0:
-            return Ended.LINE_END
-        if at_table(tip.control, frame, tip.here):
-            return Ended.TABLE
-        if tip.rotation is self.upright and under(tip.control, frame):
-            return Ended.UNDERSIDE
-        if frame.backward and tip.body is not None and not tip.body.keeps_clear(tip.seen.pose):
-            return Ended.LINE_END
-        return Ended.DESCENT if self._climbs_from_other_end(descent) else None
+        return follow_contour(self.tip, self.frame, self._watch.until(self.frame))
 
     def contour_level(self) -> Procedure:
         """On along the surface in a horizontal plane, towards the next grid line."""
@@ -480,30 +447,6 @@ class Coverage(SkillStrategy):
         """Whether something was touched as high as the probe flies over all that may be there."""
         centres = self.tip.memory.contacts()[:, Z]
         return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
-
-    def _at_next_line(self) -> bool:
-        """Whether the tip has come as far in x as the next line of the grid."""
-        neighbours = self.lines.neighbours()
-        if neighbours is None:
-            return False
-        here, there = neighbours
-        return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
-
-    def _climbs_from_other_end(self, descent: DescentWatch) -> bool:
-        """Whether the wall that is descended is left here, to be climbed from the line's other end."""
-        frame = self.frame
-        if frame.backward or not self.options.climb or self.tip.seen.contact is None:
-            return False
-        if not self.leaves_descents(frame.line):
-            return False
-        up = descent.climb(self.tip.seen, frame, self.upright)
-        if up is None:
-            return False
-        if self.lines.blocked_before(up):
-            self.lines.leave_out(up)
-            return False
-        self.lines.insert(up)
-        return True
 
     # For the runner
 
