@@ -19,7 +19,7 @@ class GridVersion(Coverage):
         Before an object's near side the line leads into the object: there, and at the third threat on one line, the
         line is given up and the next one begins from above.
         """
-        line = self.frame.line
-        if self.threats > MAX_THREATS or on_near_side(self.tip, line) or line.outline:
-            return self.give_up()
-        return self.retract_onward()
+        drive, line = self.drive, self.drive.frame.line
+        if drive.threats > MAX_THREATS or on_near_side(self.tip, line) or line.outline:
+            return drive.give_up()
+        return drive.retract_onward()
