@@ -136,8 +136,8 @@ class Active(GridVersion):
         self.outline = OutlineWatch()
         if not self.strokes.chained:
             return super().approach(line)
-        self.begin_line(line)
-        return self.contour()
+        self.drive.begin_line(line)
+        return self.drive.contour()
 
     def raise_area(self, line: Line) -> bool:
         """The estimate of the surface ends where the area does."""

@@ -19,85 +19,43 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import hypot
 from typing import ClassVar
 
 import numpy as np
 
 from lwrprobe.contracts import Done, Progress, Task
+from lwrprobe_strategies.contour_watch import ContourWatch
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.outcomes import (
-    Blocked,
-    CollisionThreat,
-    Ended,
-    Interruption,
-    Jammed,
-    Lost,
-    Outcome,
-    Overload,
-    UnknownSpace,
-)
-from lwrprobe_strategies.planning.approaches import Departure
+from lwrprobe_strategies.encounter import beside_line, led_in_under
+from lwrprobe_strategies.free_motion import FreeMotion
+from lwrprobe_strategies.line_drive import LineDrive
+from lwrprobe_strategies.outcomes import Blocked, CollisionThreat, Ended, Jammed, Lost, Outcome, Overload, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
-from lwrprobe_strategies.planning.circling_watch import CirclingWatch
-from lwrprobe_strategies.planning.climb import DescentWatch
-from lwrprobe_strategies.planning.contact_memory import POINT, ContactMemory
-from lwrprobe_strategies.planning.contour_end import at_table, past_end, turned_back, under
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.contour_end import past_end
 from lwrprobe_strategies.planning.lean import horizontal
-from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, X, Y, Z
+from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_FLOOR, Line, Y, Z
 from lwrprobe_strategies.planning.paths import tip_pose
-from lwrprobe_strategies.planning.raised_line import above_what_was_met, height_met
-from lwrprobe_strategies.planning.retraction import UNDER
 from lwrprobe_strategies.planning.scheduler import LineScheduler
-from lwrprobe_strategies.planning.shaft import stick_led_to, stretch
-from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
-from lwrprobe_strategies.planning.upright_body import clear_of
 from lwrprobe_strategies.retraction_planner import RetractionPlanner
-from lwrprobe_strategies.skills import (
-    Procedure,
-    along_stick,
-    follow_contour,
-    guarded_move,
-    press,
-    reapproach,
-    release,
-    reorient,
-    retract,
-    slide_out,
-    transit,
-    tried,
-)
+from lwrprobe_strategies.skills import Procedure, follow_contour, reapproach, release, slide_out, tried
 from lwrprobe_strategies.supervisor import Program, SkillStrategy
+from lwrprobe_strategies.tip import Tip
 
-NEAR_SIDE = -0.3
-"""Share of the normal along the line, below which the line leads into the object."""
-BESIDE_LINE = 0.002
-"""m across a line, from which on what is touched is not on it."""
 AT_TOP = 2e-4
 """m below the area's upper end, from which on what is touched reaches it."""
 RAISE = 0.005
 """m by which the area's upper end is raised at a time: so much that the sphere fits in between."""
 ROUNDING = 1e-9
 """m, of sums of lengths."""
-MAX_DETOURS = 2
-"""Times that the path to one line is begun again."""
-ASLANT = 0.8
-"""Share of the normal across the line, up to which a surface is left in the line's plane: at 37 degrees or more."""
-ABOVE_FOOT = 0.002
-"""m above the area's floor, from which on a wall is taken for one that goes on below."""
-BACK = 2.0
-"""Times the distance to a line, over which the tip comes back to it: only what lies between lines that keep their
-distance counts as known."""
-SET_OUT = 0.001
-"""m from where a path begins, within which what it meets keeps the tip where it is, and does not stand in its way."""
-WORTH = 0.003
-"""m that are known to be free ahead, from which on they are driven fast, in a piece of their own."""
-ONWARD = 0.2
-"""Share of a retraction along the line: the grid's direction is kept."""
 
 
 class Coverage(SkillStrategy):
-    """Covers the area with lines and follows whatever a line meets; `avoid` is what a strategy adds.
+    """Covers the area with lines, and follows whatever a line meets.
+
+    A strategy defines `avoid`, and may override `avoid_unknown_space`, `approach`, `line_ended`, `leaves_descents`,
+    `end_found`, `side_orientations`, `scheduler` and `raise_area`. What it answers with is a method of `drive`, as
+    `retract_onward`, `contour_level`, `contour_upright`, `turn` or `give_up`; `encounter` has what it may ask.
 
     Attributes
     ----------
@@ -105,12 +63,8 @@ class Coverage(SkillStrategy):
     upright : (3, 3), orientation of the upright tip
     lines : which line comes next
     retractions : how the tip leaves what it touches
-    frame : the present line, and the plane in which a contact on it is followed
-    line_rotation : (3, 3), the orientation in which the present line was begun
-    threats : collision threats on the present line so far
-    circling : whether contours on the present line lead nowhere
-    detours : how often the path to the present line was begun again
-    foot_followed : the wall that the present line meets has been followed down to its foot
+    free_motion : the motions before something is touched
+    drive : the present line, and the skills with which it may go on
     """
 
     Config: ClassVar[type] = CoverageConfig
@@ -121,26 +75,26 @@ class Coverage(SkillStrategy):
         self.options = options if task.detail is None else replace(options, step=min(options.step, task.detail))
         super().start(task)
 
+    # Line after line
+
     def program(self) -> Program:
         """Line after line, until none is left (section 4.2.3, figure 4.6)."""
-        tip, task = self.tip, self.task
-        self.upright = self.line_rotation = tip.rotation
-        tip.body = BodySpace(task, self.options.step) if BodySpace.needed(task) else None
+        tip, step = self.tip, self.options.step
+        self.upright = tip.rotation
+        tip.body = BodySpace(self.task, step) if BodySpace.needed(self.task) else None
         self.lines = self.scheduler()
         self.retractions = RetractionPlanner(tip, self.upright, self.options.retreat)
-        self._stand_still_first = False
-        self._led: tuple[Line, float] | None = None  # the last line that met nothing, and m on its axis, how far
-        self._met: list[np.ndarray] = []  # (3,) m, where paths to a line have met something
-        self._neighbour_distance = NEIGHBOUR * self.options.step
-        tip.expect_overhangs(self._neighbour_distance)
+        self.free_motion = FreeMotion(tip, self.upright, step, self.retractions)
+        watch = ContourWatch(tip, self.upright, self.lines, self.end_found, self.leaves_descents)
+        self.drive = LineDrive(tip, self.options, self.lines, self.retractions, self.free_motion, watch)
+        tip.expect_overhangs(NEIGHBOUR * step)
         dropped, unreached = False, 0
         while (line := self.lines.next(tip.here)) is not None:
             self.retractions.line_begins()
             yield from self.drive_line(line)
             self.retractions.line_driven()
             if self._reaches_the_top():
-                with suppress(Interruption):  # what was swept leads off it; from there the area is left upwards
-                    yield from transit(tip, self.retractions.path(), self.line_rotation)
+                yield from tried(self.free_motion.leave())  # what was swept leads off it; then upwards
                 if not self.raise_area(line):
                     top = f"{1e3 * self.task.area.upper[Z]:.1f} mm"
                     return Done(f"the object is as high as the area's upper end, {top}: no path leads over it", False)
@@ -155,21 +109,17 @@ class Coverage(SkillStrategy):
             elif self.retractions.stays:
                 self.lines.insert(line)
                 begin = tip.here
-                yield from tried(slide_out(tip, self.frame, self.retractions.back_out()))
+                yield from tried(slide_out(tip, self.drive.frame, self.retractions.back_out()))
                 self.retractions.slid_out(begin)
         if self.retractions.caught:
             vain = self.retractions.in_vain
             return Done(f"the probe cannot leave its place: {vain} lines in a row were not reached", complete=False)
         if not dropped:
             with suppress(UnknownSpace):  # nothing is left to do, and the tip may stay where it is
-                yield from transit(tip, self.retractions.path(), self.line_rotation)
+                yield from self.free_motion.leave()
         lines = "1 line" if unreached == 1 else f"{unreached} lines"
         but = f", but for {lines} that the arm cannot reach" if unreached else ""
         return Done(f"area covered{but}", complete=not dropped)
-
-    def scheduler(self) -> LineScheduler:
-        """Which line comes next."""
-        return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
     def again(self) -> bool:
         """Once more, lower, where all lines have passed above what the area may still hold."""
@@ -182,9 +132,16 @@ class Coverage(SkillStrategy):
         tip.confine(self.task)
         return True
 
+    def _reaches_the_top(self) -> bool:
+        """Whether something was touched as high as the probe flies over all that may be there."""
+        centres = self.tip.memory.contacts()[:, Z]
+        return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
+
+    # Along one line
+
     def drive_line(self, line: Line) -> Procedure:
         """One line: the path to it, along it, and along whatever it meets, until it is done or given up."""
-        self.detours = 0
+        self.free_motion.detours = 0
         skill: Procedure | None = self.approach(line)
         outcome: Outcome = Ended.ARRIVED
         while skill is not None:
@@ -192,356 +149,102 @@ class Coverage(SkillStrategy):
                 outcome = yield from skill
                 skill = self.next_skill(outcome)
             except Overload:
-                skill = release(self.tip, self.frame)
+                skill = release(self.tip, self.drive.frame)
             except (CollisionThreat, UnknownSpace) as why:
                 skill = self.answer_interruption(why)
             except (Blocked, Jammed):
-                skill = self.give_up()
+                skill = self.drive.give_up()
         return outcome
 
     def next_skill(self, outcome: Outcome) -> Procedure | None:
         """The skill that follows from how the last one ended; None = this line is done."""
+        tip, drive = self.tip, self.drive
+        frame, line = drive.frame, drive.frame.line
         match outcome:
-            case Ended.TABLE | Ended.UNDERSIDE | Ended.LINE_END if self.frame.backward:
-                return self.contour_upright()
+            case Ended.TABLE | Ended.UNDERSIDE | Ended.LINE_END if frame.backward:
+                return drive.contour_upright()
             case Ended.ARRIVED | Ended.RETRACTED | Ended.NOTHING_FOUND:  # nothing there: on along the line (4.2.4)
-                return self.along_line()
-            case Ended.UNDERSIDE if self.frame.line.axis == Y and self.tip.body is not None:  # see `outer_parts`
+                return drive.along_line()
+            case Ended.UNDERSIDE if line.axis == Y and tip.body is not None:  # see `outer_parts`
                 return None
             case Ended.TABLE | Ended.UNDERSIDE:
-                self.tip.leave()
-                return self.along_line()
-            case Ended.CONTACT if self._beside_the_line():
-                return self.approach_again()
+                tip.leave()
+                return drive.along_line()
+            case Ended.CONTACT if beside_line(tip, line):
+                return self.approach(line) if self.free_motion.detour() else drive.postpone()
             case Ended.CONTACT | Ended.RELEASED:  # figure 4.8
-                return self.along_surface()
+                return drive.along_surface()
             case Ended.TURNED:
-                return self.contour()
+                return drive.contour()
             case Lost(point):  # figure 4.9
-                return reapproach(self.tip, self.frame, point, self.options.reapproach)
+                return reapproach(tip, frame, point, self.options.reapproach)
             case Ended.NEXT_LINE:
-                return self.next_in_passing()
-            case Ended.SHAFT_CONTACT if self.frame.level:  # back the way it came: what is above the sphere stands out
-                self.tip.overhangs.stick_met(self.tip.here, height_met(self.tip.seen))
-                self.retractions.go_back()
-                return self.give_up()
+                return drive.next_in_passing()
             case Ended.SHAFT_CONTACT:
-                self._stand_still_first = True
-                return self.raise_line()
+                return drive.stick_met()
             case Ended.NO_CONTACT | Ended.CEILING:
-                return self.give_up(met=False)
+                return drive.give_up(met=False)
             case _:
                 return None
+
+    def answer_interruption(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
+        """The skill that answers an interruption; None = leave the line."""
+        tip, drive = self.tip, self.drive
+        if drive.frame.backward:  # on the way down to a foot: up again, in every strategy
+            return drive.contour_upright()
+        if isinstance(why, CollisionThreat) and led_in_under(tip, drive.frame):
+            return drive.raise_line()  # over what the stick has come near to
+        drive.threats += 1
+        if isinstance(why, CollisionThreat):
+            return self.avoid()
+        return self.avoid_unknown_space() if tip.trace.ended is follow_contour else drive.give_up()
+
+    # What a strategy defines, and what it may override
+
+    @abstractmethod
+    def avoid(self) -> Procedure | None:
+        """The answer to a collision threat, as a skill; None = leave the line."""
+
+    def avoid_unknown_space(self) -> Procedure | None:
+        """As `avoid`, where a surface leads the body behind the stick into unknown space."""
+        return self.avoid()
+
+    def approach(self, line: Line) -> Procedure:
+        """A line becomes the present one: off what is touched, and to the line's beginning."""
+        return self.drive.approach(line)
 
     def line_ended(self) -> None:
         """A line has been driven or was given up: what it has shown counts for the choice of the next one."""
         if self.tip.body is not None:
             self.tip.body.survey()
 
-    @abstractmethod
-    def avoid(self) -> Procedure | None:
-        """The answer to a collision threat, as a skill; None = leave the line. The strategies differ in this alone."""
+    def leaves_descents(self, line: Line) -> bool:
+        """Whether a wall down which the line leads may be climbed from its other end instead."""
+        return bool(self.options.climb) and line.free_end
 
-    # What a strategy may also change
+    def end_found(self) -> bool:
+        """Whether an outline has come to the end that it seeks."""
+        return past_end(self.tip.control, self.drive.frame, self.tip.here, NEIGHBOUR * self.options.step)
 
     def side_orientations(self, away: np.ndarray) -> Sequence[np.ndarray]:
         """Orientations (3, 3) in which a side may be touched that faces along a horizontal unit vector (3,)."""
         return (self.upright,)
 
-    def leaves_descents(self, line: Line) -> bool:
-        """Whether a wall down which the line leads may be climbed from its other end instead."""
-        return line.free_end
-
-    def end_found(self) -> bool:
-        """Whether an outline has come to the end that it seeks."""
-        return past_end(self.tip.control, self.frame, self.tip.here, self._neighbour_distance)
+    def scheduler(self) -> LineScheduler:
+        """Which line comes next."""
+        return LineScheduler(self.task, self.tip.memory, self.options, self.tip.body, self.side_orientations)
 
     def raise_area(self, line: Line) -> bool:
         """Raise the area's upper end, and drive the line again; False where there is no headroom or the arm ends."""
         if self.raised + RAISE > self.task.headroom + ROUNDING:
             return False
         area = self.task.area.raised(RAISE)
-        if not self.task.reachable(self._poses_above_contacts(float(area.upper[Z]))):
+        if not self.task.reachable(poses_above_contacts(self.tip, self.upright, float(area.upper[Z]))):
             return False
         self.raised += RAISE
         self.task = replace(self.task, area=area)
         self.tip.raise_area(self.task)
         self.lines.raise_area(self.task, line)
-        return True
-
-    def _poses_above_contacts(self, height: float) -> list[np.ndarray]:
-        """Upright tip poses (4, 4) at a height [m]: above the tip, and at the corners around all contacts."""
-        places = self.tip.memory.contacts()[:, :Z]
-        (left, front), (right, back) = places.min(axis=0), places.max(axis=0)
-        poses = np.tile(np.eye(4), (5, 1, 1))
-        poses[:, :3, :3], poses[:, :Z, 3], poses[:, Z, 3] = self.upright, self.tip.here[:Z], height
-        poses[1:, :Z, 3] = (left, front), (left, back), (right, back), (right, front)
-        return list(poses)
-
-    # Skills with what they need here
-
-    def begin_line(self, line: Line) -> None:
-        """A line becomes the present one; its contours are counted and measured anew."""
-        self.threats, self.circling, self.retractions.line = 0, CirclingWatch(self.task.area), line
-        self.frame = TrackingFrame(line, self.task.area)
-        self.tip.overhangs.survey(line.height)
-
-    def approach(self, line: Line) -> Procedure:
-        """Off what is touched, and to the beginning of a line."""
-        tip = self.tip
-        self._set_out = tip.here
-        retraction = self.retractions.path()
-        self.begin_line(line)
-        self.foot_followed = line.foot_followed
-        start = retraction[-1].place if retraction else tip.here
-        before = tip.rotation
-        tip.rotation = self.line_rotation = self.upright if line.rotation is None else line.rotation
-        speeds, clear = tip.expected_speeds(tip.rotation), clear_of(tip.memory.contacts()[:, POINT], self.task)
-        met = np.array(self._met).reshape(-1, 3)
-        held = before if not retraction or retraction[-1].rotation is None else retraction[-1].rotation
-        departure = Departure(
-            start, tip.rotation, self.task.area, tip.free, speeds, clear, self._may_go, tip.body, held, met
-        )
-        return transit(tip, retraction + departure.path_to(line), before)
-
-    def _may_go(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Whether a path may lead from one pose (4, 4) to another: the arm can, and the body may."""
-        body = self.tip.body
-        return self.task.reachable([begin, end]) and (body is None or body.allows(begin, end))
-
-    def approach_again(self) -> Procedure | None:
-        """Back from what the path met to the beginning of the line, and there by what is known now."""
-        self.detours += 1
-        if np.abs(self.tip.here - self._set_out).max() < SET_OUT:
-            self.retractions.go_back()
-        else:
-            self._met.append(self.tip.here.copy())
-        if self.detours > MAX_DETOURS:
-            return self.postpone()
-        self.tip.rotation = self.tip.seen.pose[:3, :3].copy()  # it may have been interrupted while it turned
-        return self.approach(self.frame.line)
-
-    def along_line(self) -> Procedure:
-        """On along the line until something is touched."""
-        self.frame = self.frame.upright()
-        line, known = self.frame.line, self._known_to()
-
-        def next_stretch(here: np.ndarray) -> tuple[np.ndarray, float | None]:
-            aside, along = abs(float(here[line.aside]) - line.place), float(here[line.axis])
-            on_line = aside <= BESIDE_LINE and float(here[Z]) >= line.height - BESIDE_LINE
-            times: float | None = None
-            if on_line and line.sign * (known - along) > WORTH:
-                end = known
-            else:
-                before = self._neighbour_distance if self.tip.overhangs.found else 0.0
-                end, times = stretch(line, here, self.tip.memory, self._neighbour_distance, before)
-            if aside > BESIDE_LINE:
-                end = line.sign * min(line.sign * along + BACK * aside, line.sign * end)
-            target = line.at(end)
-            target[Z] = here[Z]
-            return target, times
-
-        rest, self._stand_still_first = self._stand_still_first, False
-        return guarded_move(self.tip, line.at(line.end), line.ahead, next_stretch, line.grid_x, rest)
-
-    def _known_to(self) -> float:
-        """m on the present line's axis, up to which all of the probe is known to fit; asked for where it leans."""
-        line, body, held = self.frame.line, self.tip.body, self.tip.rotation
-        if body is None or held is self.upright or held is not self.line_rotation:
-            return line.begin
-        known = [body.fits_to(line), None if self._led is None else stick_led_to(line, *self._led)]
-        return line.sign * max(line.sign * place for place in known if place is not None)
-
-    def along_surface(self) -> Procedure:
-        """Along a surface that is touched anew; around the object where its outline is sought."""
-        line, normal = self.frame.line, self.tip.control.normal
-        if self._begins_above_a_foot():
-            self.foot_followed, self.frame = True, self.frame.back_down()
-        elif line.outline:
-            sense = -line.outline * (1.0 if normal[line.axis] > 0.0 else -1.0)
-            self.frame = self.frame.horizontal(sense, line.height)
-        return self._press_first() if self._shows_stiffness() else self.contour()
-
-    def _shows_stiffness(self) -> bool:
-        """Whether a press shows for the first time how stiff the arm is."""
-        return not self.tip.pressed and self.tip.reliable and along_stick(self.tip, self.tip.normal())
-
-    def _press_first(self) -> Procedure:
-        yield from press(self.tip, self.tip.normal())
-        return (yield from self.contour())
-
-    def contour(self) -> Procedure:
-        """On along the surface, in the plane of the frame."""
-        descent = DescentWatch(self.task, self.tip.control, self.lines.lowest, self.tip.free)
-        return follow_contour(self.tip, self.frame, lambda: self._contour_end(descent))
-
-    def _contour_end(self, descent: DescentWatch) -> Outcome | None:
-        """The outcome with which the contour ends where the tip is now, None = it goes on; asked with every sample."""
-        tip, line = self.tip, self.frame.line
-        step = tip.period * hypot(*tip.seen.velocity.tolist())
-        if self.circling.circles(self.frame, tip.here, step):
-            return Ended.CIRCLING
-        if line.outline:
-            return Ended.END_FOUND if self.end_found() else None
-        if self._shows_stiffness():
-            return Ended.CONTACT  # as one that is touched anew: it is pressed first
-        return self._level_contour_end() if self.frame.level else self._upright_contour_end(descent)
-
-    def _level_contour_end(self) -> Outcome | None:
-        """As `_contour_end`, in a horizontal plane: at the next line, or where it leads away from that again."""
-        if self._at_next_line():
-            return Ended.NEXT_LINE
-        return Ended.LINE_END if turned_back(self.tip.control, self.frame, self.lines.towards_next()) else None
-
-    def _upright_contour_end(self, descent: DescentWatch) -> Outcome | None:
-        """As `_contour_end`, in the vertical plane of the line."""
-        tip, frame = self.tip, self.frame
-        if tip.here[Z] > frame.line.ceiling and tip.control.tangent(frame.binormal)[Z] > 0.0:
-            return Ended.LINE_END
-        if at_table(tip.control, frame, tip.here):
-            return Ended.TABLE
-        if tip.rotation is self.upright and under(tip.control, frame):
-            return Ended.UNDERSIDE
-        if frame.backward and tip.body is not None and not tip.body.keeps_clear(tip.seen.pose):
-            return Ended.LINE_END
-        return Ended.DESCENT if self._climbs_from_other_end(descent) else None
-
-    def contour_level(self) -> Procedure:
-        """On along the surface in a horizontal plane, towards the next grid line."""
-        sense = self.lines.towards_next() * (1.0 if self.tip.control.normal[Y] >= 0.0 else -1.0)
-        self.frame = self.frame.horizontal(sense)
-        return self.contour()
-
-    def contour_upright(self) -> Procedure:
-        """On along the surface in the vertical plane of the line."""
-        self.frame = self.frame.upright()
-        return self.contour()
-
-    def turn(self) -> Procedure:
-        """To the orientation that is wanted now."""
-        return reorient(self.tip, self.frame, touching=self.tip.trace.ended is follow_contour)
-
-    # Decisions
-
-    def answer_interruption(self, why: CollisionThreat | UnknownSpace) -> Procedure | None:
-        """The skill that answers an interruption; None = leave the line."""
-        if self.frame.backward:  # on the way down to a foot: up again, in every strategy
-            return self.contour_upright()
-        return self.answer_threat() if isinstance(why, CollisionThreat) else self.answer_unknown_space()
-
-    def answer_threat(self) -> Procedure | None:
-        """Over what the stick has come near to, where the line leads in under it; else the strategy's own answer."""
-        if self._led_in_under():
-            return self.raise_line()
-        self.threats += 1
-        return self.avoid()
-
-    def answer_unknown_space(self) -> Procedure | None:
-        """The strategy's answer to a threat, where a surface is followed; nothing leads on from elsewhere."""
-        self.threats += 1
-        return self.avoid() if self.tip.trace.ended is follow_contour else self.give_up()
-
-    def retract_onward(self) -> Procedure:
-        """Off the surface, and on along the line: in its plane, where that leads off the surface as well.
-
-        Between two lines, space counts as free for the body only where both were driven.
-        """
-        away, aside = self.tip.control.normal.copy(), self.frame.line.aside
-        away[Z] = max(away[Z], 0.0)
-        if abs(away[aside]) < ASLANT:
-            away[aside] = 0.0
-        return retract(self.tip, self.frame, away + ONWARD * self.frame.line.ahead, self.options.retreat)
-
-    def give_up(self, met: bool = True) -> Procedure | None:
-        """Leave the line where the tip is, because of what it has `met` or not; its fallback comes next, or another."""
-        ended = self.tip.trace.ended
-        if ended is guarded_move:
-            self._led = self.frame.line, float(self.tip.here[self.frame.line.axis])
-        self.lines.give_up(self.frame.line, ended is not guarded_move, ended is reapproach, met)
-        return None
-
-    def postpone(self) -> Procedure | None:
-        """Leave the line, whose beginning no path from here has reached, until the tip is elsewhere."""
-        if self.frame.line.fallback is not None or not self.lines.postpone(self.frame.line):
-            return self.give_up()
-        return None
-
-    def raise_line(self) -> Procedure | None:
-        """Go on along the line from here, but higher: under what the stick touches nothing can be touched."""
-        line, here = self.frame.line, self.tip.here
-        self.tip.overhangs.stick_met(here, height_met(self.tip.seen))
-        if line.fallback is not None or line.low:
-            return self.give_up()
-        self.retractions.go_back()
-        touched = self.lines.highest_touch()
-        higher = above_what_was_met(line, self.tip.seen, self.task, self.options.retreat, touched)
-        if higher is None:
-            return self.give_up()
-        self.lines.raise_line(replace(higher, foot_followed=self.foot_followed))
-        return None
-
-    def next_in_passing(self) -> Procedure:
-        """A level contour has come to the next grid line: along that, from the side it is on."""
-        line = self.lines.in_passing(self.tip.here)
-        inward = -1.0 if self.tip.control.normal[Y] > 0.0 else 1.0
-        self.begin_line(line if line.sign == inward else line.turned())
-        return self.contour()
-
-    def on_far_side(self) -> bool:
-        """Whether what is followed is the far side of what the line has come over."""
-        return bool(self.tip.control.normal @ self.frame.line.ahead >= -NEAR_SIDE)
-
-    def _reaches_the_top(self) -> bool:
-        """Whether something was touched as high as the probe flies over all that may be there."""
-        centres = self.tip.memory.contacts()[:, Z]
-        return bool(centres.max(initial=-np.inf) > self.task.area.upper[Z] - AT_TOP)
-
-    def _begins_above_a_foot(self) -> bool:
-        """Whether a line that had to be raised, or leads up a side, meets a wall above its foot.
-
-        There the sphere goes in under what the stick met or may meet, as far as both fit.
-        """
-        tip, line = self.tip, self.frame.line
-        met = tip.trace.ended is guarded_move and not self.frame.level
-        wall = met and float(tip.control.normal @ line.ahead) < NEAR_SIDE
-        above = bool(tip.here[Z] > self.task.area.lower[Z] + ABOVE_FOOT)
-        return (line.raised or line.low) and not self.foot_followed and wall and above
-
-    def _beside_the_line(self) -> bool:
-        """Whether what is touched on the path to the line's beginning stands beside the line, or behind its end."""
-        line, here = self.frame.line, self.tip.here
-        off = max(abs(float(here[line.aside]) - line.place), line.sign * (float(here[line.axis]) - line.end))
-        return self.tip.trace.ended is transit and off > BESIDE_LINE
-
-    def _led_in_under(self) -> bool:
-        """Whether the line has led in under what stands ahead, so that the stick comes near that."""
-        interrupted, normal = self.tip.trace.ended, self.tip.control.normal
-        if interrupted is follow_contour and not self.frame.level:
-            return bool(normal @ self.frame.line.ahead < 0.0 and normal[Z] < UNDER)
-        return interrupted is guarded_move
-
-    def _at_next_line(self) -> bool:
-        """Whether the tip has come as far in x as the next line of the grid."""
-        neighbours = self.lines.neighbours()
-        if neighbours is None:
-            return False
-        here, there = neighbours
-        return bool((self.tip.here[X] - there) * (there - here) >= 0.0)
-
-    def _climbs_from_other_end(self, descent: DescentWatch) -> bool:
-        """Whether the wall that is descended is left here, to be climbed from the line's other end."""
-        frame = self.frame
-        if frame.backward or not self.options.climb or self.tip.seen.contact is None:
-            return False
-        if not self.leaves_descents(frame.line):
-            return False
-        up = descent.climb(self.tip.seen, frame, self.upright)
-        if up is None:
-            return False
-        if self.lines.blocked_before(up):
-            self.lines.leave_out(up)
-            return False
-        self.lines.insert(up)
         return True
 
     # For the runner
@@ -571,7 +274,17 @@ class Coverage(SkillStrategy):
         if self.searching:
             return super().progress()
         driven, known = self.lines.count()
-        kind = "grid line" if self.frame.line.axis == Y else "line across"
+        kind = "grid line" if self.drive.frame.line.axis == Y else "line across"
         state = self.tip.trace.state
         doing = f"{kind}, {min(driven + 1, known)} of {known}: {state}"
         return Progress(doing, min(driven / max(known, 1), 1.0), state)
+
+
+def poses_above_contacts(tip: Tip, upright: np.ndarray, height: float) -> list[np.ndarray]:
+    """Upright tip poses (4, 4) at a height [m]: above the tip, and at the corners around all contacts."""
+    places = tip.memory.contacts()[:, :Z]
+    (left, front), (right, back) = places.min(axis=0), places.max(axis=0)
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, :3], poses[:, :Z, 3], poses[:, Z, 3] = upright, tip.here[:Z], height
+    poses[1:, :Z, 3] = (left, front), (left, back), (right, back), (right, front)
+    return list(poses)

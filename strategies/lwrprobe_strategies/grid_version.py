@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lwrprobe_strategies.coverage import NEAR_SIDE, Coverage
+from lwrprobe_strategies.coverage import Coverage
+from lwrprobe_strategies.encounter import on_near_side
 from lwrprobe_strategies.skills import Procedure
 
 MAX_THREATS = 2
@@ -18,7 +19,7 @@ class GridVersion(Coverage):
         Before an object's near side the line leads into the object: there, and at the third threat on one line, the
         line is given up and the next one begins from above.
         """
-        line = self.frame.line
-        if self.threats > MAX_THREATS or self.tip.control.normal @ line.ahead < NEAR_SIDE or line.outline:
-            return self.give_up()
-        return self.retract_onward()
+        drive, line = self.drive, self.drive.frame.line
+        if drive.threats > MAX_THREATS or on_near_side(self.tip, line) or line.outline:
+            return drive.give_up()
+        return drive.retract_onward()

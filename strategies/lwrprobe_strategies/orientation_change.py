@@ -11,10 +11,10 @@ import numpy as np
 from lwrprobe.contracts import InputError
 from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
-from lwrprobe_strategies.outcomes import Ended, Outcome
+from lwrprobe_strategies.encounter import on_far_side
 from lwrprobe_strategies.planning.lean import LeanPlanner, horizontal
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.skills import Procedure, follow_contour, reorient
+from lwrprobe_strategies.skills import Procedure, follow_contour
 from lwrprobe_strategies.supervisor import Program
 
 MORE, LEAST_MORE = float(np.radians(10.0)), float(np.radians(5.0))
@@ -59,7 +59,6 @@ class OrientationChange(Coverage):
 
     def program(self) -> Program:
         """As the other strategies do."""
-        self._before_turn = self.tip.rotation
         self.planner = LeanPlanner(self.task, self.tip.rotation, float(np.radians(self.options.tilt_deg)))
         return super().program()
 
@@ -68,40 +67,29 @@ class OrientationChange(Coverage):
 
         In a horizontal plane: on in the line's vertical plane.
         """
-        tip = self.tip
-        if self.frame.line.outline or self.threats > MAX_THREATS:
-            return self.give_up()
-        if self.frame.level:
-            return self.contour_upright()
-        if self.tip.rotation is self.upright:
+        tip, drive = self.tip, self.drive
+        if drive.frame.line.outline or drive.threats > MAX_THREATS:
+            return drive.give_up()
+        if drive.frame.level:
+            return drive.contour_upright()
+        if tip.rotation is self.upright:
             return self._on_along_line()
         foot = np.array([*tip.here[:Z], self.task.area.lower[Z]])
         now = self.planner.angle(tip.rotation)
         rotation = self.planner.lean(self._away(), [tip.here], [foot], now + MORE)
         if rotation is None or self.planner.angle(rotation) < now + LEAST_MORE:
-            return self.give_up()
-        self._before_turn, tip.rotation = tip.rotation, rotation
-        return self.turn()
+            return drive.give_up()
+        return drive.turn(rotation)
 
-    def next_skill(self, outcome: Outcome) -> Procedure | None:
-        """As the other strategies do; a turn that has led the stick against something is turned back."""
-        if outcome is Ended.SHAFT_CONTACT and self.tip.trace.ended is reorient:
-            self.tip.rotation = self._before_turn
-            return self.give_up()
-        return super().next_skill(outcome)
-
-    def answer_unknown_space(self) -> Procedure | None:
+    def avoid_unknown_space(self) -> Procedure | None:
         """Leaning does not help where nothing is known of what is there."""
-        self.threats += 1
-        on = self.tip.rotation is self.upright and self.tip.trace.ended is follow_contour
-        return self._on_along_line() if on else self.give_up()
+        return self._on_along_line() if self.tip.rotation is self.upright else self.drive.give_up()
 
     def _on_along_line(self) -> Procedure | None:
         """Off a far side, and on along the line: its foot is touched afterwards."""
-        line = self.frame.line
-        if not self.on_far_side() or self.frame.level or line.outline or line.low or self.threats > MAX_THREATS:
-            return self.give_up()
-        return self.retract_onward()
+        drive, line = self.drive, self.drive.frame.line
+        leads_on = on_far_side(self.tip, line) and not drive.frame.level and not line.outline and not line.low
+        return drive.retract_onward() if leads_on and drive.threats <= MAX_THREATS else drive.give_up()
 
     def _away(self) -> np.ndarray:
         """(3,) horizontal, off the surface that is followed and off what comes near."""

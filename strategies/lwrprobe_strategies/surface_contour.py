@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from lwrprobe_strategies.coverage import Coverage
 from lwrprobe_strategies.coverage_config import CoverageConfig
+from lwrprobe_strategies.encounter import on_far_side
 from lwrprobe_strategies.planning.lines import ON_FLOOR, Line, X, Y, Z
 from lwrprobe_strategies.skills import Procedure
 
@@ -42,12 +43,12 @@ class SurfaceContour(Coverage):
 
         On a line along x off the far side of something, and on along the line: it comes into a hollow, or out of one.
         """
-        line, level = self.frame.line, self.frame.level
+        drive, line, level = self.drive, self.drive.frame.line, self.drive.frame.level
         around_the_end = level and abs(self.tip.control.normal[Y]) < AROUND
-        if self.threats > MAX_THREATS or around_the_end or line.on_surface:
-            return self.give_up()
+        if drive.threats > MAX_THREATS or around_the_end or line.on_surface:
+            return drive.give_up()
         if line.axis == X:
             # Beside the foot of a near side nothing is known of what the body would meet on its path around.
-            onward = self.on_far_side() and not line.low and not line.outline
-            return self.retract_onward() if onward else self.give_up()
-        return self.contour_upright() if level else self.contour_level()
+            onward = on_far_side(self.tip, line) and not line.low and not line.outline
+            return drive.retract_onward() if onward else drive.give_up()
+        return drive.contour_upright() if level else drive.contour_level()

@@ -10,7 +10,8 @@ import pytest
 from lwrprobe.contracts import Clearance, Contact, Observation
 from lwrprobe.control import ContourControl
 from lwrprobe.scene import load_scene
-from lwrprobe_strategies.coverage import BACK, MAX_DETOURS
+from lwrprobe_strategies.encounter import beside_line
+from lwrprobe_strategies.free_motion import BACK, MAX_DETOURS
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.outcomes import Ended
 from lwrprobe_strategies.planning.climb import WALL, DescentWatch
@@ -348,9 +349,9 @@ def test_a_wall_across_which_a_line_leads_aslant_is_left_in_the_plane_of_the_lin
     strategy.start(task(approach=0.03))
     strategy.tip.observe(seen([0.0, 0.0, 0.02], 1.0))
     strategy.tip.control.begin(np.array(normal))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
+    strategy.drive.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
     strategy.tip.trace.running.clear()
-    velocity = next(strategy.retract_onward()).velocity
+    velocity = next(strategy.drive.retract_onward()).velocity
     assert velocity @ normal > 0.5 * np.linalg.norm(velocity), "off the wall"
     assert (abs(velocity[0]) < 1e-9) == in_plane
 
@@ -361,9 +362,9 @@ def test_a_tip_that_was_led_aside_comes_back_to_its_line(aside):
     strategy = GridVersion()
     strategy.start(task(approach=0.03))
     strategy.tip.observe(seen([aside, 0.0, 0.02], 1.0))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
+    strategy.drive.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.02), AREA)
     strategy.tip.trace.running.clear()
-    goal = next(strategy.along_line()).pose[:3, 3]
+    goal = next(strategy.drive.along_line()).pose[:3, 3]
     assert goal[0] == 0.0
     assert goal[1] == pytest.approx(BACK * abs(aside) if aside else BORDER)
 
@@ -376,6 +377,7 @@ def driven(strategy, lines, where=lambda number: 0.003 * number, ended=None, tou
     """
 
     def drive(line):
+        strategy.drive.begin_line(line)
         lines.append(line)
         strategy.tip.observe(seen([where(len(lines)), -0.1, 0.06], touching))
         strategy.tip.trace.ended = ended
@@ -464,7 +466,7 @@ def test_the_way_back_begins_with_what_the_arm_can_reach(blocked):
     stand(strategy.tip.free, *([0.0, -y, 0.006] for y in np.arange(0.03, 0.0, -0.001)), rotation=leaning)
     stand(strategy.tip.free, *([0.0, 0.0, z] for z in np.arange(0.006, 0.03, 0.001)), rotation=leaning, normal=wall)
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.029], 1.0, leaning), blocked=blocked))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
+    strategy.drive.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
     asked.clear()
     strategy.retractions.back = 0.1
     path = strategy.retractions.path()
@@ -544,13 +546,17 @@ def test_a_place_that_the_planned_path_does_not_leave_is_left_otherwise():
     strategy.start(task(approach=0.03))
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 1.0), force=np.array([0.0, -0.8, 0.0])))
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
-    strategy.drive_line = lambda line: tried.append((line, strategy.retractions.path())) or iter(())
     ends = []
+
+    def drive(line):
+        tried.append((line, strategy.retractions.path()))
+        strategy.drive.begin_line(line)
+        return iter(())
 
     def whole():
         ends.append((yield from strategy.program()))
 
+    strategy.drive_line = drive
     motions = list(islice(whole(), 3000))
     assert [end.reason for end in ends] == ["the probe cannot leave its place: no path off the contact is free"]
     assert {motion.reason for motion in motions} == {"slide out"}, "before each other path, and to the same place"
@@ -567,8 +573,7 @@ def test_a_line_that_the_arm_does_not_reach_from_free_space_is_left_out_and_the_
     strategy, tried = GridVersion(), []
     strategy.start(task(approach=0.03))
     strategy.tip.observe(seen([0.0, 0.0, 0.02]))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
-    strategy.drive_line = lambda line: tried.append(line.place) or iter(())
+    strategy.drive_line = lambda line: strategy.drive.begin_line(line) or tried.append(line.place) or iter(())
     with pytest.raises(StopIteration) as stop:
         next(strategy.program())
     assert set(tried) >= set(strategy.lines.grid.x)
@@ -581,9 +586,9 @@ def test_a_line_that_ends_where_it_began_has_been_driven():
     strategy.start(task(approach=0.03))
     strategy.tip.observe(replace(seen([0.0, 0.0, 0.02], 1.0), force=np.array([0.0, -0.8, 0.0])))
     stand(strategy.tip.free, *([0.0, y, 0.02] for y in np.arange(-0.03, 0.0, 0.001)))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
 
     def there_and_back(line):
+        strategy.drive.begin_line(line)
         driven.append(line.place)
         strategy.tip.memory.passed(np.array([0.0, 0.01 + 0.001 * len(driven), 0.02]), line.place)
         return iter(())
@@ -660,7 +665,7 @@ def test_under_an_edge_the_sphere_goes_sideways_until_it_may_pass():
 def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_the_line():
     strategy = GridVersion()
     strategy.start(task(approach=0.03))
-    line = strategy.frame.line
+    line = strategy.drive.frame.line
     strategy.tip.trace.running.clear()
     strategy.tip.trace.ended = transit
     for aside, expected in ((0.0, "contour"), (0.01, "way")):
@@ -671,7 +676,7 @@ def test_what_stands_beside_the_way_to_a_line_is_not_followed_as_if_it_was_on_th
         next(strategy.next_skill(Ended.CONTACT))
         assert (strategy.tip.trace.running[-1] is transit) == (expected == "way")
         strategy.tip.trace.running.clear()
-    strategy.detours = MAX_DETOURS
+    strategy.free_motion.detours = MAX_DETOURS
     assert strategy.next_skill(Ended.CONTACT) is None, "not for ever"
 
 
@@ -682,9 +687,9 @@ def test_a_line_that_begins_in_the_object_is_not_taken_for_a_place_that_nothing_
     strategy.start(task(approach=0.03))
     place = [0.0, 0.0, 0.02]
     strategy.tip.observe(replace(seen(place, 1.0), force=np.array([0.0, -0.8, 0.0])))
-    strategy.frame = TrackingFrame(Line(1, 0.0, -BORDER, BORDER, 0.006), AREA)
 
     def drive(line):
+        strategy.drive.begin_line(line)
         tried.append(line)
         stand(strategy.tip.free, [0.0, 0.0, 0.02 + away], place)
         return iter(())
@@ -703,7 +708,7 @@ def test_what_the_path_to_a_line_touches_beside_it_or_behind_its_end_is_not_foll
     """The line before had touched the far side of the same object when it was broken off: this one was not driven."""
     strategy, line = GridVersion(), Line(1, 0.0, -0.05, -0.015, 0.006, low=True)
     strategy.start(task(approach=0.03))
-    strategy.begin_line(line)
+    strategy.drive.begin_line(line)
     strategy.tip.observe(seen([*place, 0.02], 1.0))
     strategy.tip.trace.ended = transit
-    assert strategy._beside_the_line() == again
+    assert beside_line(strategy.tip, line) == again

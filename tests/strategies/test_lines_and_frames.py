@@ -110,7 +110,7 @@ def test_a_line_along_x_that_is_threatened_down_in_a_hollow_goes_on_across_it(no
     pose = np.eye(4)
     pose[:3, :3], pose[2, 3] = DOWN, 0.03
     strategy.tip.observe(Observation(0.0, pose, np.zeros(3), np.zeros(3)))
-    strategy.begin_line(Line(X, 0.0, -0.05, 0.05, 0.02))
+    strategy.drive.begin_line(Line(X, 0.0, -0.05, 0.05, 0.02))
     strategy.tip.control.begin(np.array(normal))
     skill = strategy.avoid()
     assert (skill is not None) == onward

@@ -412,7 +412,7 @@ def test_where_a_level_contour_has_met_something_with_the_stick_the_probe_goes_b
     strategy = SurfaceContour()
     strategy.start(task())
     strategy.tip.observe(Observation(0.0, pose_at([0.0, 0.0, LOW]), np.zeros(3), np.zeros(3)))
-    strategy.frame = strategy.frame.horizontal(1.0)
+    strategy.drive.frame = strategy.drive.frame.horizontal(1.0)
     assert strategy.next_skill(Ended.SHAFT_CONTACT) is None, "the line is given up"
     assert strategy.retractions.back == strategy.options.retreat
     assert strategy.tip.overhangs.found
@@ -430,9 +430,9 @@ def test_a_line_that_is_raised_once_more_does_not_go_down_to_the_same_foot_again
     strategy.approach(line).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
-    strategy.along_surface().close()
-    assert strategy.frame.backward == (not felt)
-    assert strategy.raise_line() is None
+    strategy.drive.along_surface().close()
+    assert strategy.drive.frame.backward == (not felt)
+    assert strategy.drive.raise_line() is None
     assert strategy.lines.next(tip.here).foot_followed
 
 
@@ -444,8 +444,8 @@ def test_a_line_up_a_side_that_meets_it_above_its_foot_follows_it_down_before_it
     strategy.approach(Line(1, 0.0, -0.05, 0.05, height, low=True)).close()
     strategy.tip.control.begin(np.array([0.0, -1.0, 0.0]))
     strategy.tip.trace.ended = guarded_move
-    strategy.along_surface().close()
-    assert strategy.frame.backward is down
+    strategy.drive.along_surface().close()
+    assert strategy.drive.frame.backward is down
 
 
 def going_in_under(strategy):
@@ -456,8 +456,8 @@ def going_in_under(strategy):
     strategy.approach(Line(1, 0.0, -0.05, 0.05, 0.02, raised=True)).close()
     tip.control.begin(np.array([0.0, -1.0, 0.0]))
     tip.trace.ended = guarded_move
-    strategy.along_surface().close()
-    assert strategy.frame.backward
+    strategy.drive.along_surface().close()
+    assert strategy.drive.frame.backward
 
 
 @pytest.mark.parametrize("why", [UnknownSpace, CollisionThreat])
@@ -467,8 +467,8 @@ def test_from_a_foot_that_was_felt_every_strategy_goes_up_again(kind, why):
     strategy = kind()
     going_in_under(strategy)
     assert strategy.answer_interruption(why()) is not None
-    assert not strategy.frame.backward
-    assert not strategy.frame.level
+    assert not strategy.drive.frame.backward
+    assert not strategy.drive.frame.level
 
 
 def test_the_stick_is_met_no_higher_than_from_where_it_has_stood(overhangs):
