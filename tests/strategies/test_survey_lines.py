@@ -9,7 +9,7 @@ from lwrprobe.contracts import Area, Observation
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.planning.approaches import Departure
-from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.body_space import WORSE, BodySpace
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line, X
@@ -39,13 +39,13 @@ def space(surveyed=(), to=-0.045):
     found = BodySpace(replace(task(links=LINKS, area=AREA)), PITCH)
     for x in np.arange(-0.085, -0.0349, 0.001):
         for y in np.arange(-0.06, 0.0601, 0.001):
-            found.note(pose((x, y, GRID)), False)
+            found.note(pose((x, y, GRID)), None)
     for y in np.arange(-0.06, 0.0601, 0.001):
         for z in np.arange(GRID, 0.1, 0.001):
-            found.note(pose((-0.035, y, z)), True)
+            found.note(pose((-0.035, y, z)), np.array([-0.03, y, z]))
     for y in surveyed:
         for x in np.arange(-0.085, to + 1e-9, 0.0005):
-            found.note(pose((x, y, FLOOR)), False)
+            found.note(pose((x, y, FLOOR)), None)
     found.survey()
     return found
 
@@ -72,7 +72,8 @@ SURVEYED = space(PLACES)
 
 
 def space_is_known(x, rotation):
-    return SURVEYED.fits(pose((-0.084, 0.0, FLOOR), rotation), pose((x, 0.0, FLOOR), rotation))
+    there, lifted = (pose((x, 0.0, height), rotation) for height in (FLOOR, FLOOR + WORSE))
+    return SURVEYED.fits(pose((-0.084, 0.0, FLOOR), rotation), there) and SURVEYED.keeps_clear(lifted)
 
 
 def test_before_a_line_that_leans_an_upright_one_leads_as_far_in_as_the_body_may_go():

@@ -36,8 +36,9 @@ def space(width, slant=0.0, over=False, facing=1.0):
     found, memory = BodySpace(replace(task(links=LINKS, area=AREA)), PITCH), ContactMemory()
 
     def touch(x, y, z, normal):
-        found.note(pose(x, y, z), True)
-        memory.add(np.array([x, y, z]), np.array([x, y, z]) - RADIUS * normal, normal, x)
+        place = np.array([x, y, z])
+        found.note(pose(x, y, z), place - RADIUS * normal)
+        memory.add(place, place - RADIUS * normal, normal, x)
 
     on = facing * np.array([0.0, 1.0, 0.0])
     for x in XS:
@@ -45,11 +46,11 @@ def space(width, slant=0.0, over=False, facing=1.0):
         for y in np.arange(-0.06, 0.0601, 0.0005):
             off = abs(y - middle) - 0.5 * width
             if off > 0.01:
-                found.note(pose(x, y, HEIGHT), False)
+                found.note(pose(x, y, HEIGHT), None)
             elif off > 0.0:
                 touch(x, y, TOP, np.array([0.0, 0.0, 1.0]))
             elif over:
-                found.note(pose(x, y, TOP), False)
+                found.note(pose(x, y, TOP), None)
         for z in np.arange(HEIGHT, TOP, 0.001) if not over else ():
             touch(x, middle - 0.5 * width, z, on)
             touch(x, middle + 0.5 * width, z, -on)
@@ -63,7 +64,7 @@ def space(width, slant=0.0, over=False, facing=1.0):
 def drive(body, lines):
     for line in lines:
         for x in np.arange(-0.06, 0.0601, 0.0005):
-            body.note(pose(x, line.place, HEIGHT), False)
+            body.note(pose(x, line.place, HEIGHT), None)
     body.survey()
 
 
