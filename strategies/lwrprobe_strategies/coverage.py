@@ -197,7 +197,7 @@ class Coverage(SkillStrategy):
         drive.threats += 1
         if isinstance(why, CollisionThreat):
             return self.avoid()
-        return self.avoid_unknown_space() if tip.trace.ended is follow_contour else drive.give_up()
+        return self.avoid_unknown_space() if tip.trace.ended is follow_contour else drive.body_stopped()
 
     # What a strategy defines, and what it may override
 

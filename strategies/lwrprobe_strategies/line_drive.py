@@ -135,6 +135,17 @@ class LineDrive:
         self.lines.give_up(self.frame.line, ended is not guarded_move, ended is reapproach, met)
         return None
 
+    def body_stopped(self) -> Procedure | None:
+        """The body may come no farther here: on along a line up a side, higher; else leave the line.
+
+        The side was expected farther out than it is.
+        """
+        line, tip = self.frame.line, self.tip
+        if tip.trace.ended is guarded_move and self.lines.go_on_higher(line, tip.here, tip.rotation):
+            self.free_motion.met_nothing(line)
+            return None
+        return self.give_up()
+
     def postpone(self) -> Procedure | None:
         """Leave the line, whose beginning no path from here has reached, until the tip is elsewhere."""
         if self.frame.line.fallback is not None or not self.lines.postpone(self.frame.line):

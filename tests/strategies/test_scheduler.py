@@ -13,7 +13,7 @@ from lwrprobe_strategies.planning.gap_planner import LOWER, GapPlanner
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.outer_parts import outer_parts
-from lwrprobe_strategies.planning.scheduler import LineScheduler
+from lwrprobe_strategies.planning.scheduler import FARTHER, LineScheduler
 from strategy_task import AREA, DOWN, task
 
 BORDER = float(AREA.upper[1])
@@ -357,6 +357,35 @@ class Body:
     def lowest(self, line, rotation):
         places = np.linspace(line.begin, line.end, 5)
         return places, np.full(5, self.needed)
+
+
+class Beside(Body):
+    """Beside a wall that leans back: the body may come to a place y at heights above `needed(y)`."""
+
+    def __init__(self, needed):
+        self.needed = needed
+
+    def lowest(self, line, rotation):
+        places = np.linspace(line.begin, line.end, 4)
+        return places, np.maximum.accumulate([self.needed(y) for y in places])
+
+
+def test_where_the_body_stops_a_line_up_a_side_it_goes_on_higher_from_there():
+    """It had begun again from half of the way up, and all below was left."""
+    low, here = Line(1, 0.0, BORDER, 0.02, 0.006, low=True, ceiling=0.040), np.array([0.0, 0.030, 0.006])
+    options = CoverageConfig(near_sides=False, across=False, find_ends=False)
+
+    def higher(body, line=low):
+        lines = LineScheduler(task(), ContactMemory(), options, body)
+        return lines.next(NEAR) if lines.go_on_higher(line, here, DOWN) else None
+
+    line = higher(Beside(lambda y: 0.012 + 4.0 * (0.030 - y)))
+    assert (line.begin, line.end, line.place) == (0.030, low.end, low.place)
+    assert line.height == pytest.approx(0.012 + 4.0 * FARTHER)
+    assert higher(Beside(lambda y: 0.0)).height > here[2] + 0.002, "it always gets on"
+    assert higher(Beside(lambda y: 0.038)) is None, "next to nothing is left of the side"
+    assert higher(Beside(lambda y: 0.0), replace(low, low=False)) is None
+    assert higher(None) is None
 
 
 @pytest.mark.parametrize(("then", "lines"), [(0.02, 0), (0.012, 2)])

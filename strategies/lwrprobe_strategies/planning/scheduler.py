@@ -21,6 +21,9 @@ FACES = -0.5
 HALF = 0.5
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
 
+FARTHER = 0.003
+"""m that a line up a side goes on where it has to be higher."""
+
 
 class LineScheduler:
     """Which line is driven next. It plans; it moves nothing.
@@ -196,6 +199,23 @@ class LineScheduler:
     def raise_line(self, line: Line) -> None:
         """Go on with the same line higher up: at least as high as one beside it had to be driven."""
         self.insert(self._above(replace(line, raised=True)))
+
+    def go_on_higher(self, line: Line, here: np.ndarray, rotation: np.ndarray) -> bool:
+        """Go on with a line up a side from `here` (3,) m, where the body may come no farther as low as that, so high
+        that it may come a little farther, held by `rotation` (3, 3); False where that leaves nothing to touch.
+        """
+        body = self._body
+        if body is None or not line.low:
+            return False
+        body.survey()
+        begin = float(here[line.axis])
+        ahead = replace(line, begin=begin, end=begin + line.sign * FARTHER)
+        needed = float(body.lowest(ahead, rotation)[1][-1])
+        height = max(needed, float(here[Z]) + HIGHER)
+        if height > line.ceiling - HALF * self._spacing:
+            return False
+        self.insert(replace(line, begin=begin, height=height))
+        return True
 
     def lowest(self, line: Line) -> float:
         """m, height at which a line may be driven beside what was touched."""
