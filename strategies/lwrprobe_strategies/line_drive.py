@@ -49,11 +49,12 @@ class LineDrive:
     watch: ContourWatch
     frame: TrackingFrame = field(init=False)
     threats: int = field(init=False)
-    foot_followed: bool = field(default=False, init=False)
+    foot_followed: bool = field(init=False)
 
     def begin_line(self, line: Line) -> None:
         """A line becomes the present one; its threats and contours are counted and measured anew."""
         self.threats, self.frame, self.retractions.line = 0, TrackingFrame(line, self.tip.task.area), line
+        self.foot_followed = line.foot_followed
         self.watch.begin_line()
         self.tip.overhangs.survey(line.height)
 
@@ -63,7 +64,6 @@ class LineDrive:
         """Off what is touched, and to the beginning of a line."""
         path = self.free_motion.approach(line)
         self.begin_line(line)
-        self.foot_followed = line.foot_followed
         return path
 
     def along_line(self) -> Procedure:

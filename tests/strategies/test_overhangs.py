@@ -448,6 +448,29 @@ def test_a_line_up_a_side_that_meets_it_above_its_foot_follows_it_down_before_it
     assert strategy.drive.frame.backward is down
 
 
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_line_that_the_body_stops_is_given_up_where_it_cannot_go_on_higher(goes_on, monkeypatch):
+    strategy, given_up = GridVersion(), []
+    strategy.start(task())
+    strategy.tip.observe(Observation(0.0, pose_at([0.0, -0.03, LOW]), np.zeros(3), np.zeros(3)))
+    line = Line(1, 0.0, -0.05, 0.05, LOW, low=True, ceiling=0.04)
+    strategy.approach(line).close()
+    strategy.tip.trace.ended = guarded_move
+    monkeypatch.setattr(strategy.lines, "go_on_higher", lambda line, here, rotation: goes_on)
+    monkeypatch.setattr(strategy.lines, "give_up", lambda line, *given: given_up.append(line))
+    assert strategy.answer_interruption(UnknownSpace()) is None
+    assert given_up == ([] if goes_on else [line])
+
+
+def test_a_line_reached_in_passing_has_a_foot_of_its_own():
+    """That of the line before had been followed down: after it was raised, this one did not go down to its own."""
+    strategy = SurfaceContour()
+    going_in_under(strategy)
+    assert strategy.drive.foot_followed
+    strategy.drive.next_in_passing().close()
+    assert not strategy.drive.foot_followed
+
+
 def going_in_under(strategy):
     """A strategy on the way down to the foot of a line that was raised."""
     strategy.start(task())
