@@ -100,7 +100,7 @@ class BlindStart:
         if normal[Z] > LEVEL or not tip.touches:
             return (yield from self._lift())
         axis = Y if abs(normal[Y]) > abs(normal[X]) else X
-        away = off_surface(tip.seen, normal, LIFT, tip.free)
+        away = off_surface(tip.seen, normal, LIFT, tip.column_is_free)
         tip.leave()
         border = tip.here.copy()
         border[axis] = (area.upper if normal[axis] > 0.0 else area.lower)[axis]
@@ -111,7 +111,7 @@ class BlindStart:
     def _lift(self) -> Step:
         """Off what is touched, and up to the top of the area."""
         tip = self._tip
-        away = off_surface(tip.seen, tip.normal(), LIFT, tip.free)
+        away = off_surface(tip.seen, tip.normal(), LIFT, tip.column_is_free)
         tip.leave()
         here = away[-1].place if away else tip.here
         up = Waypoint(np.array([*here[:2], float(self._area.upper[Z])]), SpeedLimit.COLUMN)

@@ -129,7 +129,7 @@ class ObjectBounds:
         lowest = lowest_top_since(contacts, place)
         between = float(self._area.lower[Z]) if lowest is None else lowest
         along = SpeedLimit.FREE if over - LIFT - between < GAP else SpeedLimit.GUARDED
-        away = off_surface(tip.seen, tip.normal(), LIFT, tip.free)
+        away = off_surface(tip.seen, tip.normal(), LIFT, tip.column_is_free)
         tip.leave()
         here = away[-1].place if away else tip.here
         path = [

@@ -131,7 +131,7 @@ class ObjectSearch:
     def _over(self, x: float, y: float) -> Procedure:
         """Off what is touched, up, and over the top of the area to a place there."""
         tip = self._tip
-        away = off_surface(tip.seen, tip.normal(), LIFT, tip.free) if tip.seen.contact is not None else []
+        away = off_surface(tip.seen, tip.normal(), LIFT, tip.column_is_free) if tip.seen.contact is not None else []
         tip.leave()
         here = away[-1].place if away else tip.here
         path = [*away, Waypoint(np.array([*here[:2], self._top])), Waypoint(np.array([x, y, self._top]))]

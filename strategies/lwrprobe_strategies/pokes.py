@@ -80,7 +80,7 @@ class Pokes(SkillStrategy):
     def leave(self) -> Procedure:
         """Off what is touched, and up."""
         tip = self.tip
-        away = off_surface(tip.seen, tip.normal(), OFF, tip.free)
+        away = off_surface(tip.seen, tip.normal(), OFF, tip.column_is_free)
         tip.leave()
         top = np.array([*tip.here[:2], self.task.area.upper[Z]])
         return (yield from transit(tip, [*away, Waypoint(top)]))

@@ -162,7 +162,7 @@ class RetractionPlanner:
             return self._back(back) or out_from_under(tip.seen, normal, tip.task.probe.radius)
         if tip.trace.ended is guarded_move and not tip.leaving:
             return self._back() if self.line is not None and self.line.fallback is not None else []
-        return off_surface(tip.seen, normal, self._distance, tip.free)
+        return off_surface(tip.seen, normal, self._distance, tip.column_is_free)
 
     def _fallback(self) -> list[Waypoint]:
         """Off a place that the planned path did not leave: along the force, else back, else up.

@@ -15,7 +15,7 @@ from lwrprobe_strategies.planning.contact_memory import ContactMemory
 from lwrprobe_strategies.planning.free_space import COLUMN, SIDE, FreeSpace
 from lwrprobe_strategies.planning.lines import UP
 from lwrprobe_strategies.planning.overhangs import Overhangs
-from lwrprobe_strategies.planning.paths import Speeds, tip_pose
+from lwrprobe_strategies.planning.paths import THERE, Speeds, tip_pose
 from lwrprobe_strategies.planning.shaft import UNEXPECTED
 from lwrprobe_strategies.planning.upright_body import body, tallest_possible
 from lwrprobe_strategies.trace import Trace
@@ -141,6 +141,12 @@ class Tip:
     def leave(self) -> None:
         """What is touched now counts as no contact until the tip is off it."""
         self.leaving = self.seen.contact is not None
+
+    @property
+    def column_is_free(self) -> bool:
+        """Nothing is above the sphere, as far as is known: it came down here, or nothing near is taller."""
+        x, y, z = self.here.tolist()
+        return not self.overhangs.beside(self.here) or self.free.clear_down_to(x, y) <= z + THERE
 
     @property
     def stick_may_meet(self) -> bool:

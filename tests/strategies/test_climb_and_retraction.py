@@ -26,6 +26,7 @@ from lwrprobe_strategies.planning.shaft import BEHIND, PASSED, UNEXPECTED, stret
 from lwrprobe_strategies.planning.tracking_frame import TrackingFrame
 from lwrprobe_strategies.retraction_planner import IN_VAIN, RetractionPlanner
 from lwrprobe_strategies.skills import follow_contour, transit
+from lwrprobe_strategies.tip import Tip
 from strategy_task import AREA, DOWN, task
 
 LINKS = load_scene("block").probe.as_probe().links
@@ -161,34 +162,35 @@ def seen(place, confidence=None, rotation=DOWN, clearance=None):
 
 def test_a_surface_is_left_along_its_normal():
     place = np.array([0.026, 0.0, 0.011])
-    free = FreeSpace(AREA)
-    (up,) = off_surface(seen(place, 1.0), np.array([0.0, 0.0, 1.0]), 0.01, free)
-    assert (up.speed_limit, up.place[2]) == (SpeedLimit.COLUMN, pytest.approx(0.011 + OFF)), "the stick's own column"
-    (side,) = off_surface(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.01, free)
+    (up,) = off_surface(seen(place, 1.0), np.array([0.0, 0.0, 1.0]), 0.01, True)
+    assert (up.speed_limit, up.place[2]) == (SpeedLimit.FREE, pytest.approx(0.011 + OFF)), "the probe's own column"
+    (side,) = off_surface(seen(place, 1.0), np.array([1.0, 0.0, 0.0]), 0.01, True)
     assert (side.speed_limit, side.place[0]) == (SpeedLimit.GUARDED, pytest.approx(0.026 + OFF))
-    (doubted,) = off_surface(seen(place, 0.2), np.array([1.0, 0.0, 0.0]), 0.01, free)
+    (doubted,) = off_surface(seen(place, 0.2), np.array([1.0, 0.0, 0.0]), 0.01, True)
     assert doubted.place[0] == pytest.approx(0.036), "further where the point is imprecise"
-    assert off_surface(seen(place), np.array([0.0, 0.0, 1.0]), 0.01, free) == []
+    assert off_surface(seen(place), np.array([0.0, 0.0, 1.0]), 0.01, True) == []
 
 
-@pytest.mark.parametrize(("begin", "limit"), [(0.0, SpeedLimit.FREE), (0.01, SpeedLimit.COLUMN)])
-def test_a_floor_is_left_fast_where_the_sphere_came_down_and_not_where_it_slid_in_under_a_ledge(begin, limit):
-    """At 200 mm/s the sphere had struck the ledge, which was beside the stick, with 4.6 N (random:steps:11608)."""
-    free, pose = FreeSpace(AREA), np.eye(4)
-    pose[:3, :3] = DOWN
+@pytest.mark.parametrize("taller", [True, False])
+@pytest.mark.parametrize("begin", [0.0, 0.01])
+def test_a_floor_is_left_with_care_where_the_sphere_slid_in_beside_something_taller(begin, taller):
+    """At 200 mm/s the sphere had struck a ledge, which was beside the stick, with 4.6 N (random:steps:11608)."""
+    tip = Tip(task())
+    if taller:
+        place, point, out = np.array([[-0.007, 0.0, 0.03], [-0.012, 0.0, 0.03], [1.0, 0.0, 0.0]])
+        tip.observe(replace(seen(place), contact=Contact(0.0, point, out, out, place, 1.0)))
     for z in np.arange(AREA.upper[2], 0.011, -0.0005):
-        pose[:3, 3] = begin, 0.0, z
-        free.note(pose, None)
+        tip.observe(seen(np.array([begin, 0.0, z])))
     for x in np.arange(begin, -1e-9, -0.0005):
-        pose[:3, 3] = x, 0.0, 0.011
-        free.note(pose, UP)
-    (up,) = off_surface(seen(np.array([0.0, 0.0, 0.011]), 1.0), UP, 0.01, free)
-    assert up.speed_limit is limit
+        tip.observe(seen(np.array([x, 0.0, 0.011]), 1.0))
+    slid = begin > 0.0
+    (up,) = off_surface(tip.seen, UP, 0.01, tip.column_is_free)
+    assert up.speed_limit is (SpeedLimit.COLUMN if slid and taller else SpeedLimit.FREE)
 
 
 def test_off_an_imprecise_contact_nearly_along_the_stick_the_probe_goes_straight_up_in_its_own_column():
     """Along the normal, 10 mm at 200 mm/s, the sphere had struck a wall 1 mm beside it with 3.6 N."""
-    (up,) = off_surface(seen(np.array([0.026, 0.0, 0.011]), 0.2), np.array([0.1, 0.2, 0.97]), 0.01, FreeSpace(AREA))
+    (up,) = off_surface(seen(np.array([0.026, 0.0, 0.011]), 0.2), np.array([0.1, 0.2, 0.97]), 0.01, True)
     assert up.place == pytest.approx([0.026, 0.0, 0.021])
     assert up.speed_limit is SpeedLimit.COLUMN
 

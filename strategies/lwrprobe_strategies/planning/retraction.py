@@ -7,7 +7,7 @@ import numpy as np
 from lwrprobe.contracts import Confidence, Observation
 from lwrprobe_strategies.planning.free_space import FreeSpace
 from lwrprobe_strategies.planning.lines import Z
-from lwrprobe_strategies.planning.paths import HELD, OFF, THERE, SpeedLimit, Waypoint
+from lwrprobe_strategies.planning.paths import HELD, OFF, SpeedLimit, Waypoint
 
 OWN_COLUMN = 0.9
 """Share of the path off a surface along the stick, from which on it is in the column of the stick."""
@@ -19,12 +19,12 @@ UNDER = -0.05
 """Share of the normal along z, below which the sphere is under what it touches."""
 
 
-def off_surface(seen: Observation, normal: np.ndarray, distance: float, free: FreeSpace) -> list[Waypoint]:
+def off_surface(seen: Observation, normal: np.ndarray, distance: float, column_is_free: bool) -> list[Waypoint]:
     """A place off the surface touched, from which an upright probe may go up.
 
     `normal` (3,) is the surface's; `distance` m is the path off a contact that is not reliable: where its normal is
-    nearly along the stick straight along that, for the sphere may meet what stands beside it. The path along the stick
-    is `free` where the sphere came down there: it is wider than the stick, and may have come in under a ledge.
+    nearly along the stick straight along that, for the sphere may meet what stands beside it. Along the stick the
+    sphere, which is wider, may have come in under a ledge, unless its `column_is_free`.
     """
     if seen.contact is None:
         return []
@@ -33,8 +33,7 @@ def off_surface(seen: Observation, normal: np.ndarray, distance: float, free: Fr
     if seen.contact.confidence is Confidence.RELIABLE:
         if not own_column:
             return [Waypoint(here + OFF * normal, SpeedLimit.GUARDED)]
-        known = free.clear_down_to(here.item(0), here.item(1)) <= here.item(Z) + THERE
-        return [Waypoint(here + OFF * normal, SpeedLimit.FREE if known else SpeedLimit.COLUMN)]
+        return [Waypoint(here + OFF * normal, SpeedLimit.FREE if column_is_free else SpeedLimit.COLUMN)]
     if own_column:
         return [Waypoint(here + distance * back, SpeedLimit.COLUMN)]
     return [Waypoint(here + distance * normal, SpeedLimit.GUARDED)]
