@@ -1,4 +1,4 @@
-"""Heights in the plan view, one for each square, and a rigid body above them (kernels, private).
+"""Heights in the plan view, what a sphere sweeps there, and a rigid body above them (kernels, private).
 
 The body is given by `points` (k, 3) of its surface, from the tip's origin on and in the world's axes, and by a state:
 the elements of `state` are named below. Its extents and its points belong to one rotation, and hold for any that is

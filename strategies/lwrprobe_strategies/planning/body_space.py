@@ -38,8 +38,8 @@ STILL = 1e-5
 LOW = -1.0
 """m, height at which the body would be below all that may be there."""
 EDGE = 0.0005
-"""m beyond the distance that the body has to keep from what was touched, to which lines keep it: the map has cubes.
-Squares beside a touch count as well, which makes it more beside a steep side."""
+"""m beyond the distance that the body has to keep from what was touched, to which lines keep it: the map has cubes,
+and the heights have squares."""
 WIDE = 0.001
 """m by which the distance of two neighbouring lines may exceed the spacing."""
 
@@ -74,8 +74,9 @@ class BodySpace:
         points = np.concatenate([_surface(link) for link in behind] or [np.empty((0, 3))])
         self._column, self._height = (-1, -1, False), np.inf
         self._changed = True
-        self._met, self._border = np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
-        self._touched = np.full(shape, -np.inf)
+        # Where the sphere's centre was when it touched something, and how high the points are that were touched.
+        self._met, self._touched = np.zeros(shape, dtype=bool), np.full(shape, -np.inf)
+        self._border = np.ones(shape, dtype=bool)
         self._border[1:-1, 1:-1] = False
         heights = np.where(self._border, -np.inf, self._top)
         self._body = BodyOverHeights(points, low, CELL, heights, self._top)
@@ -107,10 +108,10 @@ class BodySpace:
         upright = -pose.item(2, 2) > UPRIGHT
         if point is not None:
             self._touch(*point.tolist())
-        if point is not None and upright:
-            met = self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
-            self._changed |= not met.all()
-            met[...] = True
+            if upright:
+                met = self._met[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
+                self._changed |= not met.all()
+                met[...] = True
         if (i, j, upright) == self._column and abs(z - self._height) < CELL:
             return
         self._column, self._height, self._changed = (i, j, upright), z, True
@@ -119,6 +120,7 @@ class BodySpace:
             self._stood.lower(i, j, 1, z)
 
     def _touch(self, x: float, y: float, z: float) -> None:
+        """A point was touched; it counts where it is the highest one in its square."""
         i, j = round((x - self._low_x) / CELL), round((y - self._low_y) / CELL)
         if 0 <= i < self._touched.shape[0] and 0 <= j < self._touched.shape[1] and z > self._touched[i, j]:
             self._touched[i, j], self._changed = z, True

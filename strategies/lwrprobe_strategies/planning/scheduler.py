@@ -20,7 +20,6 @@ FACES = -0.5
 """Share of a normal along a line, up to which a touch is one of a wall that the line meets."""
 HALF = 0.5
 """Line spacings by which a second line up a side must begin higher than the first one, which touched nothing."""
-
 FARTHER = 0.003
 """m that a line up a side goes on where it has to be higher."""
 
