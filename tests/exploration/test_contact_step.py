@@ -26,7 +26,8 @@ def touches(confidence, force=1.0, count=SETTLED + 3):
     history = SimpleNamespace(q=np.zeros(7), measured_velocity=lambda time: np.array([0.01, 0.0, 0.0]))
     pipeline = SimpleNamespace(
         sweep=None, deflection=None, torque=None, probe=SCENE.probe.as_probe(), add_point=lambda point: None,
-        estimator=SimpleNamespace(estimate=estimate, reset=lambda: None), force=SimpleNamespace(settled=True),
+        estimator=SimpleNamespace(estimate=estimate, reset=lambda: None),
+        force=SimpleNamespace(stiffness=SimpleNamespace(settled=True)),
     )  # fmt: skip
     clock, arm = SimpleNamespace(lap=lambda stage: None), SimpleNamespace(history=history)
     step = ContactStep(SimpleNamespace(scene=SCENE, pipeline=pipeline, arm=arm, recorder=recorder, clock=clock))

@@ -295,7 +295,7 @@ def test_over_many_drawn_worlds_the_claims_hold(profile):
         Contact(0.1 * k, tips[k] - 0.005 * normals[k], normals[k], forces[k], tips[k], 0.98) for k in range(count)
     ]
     made = error_budget(scene, pipeline, contacts, joints, 0.008 * paths)
-    gives = pipeline.force.compliance_sigma(5e-5, 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"))
+    gives = pipeline.force.stiffness.sigma(5e-5, 0.01 * scene.uncertainty.sigma("arm_stiffness_percent"))
     since = pipeline.force.zero.age(np.array([contact.time for contact in contacts]))
     known = Contacts(scene, pipeline.robot, contacts, joints, 0.008 * paths, gives, since)
     inside = {False: [], True: []}

@@ -192,7 +192,7 @@ def test_a_few_presses_that_scatter_refuse_nothing():
     for compliance in 4 * (1.5e-5, 3.4e-5, 7e-5):
         press(force, compliance=compliance, seconds=0.11)
     assert -0.005 <= force.limit(down, free, 1.0).velocity[2] < -0.0035, "slower by no more than they scatter"
-    assert force.compliance == 0.0
+    assert force.stiffness.compliance == 0.0
 
 
 def test_an_arm_that_is_hardly_known_is_the_one_that_presses_show():
@@ -246,14 +246,14 @@ def test_presses_overrule_touches_that_took_the_sticks_give_for_the_objects():
     force, _ = stage("uncertainty.profile=datasheet")
     force.begin(0.0135)
     touch_from_the_side(force, 3e-4)
-    assert force.compliance == pytest.approx(3e-4, rel=0.1)
-    assert 1e-5 < force.compliance_sigma(5e-5, 0.4) < 6e-5, "of the touches"
+    assert force.stiffness.compliance == pytest.approx(3e-4, rel=0.1)
+    assert 1e-5 < force.stiffness.sigma(5e-5, 0.4) < 6e-5, "of the touches"
     stated = 1.0 / load_scene("block").contact.stiffness
     press(force, compliance=stated)
-    assert force.compliance == 0.0
-    assert force.compliance_sigma(5e-5, 0.4) < 0.2 * stated
+    assert force.stiffness.compliance == 0.0
+    assert force.stiffness.sigma(5e-5, 0.4) < 0.2 * stated
     touch_from_the_side(force, 3e-4)
-    assert force.compliance == 0.0, "later touches do not bring it back"
+    assert force.stiffness.compliance == 0.0, "later touches do not bring it back"
 
 
 def test_touches_that_presses_confirm_stay():
@@ -261,9 +261,9 @@ def test_touches_that_presses_confirm_stay():
     force.begin(0.0135)
     touch_from_the_side(force, 3e-4)
     press(force, compliance=3e-4)
-    assert force.compliance == pytest.approx(3e-4, rel=0.1)
+    assert force.stiffness.compliance == pytest.approx(3e-4, rel=0.1)
     # A soft object's compliance is known to a tenth, which may be more than what was thought possible before.
-    assert force.compliance_sigma(1e-5, 0.0) == pytest.approx(3e-5, rel=0.1)
+    assert force.stiffness.sigma(1e-5, 0.0) == pytest.approx(3e-5, rel=0.1)
 
 
 @pytest.mark.parametrize("ahead", [0.0, 86_400.0])
@@ -285,15 +285,15 @@ def test_what_presses_have_shown_is_dropped_where_the_normals_cannot_be_relied_o
     force, _ = stage()
     force.begin(0.0135)
     press(force, compliance=2e-4)
-    assert force.compliance == pytest.approx(2e-4, rel=0.1)
+    assert force.stiffness.compliance == pytest.approx(2e-4, rel=0.1)
     press(force, certain=False, seconds=0.1)
-    assert force.compliance == 0.0
+    assert force.stiffness.compliance == 0.0
 
 
 def test_the_probe_is_slower_where_the_arm_is_stiffer_than_where_that_is_stated():
     force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
     force.begin(0.0135)
-    force.expect(np.zeros(3), np.array([-3.5, 0.0, 0.0]))
+    force.speeds.expect(np.zeros(3), np.array([-3.5, 0.0, 0.0]))
     for x, share in ((0.0, 1.0), (0.08, 1.0), (-0.08, 0.95)):
         pose = np.eye(4)
         pose[:3, :3], pose[0, 3] = DOWN, x
@@ -311,7 +311,7 @@ def test_the_probe_is_slower_where_the_arm_is_stiffer_along_a_stick_that_leans()
     pose, q = start_posture(scene, robot)
     force, _ = stage("truth.profile=ideal", "uncertainty.profile=ideal")
     force.begin(0.0135)
-    force.expect(pose[:3, 3], np.zeros(3), softer_than_along(scene, robot, q))
+    force.speeds.expect(pose[:3, 3], np.zeros(3), softer_than_along(scene, robot, q))
     jacobian, shares = robot.jacobian(q)[:3], []
     for angle in (-0.6, 0.0, 0.6):
         axis = np.array([np.sin(angle), 0.0, -np.cos(angle)])

@@ -38,9 +38,8 @@ def explored(compliance, stick=1.04, arm=1.1, noise=0.0):
     press = BIASED * (arm * axial + compliance)
     pipeline.force = SimpleNamespace(
         rises=SimpleNamespace(found=[]),
-        pressed=(press, 0.1 * press),
+        stiffness=SimpleNamespace(pressed=(press, 0.1 * press), sigma=lambda *_: 0.1 * press),
         zero=SimpleNamespace(age=np.zeros_like),
-        compliance_sigma=lambda *_: 0.1 * press,
     )
     recorder, true, time = Recorder(None), [], 0.0
     for visit in range(6):
@@ -101,7 +100,7 @@ def test_touches_of_walls_show_the_sum_of_stick_and_object():
     recorder, pipeline, _, start = explored(1.5e-4)
     wall = np.abs(recorder.normals()[:, 2]) < 0.5
     del pipeline.force.rises.found[:: len(FACES)]  # those of the top
-    pipeline.force.pressed = (0.0, float("inf"))
+    pipeline.force.stiffness.pressed = (0.0, float("inf"))
     give = take_give_off(recorder, SCENE, pipeline, start)
     apart = np.diag(np.sqrt((give.errors**2).sum(axis=0)))
     together, alone = (
@@ -113,7 +112,7 @@ def test_touches_of_walls_show_the_sum_of_stick_and_object():
 
 def test_without_a_touch_the_contacts_keep_what_is_stated():
     recorder, pipeline, _, start = explored(1e-5)
-    pipeline.force.rises.found, pipeline.force.pressed = [], (0.0, float("inf"))
+    pipeline.force.rises.found, pipeline.force.stiffness.pressed = [], (0.0, float("inf"))
     give = take_give_off(recorder, SCENE, pipeline, start)
     assert (give.stick, give.arm, give.object) == (0.0, 0.0, 1.0 / SCENE.contact.object_stiffness)
     assert give.errors[2, 2] == pytest.approx(5e-5)

@@ -301,7 +301,7 @@ def test_speed_towards_a_surface_follows_the_measured_reaction():
     sliding = VelocityCommand(np.array([0.02, 0.0, -0.004]))
     assert force.limit(sliding, wrench, 0.0) is sliding
     safe = force.touch_speed
-    force.excess = 0.016
+    force.speeds.excess = 0.016
     assert force.limit(sliding, wrench, 0.0).velocity == pytest.approx([0.01, 0.0, -0.002])
     assert force.touch_speed == pytest.approx(0.5 * safe)
     assert force.limit(Goal(np.eye(4), 0.02), wrench, 1.0).speed == pytest.approx(0.01)

@@ -105,7 +105,7 @@ def _explored(name: str, strategy: str, profile: str) -> tuple[Contacts, ErrorBu
     states = [state for k in at if (state := recorder.states[k]) is not None]
     joints, velocities = np.array([q for q, _ in states]), np.array([velocity for _, velocity in states])
     table = scene.uncertainty
-    gives = pipeline.force.compliance_sigma(
+    gives = pipeline.force.stiffness.sigma(
         1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
     )
     contacts = [recorder.contacts[k] for k in at]

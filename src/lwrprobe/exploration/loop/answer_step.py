@@ -36,7 +36,7 @@ class AnswerStep:
         Raises SafetyStop and PluginError.
         """
         arm, force = self._arm, self._pipeline.force
-        force.excess = arm.excess.seconds
+        force.speeds.excess = arm.excess.seconds
         override = self.force_guard.check(arm.time, wrench.world_force, wrench.torque, confirmed, seen.pose[:3, 2])
         motion: Motion
         if confirmed or override is None:

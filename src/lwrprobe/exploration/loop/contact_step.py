@@ -62,7 +62,7 @@ class ContactStep:
         self._touch_age += 1
         # A light touch says little: the error of its normal goes with one over the force.
         settled = self._touch_age > SETTLED and size >= self._light
-        if contact.confidence is Confidence.RELIABLE and settled and self._pipeline.force.settled:
+        if contact.confidence is Confidence.RELIABLE and settled and self._pipeline.force.stiffness.settled:
             self._pipeline.add_point(contact.point)
             self._clock.lap("map")
             self._recorder.contact(contact, sample.sequence, (self._arm.history.q.copy(), velocity))

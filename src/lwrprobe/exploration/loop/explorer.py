@@ -378,7 +378,7 @@ def make_task(
         clearance_threshold=scene.clearance.threshold,
         stiffness=scene.contact.stiffness,
         delay=delay,
-        softer=pipeline.force.softer,
+        softer=pipeline.force.speeds.softer,
         arm_mass=arm_mass,
         arm_stiffness=arm_stiffness(scene),
         search_for=scene.area.search_for,

@@ -141,12 +141,12 @@ class SampleStep:
         """What a sample says of the stiffness, and of whether the object stays where it is."""
         pipeline, torque = self._pipeline, self._pipeline.torque
         pipeline.force.update(wrench, pose, contact, torque is None or torque.surprise < DISAGREEING, time)
-        if pipeline.object_motion is not None and pipeline.force.settled and confirmed:
+        if pipeline.object_motion is not None and pipeline.force.stiffness.settled and confirmed:
             doubt = torque.doubt if torque is not None else 0.0
             force = pipeline.force
             zero = force.zero.error(time)
             pipeline.object_motion.see(
-                time, place, wrench.world_force, contact, force.compliance, doubt, zero, pose[:3, 2]
+                time, place, wrench.world_force, contact, force.stiffness.compliance, doubt, zero, pose[:3, 2]
             )
 
     def _note(self, seen: Observation, place: np.ndarray, wrench: Wrench) -> None:

@@ -151,7 +151,7 @@ class Exploration:
         arm, sensor = self._devices.arm, self._devices.sensor
         self.pipeline = compose(scene, choices, arm.cycle, sensor.rate)
         self.pipeline.left_out += self._devices.left_out
-        self.pipeline.force.expect(pose[:3, 3], stiffness_slope(robot, q), softer_than_along(scene, robot, q))
+        self.pipeline.force.speeds.expect(pose[:3, 3], stiffness_slope(robot, q), softer_than_along(scene, robot, q))
         warm_up(scene, choices, arm.cycle, sensor.rate, pose, q)
         if record is None:
             record = out is not None and self._devices.ground_truth is None and self._can_record()

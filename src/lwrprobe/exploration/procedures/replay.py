@@ -315,7 +315,7 @@ class Replay:
         self._take_bias(tip.pose[:3, :3].copy())
         pose, q = self._start
         slope, softer = stiffness_slope(pipeline.robot, q), softer_than_along(scene, pipeline.robot, q)
-        pipeline.force.expect(pose[:3, 3], slope, softer)
+        pipeline.force.speeds.expect(pose[:3, 3], slope, softer)
         task = self._task()
         pipeline.force.begin(task.delay, tip_mass=task.arm_mass)
         try:

@@ -118,7 +118,7 @@ def _of_give(
     bend = np.einsum("nij,nj->ni", rotations, stick * own)
     push = np.einsum("ni,ni->n", normals, forces)
     slip = forces - push[:, None] * normals
-    gives = pipeline.force.compliance_sigma(
+    gives = pipeline.force.stiffness.sigma(
         1e-6 * table.sigma("object_compliance_um_n"), 0.01 * table.sigma("arm_stiffness_percent")
     )
     return {

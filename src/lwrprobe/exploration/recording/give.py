@@ -111,7 +111,7 @@ def take_give_off(recorder: Recorder, scene: Scene, pipeline: Pipeline, start: n
         if k < len(times) and times[k] - rise.time < AFTER
     ]
     rows = np.array([slope for slope in slopes if slope is not None]).reshape(-1, 4)
-    found = learn(scene, rows, 1.0 / arm_stiffness(scene), pipeline.force.pressed)
+    found = learn(scene, rows, 1.0 / arm_stiffness(scene), pipeline.force.stiffness.pressed)
     push = np.maximum(np.einsum("ni,ni->n", normals, forces), 0.0)
     bends, arms = (np.einsum("nij,nj->ni", matrix, forces) for matrix in (soft, arm))
     give = Give(*found, bends, arms, push[:, None] * normals, len(rows))
