@@ -299,6 +299,23 @@ def test_the_way_back_does_not_lead_into_what_a_reliable_normal_shows():
     assert back[-1, 1] < -0.025
 
 
+@pytest.mark.parametrize("down", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("upwards", [True, False])
+def test_the_way_back_along_an_underside_leads_no_lower_than_the_sphere_has_been(down, upwards):
+    """A floor may be below, on which the sphere would come down along the stick; off the surface it leads sideways."""
+    normal, foot = np.array([np.sqrt(1.0 - down**2), 0.0, -down]), np.array([0.0, 0.0, 0.01])
+    up = np.array([down, 0.0, normal[0]])
+    side = [foot + s * up for s in np.arange(0.0, 0.0151, 0.0005)]
+    free = nowhere()
+    if upwards:
+        stand(free, *([x, 0.0, 0.01] for x in np.arange(0.03, 0.0, -0.0011)))
+    stand(free, *(side if upwards else side[::-1]), normal=normal)
+    back = np.array([place for place, _ in free.return_path(0.014)])
+    between = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(back)])
+    assert between[:, 2].min() >= 0.01 - 1e-9
+    assert ((between - foot) @ normal).min() > (0.9 * LIFT if down < 0.9 else 0.0), "under a steep one there is no room"
+
+
 def test_no_way_back_leads_to_a_place_next_to_a_light_touch():
     """An exploration had ended with an IndexError where that was the only place near the start of the next line."""
     free = stand(nowhere(), [0.0, 0.0, 0.02], normal=[0.0, -1.0, 0.0])

@@ -386,7 +386,7 @@ class FreeSpace:
         places = [k for k in places if k not in self._barred]
         if not places:
             return None
-        off = rows[places, OFF_SURFACE]
+        off = _no_lower(rows, places)
         if wedged:
             at = rows[places, :3]
             share = np.minimum(np.linalg.norm(at - at[0], axis=1) / WEDGED, 1.0)
@@ -398,6 +398,30 @@ class FreeSpace:
         """Whether a place is on the area's border, or beyond it."""
         low, high = self._area.lower, self._area.upper
         return min(x - low[0], high[0] - x, y - low[1], high[1] - y) < BORDER
+
+
+def _no_lower(rows: np.ndarray, places: list[int]) -> np.ndarray:
+    """(k, 3) m: the places off the surface of k rows, no lower than the sphere has been within `SIDE` of them.
+
+    Off a surface that faces down there may be a floor below. Such a place lies farther to the side instead, by `SIDE`
+    at most.
+    """
+    from scipy.spatial import cKDTree
+
+    off = rows[places, OFF_SURFACE].copy()
+    down = np.flatnonzero(off[:, 2] < rows[places, 2] - LOWER)
+    if not len(down):
+        return off
+    beside = cKDTree(rows[:, :2]).query_ball_point(off[down, :2], SIDE, p=np.inf)
+    for k, near in zip(down.tolist(), beside):
+        at = rows[places[k], :3]
+        lowest = float(rows[near, 2].min(initial=at[2]))
+        if off[k, 2] < lowest:
+            across = off[k, :2] - at[:2]
+            normal, flat = (off[k] - at) / LIFT, float(np.hypot(*across))
+            aside = (LIFT - normal[2] * (lowest - at[2])) * LIFT / max(flat, 1e-9)
+            off[k] = *(at[:2] + min(aside, SIDE) / max(flat, 1e-9) * across), lowest
+    return off
 
 
 def _around_inner_edges(rows: np.ndarray) -> np.ndarray | None:
