@@ -53,6 +53,11 @@ def error(mesh, solid):
     return mesh_error(mesh, solid, ABOVE, samples=4000)
 
 
+def away(record, result):
+    """(n,) m, of the vertices from what was touched."""
+    return cKDTree(record.points).query(result.mesh.vertices)[0]
+
+
 def recorded(name, pitch=0.025):
     """Some contacts and free places of a run in the ideal world, seed 1.
 
@@ -162,13 +167,13 @@ def test_an_edge_that_the_last_line_rolled_over_ends_the_object_there(scenes):
     assert mesh.vertices[middle, 0].max() == pytest.approx(0.05, abs=1e-3)
 
 
-def test_expected_errors_are_neither_boast_nor_fright(scenes):
+def test_expected_errors_are_neither_boast_nor_fright_beside_contacts(scenes):
     """Over evenly shifted lines, so that no end is lucky."""
     actual, expected = [], []
     for phase in (0.125, 0.375, 0.625, 0.875):
         solid, record = scenes("block", phase=phase)
         result = surface(record)
-        known = ~result.unreachable & (result.mesh.vertices[:, 2] > ABOVE)
+        known = ~result.unreachable & (result.mesh.vertices[:, 2] > ABOVE) & (away(record, result) < 0.005)
         actual.append(np.abs(solid.signed_distance(result.mesh.vertices[known])))
         expected.append(result.mesh.vertex_error[known])
     actual, expected = np.concatenate(actual), np.concatenate(expected)
@@ -176,6 +181,17 @@ def test_expected_errors_are_neither_boast_nor_fright(scenes):
     order = np.argsort(expected)
     fifth = len(order) // 5
     assert actual[order[-fifth:]].mean() > 5.0 * actual[order[:fifth]].mean()
+
+
+@pytest.mark.parametrize(("nearest", "farthest"), [(0.005, 0.0075), (0.0075, 0.01), (0.01, 0.02), (0.02, 0.04)])
+def test_expected_errors_beyond_what_was_touched_grow_with_the_distance_from_it(scenes, nearest, farthest):
+    """On an object that is narrower below: what was touched, its top, says nothing of that."""
+    solid, record = scenes("random:revolution:9844", 0.01)
+    result = surface(record, pitch=0.01)
+    distance = away(record, result)
+    there = (distance > nearest) & (distance < farthest) & (result.mesh.vertices[:, 2] > ABOVE)
+    actual = np.abs(solid.signed_distance(result.mesh.vertices[there])).mean()
+    assert 0.4 < actual / result.mesh.vertex_error[there].mean() < 2.5
 
 
 def test_what_the_sphere_cannot_reach_is_marked(scenes):

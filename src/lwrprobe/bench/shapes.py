@@ -104,6 +104,7 @@ COLUMNS = {
     "strategy": "strategy",
     "status": "status",
     "mesh mm": "mesh",
+    "expected mm": "expected",
     "times the best": "over_best",
     "coverage": "coverage",
     "peak N": "peak",
@@ -228,6 +229,7 @@ def judge(scene: Scene, summary: dict[str, Any], folder: Path, upright: bool, al
         "ratio": summary["sim_time_s"] / bound if bound else None,
         "ratio_unknown": summary["sim_time_s"] / unknown if unknown else None,
         "method": (summary["mesh_error_mm"] or {}).get("method"),
+        "expected": (summary["expected_mesh_error_mm"] or {}).get("aligned_whole_mean" if aligned else "whole_mean"),
     }
     left = read_run(folder)
     record, actual = left.record, actual_scene(scene)
@@ -391,7 +393,7 @@ def _report(found: list[dict[str, Any]]) -> BenchReport:
         "Mesh errors are means of both ways, above the lowest height of the sphere's centre, undersides that no sphere "
         "reaches included; `reachable mesh` is that of what an upright probe reaches alone, both ways. What lies under "
         "an overhang is a guess: contacts without error on all that an upright probe reaches leave 0.5 to 3.6 mm on "
-        "objects of which it reaches 28 to 84 %.",
+        "objects of which it reaches 28 to 84 %. `expected mm` is what the run itself expects of the same mesh.",
         "In a world that differs from its scene errors are those that remain when the object is moved to where the "
         "contacts have it.",
         "A threat is false where every link was 1.5 mm or more from the object. It is judged for strategies that do "

@@ -275,8 +275,10 @@ class _Page:
         if s is not None:
             expected = s.expected_mesh_error_mm or {}
             for key, name in (
-                ("mean", "expected error of the mesh, mean"),
+                ("mean", "expected error of the mesh where a sphere can touch, mean"),
                 ("aligned_mean", "the same after alignment"),
+                ("whole_mean", "expected error of all of the mesh, mean"),
+                ("aligned_whole_mean", "the same after alignment"),
             ):
                 if key in expected:
                     rows += f"<tr><td>{name}</td><td>{expected[key]:.3f}</td></tr>"

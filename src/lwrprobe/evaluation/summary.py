@@ -126,8 +126,9 @@ class Summary:
     claims_aligned_within_95: float | None = None
     """The same after the rigid motion that aligns the contacts with their true places."""
     expected_mesh_error_mm: Table | None = None
-    """Expected error of the mesh's vertices that can be touched: `mean`, `p95`; after alignment `aligned_mean`,
-    `aligned_p95` [mm]."""
+    """Expected error of the mesh's vertices that can be touched: `mean`, `p95`; of all above the lowest height of the
+    sphere's centre, with what no sphere can touch: `whole_mean`, `whole_p95`; after alignment the same with `aligned_`
+    before it [mm]."""
     fits: list[Table] | None = None
     """Simple shapes held against the contacts: `shape`, `warranted` or `why_not`, `share` of the contacts explained,
     `rms_mm`, and by dimension `size_mm`, `sigma_mm` and, after alignment, `sigma_aligned_mm`."""

@@ -46,6 +46,7 @@ _FROM_BELOW, _LEANS = -0.25, -0.14  # z of the normals of a contact from below, 
 _NOISE_FLOOR = 3e-5  # m, below which averaging contacts does not help
 _LEAST = 5e-5  # m, of the options that are lengths: finer grids do not fit into memory
 _WITNESSES = 10  # contacts on a part of the body that floats, from which on it is one
+_GUESS = 0.3  # m of mean error a metre that the mesh goes on beyond what was touched and half a line distance
 _AS_LEANING = 0.002  # m: so near to a place where the stick leaned it is taken to lean, which errs to the safe side
 _CROWDED = 0.3  # feet this close together, as a share: the sphere rests in an inner edge
 _BAND = 0.5  # of the pitch: how far beside the tangent planes the surface may run
@@ -172,7 +173,9 @@ class ContactSurface:
         if smooth:
             body.mesh = work.run("settle", lambda: settled(body.mesh, process, touches, pitch, body.floor))
         common = np.concatenate([np.zeros(len(below.points)), common, walls.deviation])
-        mesh, unreachable = work.run("uncertainty", lambda: _judge(body, hull, process, inferred, common, touches))
+        mesh, unreachable = work.run(
+            "uncertainty", lambda: _judge(body, hull, process, inferred, common, touches, apart)
+        )
         report = work.report(given, touches, pitch, grid, clusters, walls, unreachable) | {
             "smooth": smooth,
             "convex": bound is not None,
@@ -448,11 +451,12 @@ def _judge(
     inferred: HermiteData,
     common: np.ndarray,
     touches: Touches,
+    between: float,
 ) -> tuple[TriangleMesh, np.ndarray]:
     """Expected error of each vertex, and which vertices no sphere of this size could have touched.
 
     `common` (m,) m is the deviation of the last m places of the process that they have in common with their neighbours:
-    those that are `inferred`, and the walls.
+    those that are `inferred`, and the walls. Touches are taken to lie up to `between` m apart.
     """
     from scipy.spatial import cKDTree
 
@@ -473,5 +477,8 @@ def _judge(
     unreachable = fillet | low | (guessed[source] | led_on)[foot]
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
-    error = np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden)
+    # Places that are inferred agree with each other, so that the process is too sure of what lies between them.
+    away = cKDTree(process.data.points[:touched]).query(hull.vertices)[0][foot]
+    guess = _GUESS * np.maximum(away - 0.5 * between, 0.0)
+    error = np.hypot(np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden), guess)
     return TriangleMesh(vertices, body.mesh.faces, error), unreachable

@@ -305,7 +305,7 @@ class Exploration:
             table_height = 1e-3 * scene.uncertainty.sigma("table_height_mm")
             summary.fits = fitted_shapes(budget, self.record, table_height)
             if self.surface is not None:
-                summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface)
+                summary.expected_mesh_error_mm = expect_mesh_errors(budget, self.surface, self.record.lowest)
         summary.table_found = table
         for name, report in corrections.report().items():
             setattr(summary, name, report)
