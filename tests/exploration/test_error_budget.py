@@ -321,6 +321,17 @@ def test_the_mesh_takes_over_the_error_of_the_nearest_contact():
     assert table["mean"] == pytest.approx(1e3 * expected, abs=1e-4)
 
 
+def test_the_whole_mesh_has_what_no_sphere_can_touch_but_not_what_is_below_its_lowest_height():
+    heights, own = np.array([0.0, 0.02, 0.02]), np.array([3e-3, 3e-5, 2e-3])
+    mesh = TriangleMesh(np.column_stack([np.arange(3.0), np.zeros(3), heights]), np.array([[0, 1, 2]]), own)
+    table = expect_mesh_errors(
+        budget(load_scene("block"), 5), Reconstruction(mesh, unreachable=np.array([True, False, True])), lowest=0.01
+    )
+    assert table["mean"] == pytest.approx(1e3 * mesh.vertex_error[1], abs=1e-4)
+    assert table["whole_mean"] == pytest.approx(1e3 * mesh.vertex_error[1:].mean(), abs=1e-4)
+    assert table["aligned_whole_mean"] == pytest.approx(1e3 * mesh.vertex_error_aligned[1:].mean(), abs=1e-4)
+
+
 def test_the_file_has_a_row_for_each_contact(tmp_path):
     made = budget(load_scene("block"), 5)
     made.write(tmp_path / "contact_errors.csv", [0.1 * k for k in range(5)])

@@ -227,6 +227,10 @@ def _rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["mesh_error_aligned_mm"] is not None:
         mesh = summary["mesh_error_aligned_mm"]
         rows.append(("mesh error aligned", f"mean {mesh['mean']:.3f}, largest {mesh['hausdorff']:.2f} mm"))
+    expected = summary["expected_mesh_error_mm"]
+    if expected is not None:
+        text = f"mean {expected['whole_mean']:.3f} mm, {expected['aligned_whole_mean']:.3f} mm after alignment"
+        rows.append(("mesh error expected", text))
     rows += [("bridged", _zone(zone)) for zone in summary["bridged"][:_MAX_ZONES]]
     if len(summary["bridged"]) > _MAX_ZONES:
         rows.append(("bridged", f"{len(summary['bridged']) - _MAX_ZONES} more, narrower ones"))
