@@ -40,6 +40,17 @@ def test_a_table_that_leans_is_found_and_its_contacts_alone(tilt, lines):
     np.testing.assert_array_equal(TablePlane.of(stored).touched(points, normals), touched)
 
 
+def test_contacts_in_the_tables_plane_are_its_also_where_their_normals_are_off_and_those_of_a_foot_are_not():
+    """A touch begins with the normal of the friction. A few such contacts left had made islands beside the object."""
+    points, normals, _ = plane(0.0, 0.003, np.linspace(-0.08, 0.08, 9), np.linspace(-0.06, 0.06, 61))
+    found = find_table(points, normals, AREA, RADIUS, LEVEL)
+    assert found is not None
+    foot = ((24.0, 0.0036, False), (60.0, 0.0052, False))
+    for angle, height, table in ((6.0, 0.003, True), (20.0, 0.0032, True), *foot):
+        turned = np.array([[np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))]])
+        assert found.touched(np.array([[0.02, 0.03, height]]), turned).item() == table
+
+
 @pytest.mark.parametrize("tilt", [15.0, 25.0])
 def test_a_table_that_is_stated_to_lean_is_found_where_it_is(tilt):
     points, normals, normal = plane(tilt, 0.003, np.linspace(-0.08, 0.08, 9), np.linspace(-0.06, 0.06, 61))

@@ -20,7 +20,10 @@ that nobody has measured. What is farther off is a plate that goes on beyond the
 FLAT = 0.0004
 """m off the plane, up to which a contact lies in it."""
 ALIKE = np.cos(np.radians(5.0))
-"""Of the angle between a contact's normal and the plane's."""
+"""Of the angle between a contact's normal and the plane's, from which on it counts for the plane."""
+STEEPEST = np.cos(np.radians(25.0))
+"""The same, from which on a contact in the plane is the table's: a sphere of 4 mm or more, which is above the table,
+touches nothing as low as `FLAT` where that is steeper. When a touch begins normals are off by 5 degrees and more."""
 AT_BORDER = 0.001
 """m from the border of the area, within which the sphere's centre stands at it."""
 FEWEST = 10
@@ -37,7 +40,14 @@ class TablePlane:
 
     def touched(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(n,) bool: which contacts (n, 3), with unit normals (n, 3), are this table's."""
-        return (np.abs(points @ self.normal - self.offset) < FLAT) & (normals @ self.normal > ALIKE)
+        return self._in_plane(points) & (normals @ self.normal > STEEPEST)
+
+    def shown_by(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(n,) bool: which of them have its normal as well."""
+        return self._in_plane(points) & (normals @ self.normal > ALIKE)
+
+    def _in_plane(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray(np.abs(points @ self.normal - self.offset) < FLAT)
 
     def height_at(self, place: np.ndarray) -> float:
         """m, of the plane over a place (2,) m."""
@@ -68,13 +78,13 @@ def find_table(
         return None
     tried = np.unique(np.linspace(0, len(points) - 1, TRIED).astype(int))
     planes = [TablePlane(normals[k], float(normals[k] @ points[k])) for k in tried]
-    best = max(planes, key=lambda plane: int(plane.touched(points, normals).sum()))
+    best = max(planes, key=lambda plane: int(plane.shown_by(points, normals).sum()))
     for _ in range(3):
-        own = best.touched(points, normals)
+        own = best.shown_by(points, normals)
         if own.sum() < FEWEST:
             return None
         best = _fitted(points[own], normals[own])
-    own = best.touched(points, normals)
+    own = best.shown_by(points, normals)
     centres = points[own, :2] + radius * normals[own, :2]
     at_border = (centres < area.lower[:2] + AT_BORDER) | (centres > area.upper[:2] - AT_BORDER)
     middle = 0.5 * (area.lower[:2] + area.upper[:2])
