@@ -412,15 +412,17 @@ def _no_lower(rows: np.ndarray, places: list[int]) -> np.ndarray:
     down = np.flatnonzero(off[:, 2] < rows[places, 2] - LOWER)
     if not len(down):
         return off
-    beside = cKDTree(rows[:, :2]).query_ball_point(off[down, :2], SIDE, p=np.inf)
-    for k, near in zip(down.tolist(), beside):
+    flat = off[down, :2]
+    low, high = flat.min(axis=0) - SIDE, flat.max(axis=0) + SIDE
+    been = rows[((rows[:, :2] > low) & (rows[:, :2] < high)).all(axis=1), :3]
+    for k, beside in zip(down.tolist(), cKDTree(been[:, :2]).query_ball_point(flat, SIDE, p=np.inf)):
         at = rows[places[k], :3]
-        lowest = float(rows[near, 2].min(initial=at[2]))
+        lowest = float(been[beside, 2].min(initial=at[2]))
         if off[k, 2] < lowest:
-            across = off[k, :2] - at[:2]
-            normal, flat = (off[k] - at) / LIFT, float(np.hypot(*across))
-            aside = (LIFT - normal[2] * (lowest - at[2])) * LIFT / max(flat, 1e-9)
-            off[k] = *(at[:2] + min(aside, SIDE) / max(flat, 1e-9) * across), lowest
+            normal = (off[k] - at) / LIFT
+            level = float(np.hypot(normal[0], normal[1]))
+            aside = min((LIFT - normal[2] * (lowest - at[2])) / max(level, 1e-9), SIDE)
+            off[k] = *(at[:2] + aside * normal[:2] / max(level, 1e-9)), lowest
     return off
 
 
