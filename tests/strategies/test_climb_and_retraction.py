@@ -500,6 +500,7 @@ def test_the_way_back_off_a_side_that_leans_out_is_level_where_the_body_may_come
     strategy = GridVersion()
     strategy.start(task(approach=0.03))
     tip = strategy.tip
+    stand(tip.free, *([x, -0.0025, 0.019] for x in np.arange(0.003, -0.0305, -0.001)))  # no floor is there
     stand(tip.free, *([x, 0.0, 0.02] for x in np.arange(-0.03, 0.0005, 0.001)), normal=out)
     tip.observe(
         replace(seen([0.001, 0.0, 0.02], 1.0), contact=replace(seen([0.001, 0.0, 0.02], 1.0).contact, normal=out))
