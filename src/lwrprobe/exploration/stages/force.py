@@ -137,7 +137,7 @@ class ForceStage:
     @property
     def touch_speed(self) -> float:
         """m/s at which something may be met in any direction, as late as the loop is now."""
-        return self._touch_speed * self.speeds.of_delay * self.speeds.of_stiffness
+        return self._touch_speed * self.speeds.everywhere
 
     @property
     def planned(self) -> tuple[float, float] | None:
@@ -173,8 +173,7 @@ class ForceStage:
         else:
             force = float(contact.normal @ wrench.world_force)
             self._cycle.update(wrench.time, force)
-            share = self.speeds.of_delay * self.speeds.of_stiffness * self._cycle.scale
-            self._returns.update(wrench.time, force, share)
+            self._returns.update(wrench.time, force, self.speeds.everywhere * self._cycle.scale)
         self.speeds.harder = self._returns.excess
 
     def _slowed(self, motion: Motion, wrench: Wrench) -> Motion:

@@ -120,9 +120,10 @@ class FoundStiffness:
 
     def use_presses(self) -> None:
         """Correct contacts with what presses show, where that is another compliance than was stated or touched."""
-        if self.differs or self._by_presses or self._contradicted(self.compliance):
-            self._by_presses = self.differs
-            self._use(self.pressed[0] if self._by_presses else 0.0)
+        differs = self.differs
+        if differs or self._by_presses or self._contradicted(self.compliance):
+            self._by_presses = differs
+            self._use(self._press.value if differs else 0.0)
 
     def forget_presses(self) -> bool:
         """Drop what presses have shown, since their normals were wrong; True where they had shown something."""
@@ -144,5 +145,4 @@ class FoundStiffness:
 
         A touch is fitted over its path, into which a wrong normal brings the surface's; a press over its changes.
         """
-        pressed, sigma = self.pressed
-        return touched > 0.0 and abs(touched - pressed) > APART * sigma
+        return touched > 0.0 and abs(touched - self._press.value) > APART * self._press.sigma

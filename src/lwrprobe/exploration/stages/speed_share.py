@@ -50,8 +50,7 @@ class SpeedShare:
         self._arm_sigma = arm_sigma
         # The samples' age follows from the stamps of two clocks.
         self._delay_sigma = 1e-3 * math.hypot(*map(scene.uncertainty.sigma, ("clock_skew_ms", "sensor_delay_ms")))
-        self._found = 1.0
-        self.begin(0.0)
+        self.forget_stiffness()
 
     def begin(self, delay: float) -> None:
         """Speeds are planned for a `delay` s of the loop; arm and object may be stiffer than stated."""
@@ -115,6 +114,11 @@ class SpeedShare:
         reserve = COVERED if self._found == 1.0 else 1.0
         share = self._found * _stepped(min(reserve / self.rise, 1.0))
         return min(share, COVERED / self.harder) if self.harder > COVERED else share
+
+    @property
+    def everywhere(self) -> float:
+        """Of a planned speed where something may be met in any direction."""
+        return self.of_delay * self.of_stiffness
 
     def along(self, path: np.ndarray, normal: np.ndarray | None) -> float:
         """Of a planned speed along a path (3,), while something with this normal (3,) is touched, or nothing.
