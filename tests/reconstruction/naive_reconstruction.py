@@ -109,3 +109,13 @@ def refuted(begin, finish, normals, points, facing, width, tolerance, radius, de
         wrong = near.any()
         out.append(wrong)
     return np.array(out)
+
+
+def supported(claims, alike, points, normals, weight, reach):
+    """Which claims at least a quarter of the weight beside them shares, and 1.5 in all."""
+    out = np.zeros(len(points), bool)
+    for i in np.flatnonzero(claims):
+        same_side = (np.linalg.norm(points - points[i], axis=1) <= reach) & (normals @ normals[i] > 0.8)
+        sharing, total = weight[same_side & alike].sum(), weight[same_side].sum()
+        out[i] = sharing >= 1.5 and sharing >= 0.25 * total
+    return out

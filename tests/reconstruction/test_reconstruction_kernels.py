@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from lwrprobe.contracts import InputError
-from lwrprobe.reconstruction.clusters import cluster
+from lwrprobe.reconstruction.clusters import cluster, supported
 from lwrprobe.reconstruction.contour import contour
 from lwrprobe.reconstruction.distance_kernels import (
     Mesh,
@@ -202,6 +202,24 @@ def test_clusters_hold_every_point_near_and_facing_alike(seed):
     assert np.bincount(groups.label, confidence) == pytest.approx(groups.weight)
     assert (np.linalg.norm(groups.points[groups.label] - points, axis=1) < 0.6).all()
     assert (np.einsum("ij,ij->i", groups.normals[groups.label], normals) > 0.2).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_support_is_counted_as_by_hand(seed):
+    rng = np.random.default_rng(seed)
+    points, normals = rng.normal(size=(400, 3)), rng.normal(size=(400, 3))
+    normals[:, 2] -= 2.0
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    alike, weight = rng.random(400) < 0.4, rng.uniform(0.1, 1.0, 400)
+    claims = alike & (rng.random(400) < 0.7)
+    found = supported(claims, alike, points, normals, weight, 0.8)
+    assert 0 < found.sum() < claims.sum()
+    assert (found == naive.supported(claims, alike, points, normals, weight, 0.8)).all()
+
+
+def test_no_contacts_support_none():
+    none = np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
+    assert not len(supported(np.empty(0, bool), np.empty(0, bool), *none, 0.8))
 
 
 def test_a_merged_arc_stays_on_its_circle():

@@ -19,6 +19,15 @@ class Seeds(NamedTuple):
     chain: np.ndarray  # (n,) the seed before in the same cell, -1 after the last
 
 
+class Cells(NamedTuple):
+    """Points sorted by the cell of a box in which they lie; no point lies in the box's outermost cells."""
+
+    points: np.ndarray  # (n, 3) m
+    normals: np.ndarray  # (n, 3)
+    keys: np.ndarray  # (n,) cell of a point, counted along z, then y, then x; ascending
+    size: np.ndarray  # (3,) cells of the box
+
+
 @kernel
 def cell_hash(i, j, k, size):
     """Slot of a cell in an open-addressing table of 2^m slots."""
@@ -103,3 +112,27 @@ def merge(points, normals, weights, label, centre, facing, total):
     for c in range(clusters):
         for m in range(3):
             centre[c, m] += rise[c] / total[c] * facing[c, m]
+
+
+@kernel
+def share(cells, claims, alike, weights, reach, agreement, agreeing, total):
+    """Weight within `reach` of each claim whose normals agree with the claim's: of those alike, and of all.
+
+    The cells have an edge of `reach`; the cells beside a point's along z follow one another in the order of the keys.
+    """
+    points, normals, keys, size = cells
+    for p in range(points.shape[0]):
+        if not claims[p]:
+            continue
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                cell = keys[p] + (i * size[1] + j) * size[2]
+                for q in range(np.searchsorted(keys, cell - 1), np.searchsorted(keys, cell + 2)):
+                    apart, facing = 0.0, 0.0
+                    for m in range(3):
+                        apart += (points[p, m] - points[q, m]) ** 2
+                        facing += normals[p, m] * normals[q, m]
+                    if apart <= reach * reach and facing > agreement:
+                        total[p] += weights[q]
+                        if alike[q]:
+                            agreeing[p] += weights[q]

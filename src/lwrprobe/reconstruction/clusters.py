@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.reconstruction.cluster_kernels import Seeds, assign, merge
+from lwrprobe.reconstruction.cluster_kernels import Cells, Seeds, assign, merge, share
 
 _AGREEMENT = 0.8
 """Cosine between normals above which two contacts may be of one surface: 37 degrees."""
@@ -114,13 +114,16 @@ def supported(
     They must hold a quarter of the weight of all that was touched within `reach` m and faces about the same way, and
     be more than one contact: a single noisy normal proves nothing.
     """
-    from scipy.spatial import cKDTree
-
+    lowest = points.min(axis=0, initial=np.inf)
+    cells = 1 + np.floor((points - lowest) / reach).astype(np.int64)  # from 1 on: each has neighbours on all sides
+    size = 2 + cells.max(axis=0, initial=0)
+    keys = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
+    order = np.argsort(keys, kind="stable")
+    places = Cells(points[order], normals[order], keys[order], size)
+    agreeing, all_weight = np.zeros(len(points)), np.zeros(len(points))
+    share(places, claims[order], alike[order], weight[order], reach, _AGREEMENT, agreeing, all_weight)
     kept = np.zeros(len(points), dtype=bool)
-    for i, near in zip(np.flatnonzero(claims), cKDTree(points).query_ball_point(points[claims], reach)):
-        same_side = np.array(near)[normals[near] @ normals[i] > _AGREEMENT]
-        agreeing = weight[same_side] @ alike[same_side]
-        kept[i] = agreeing >= max(_MIN_SUPPORT, _MIN_SHARE * weight[same_side].sum())
+    kept[order] = claims[order] & (agreeing >= np.maximum(_MIN_SUPPORT, _MIN_SHARE * all_weight))
     return kept
 
 
