@@ -1,4 +1,4 @@
-"""`lwrprobe bench stability`: forty stiff and extreme cases, what happened, and whether that is good enough."""
+"""Forty stiff and extreme cases: what happened, and whether that is good enough."""
 
 from lwrprobe.bench.stability.report import run
 
