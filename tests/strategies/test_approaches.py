@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lwrprobe.contracts import Area, LinkShape
 from lwrprobe.scene import load_scene
 from lwrprobe_strategies.planning.approaches import BEFORE, FAR_BELOW, HOVER, SOUGHT, Departure, up_from
-from lwrprobe_strategies.planning.free_space import GAP, LIFT, SIDE, SPACING, FreeSpace
+from lwrprobe_strategies.planning.free_space import GAP, LIFT, LOWER, SIDE, SPACING, FreeSpace
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line
 from lwrprobe_strategies.planning.paths import THERE, SpeedLimit, Speeds, seconds
@@ -312,8 +312,20 @@ def test_the_way_back_along_an_underside_leads_no_lower_than_the_sphere_has_been
     stand(free, *(side if upwards else side[::-1]), normal=normal)
     back = np.array([place for place, _ in free.return_path(0.014)])
     between = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(back)])
-    assert between[:, 2].min() >= 0.01 - 1e-9
+    assert between[:, 2].min() >= 0.01 - LOWER - 1e-9
     assert ((between - foot) @ normal).min() > (0.9 * LIFT if down < 0.9 else 0.0), "under a steep one there is no room"
+
+
+def test_the_way_back_under_a_ceiling_cuts_no_corner_into_it():
+    """A ceiling rises to both sides of a place, and the path may not lead off it; 0.1 mm would press with 2 N more."""
+    free = stand(nowhere(), [0.0, -0.03, 0.03])
+    for y in np.arange(-0.03, 0.0, 0.0005):
+        normal = np.array([0.0, -0.05 * np.sign(y + 0.01), -1.0]) / np.hypot(0.05, 1.0)
+        stand(free, [0.0, y, 0.02 + 0.05 * abs(y + 0.01)], normal=normal)
+    back = np.array([place for place, _ in free.return_path(0.025, wedged=True)])
+    between = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(back)])
+    assert (between[:, 2] - 0.02 - 0.05 * np.abs(between[:, 1] + 0.01)).max() < 3e-5
+    assert between[:, 2].min() >= 0.02 - LOWER - 1e-9
 
 
 def test_no_way_back_leads_to_a_place_next_to_a_light_touch():

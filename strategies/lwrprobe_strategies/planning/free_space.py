@@ -38,6 +38,8 @@ LIFT = 0.001
 """m off a surface, at which a path along it is driven back."""
 CHORD, TURN = 0.0003, 0.05
 """m, and change of the stick's direction, by which a path that is driven back may cut its corners."""
+NEAREST = 0.1
+"""Share of `CHORD` by which it may do so where it leads along a surface and not off it: 0.03 mm press with 0.6 N."""
 BROKEN = 0.01
 """m between two places in a row, above which it is not known how the probe came from one to the other."""
 SHORT = 0.15
@@ -386,12 +388,13 @@ class FreeSpace:
         places = [k for k in places if k not in self._barred]
         if not places:
             return None
-        off = _no_lower(rows, places)
+        at, off = rows[places, :3], _no_lower(rows, places)
         if wedged:
-            at = rows[places, :3]
             share = np.minimum(np.linalg.norm(at - at[0], axis=1) / WEDGED, 1.0)
             off = at + share[:, None] * (off - at)
-        kept = path_corners(off, rows[places, STICK], CHORD, TURN)
+        share_off = np.einsum("ij,ij->i", off - at, rows[places, OFF_SURFACE] - at) / LIFT**2
+        chord = CHORD * np.where(_touching(rows[places]), np.clip(share_off, NEAREST, 1.0), 1.0)
+        kept = path_corners(off, rows[places, STICK], chord, TURN)
         return [(off[i].copy(), self._turns[places[i]]) for i in kept]
 
     def _on_border(self, x: float, y: float) -> bool:
@@ -401,7 +404,7 @@ class FreeSpace:
 
 
 def _no_lower(rows: np.ndarray, places: list[int]) -> np.ndarray:
-    """(k, 3) m: the places off the surface of k rows, no lower than the sphere has been within `SIDE` of them.
+    """(k, 3) m: the places off the surface of k rows, `LOWER` at most below where the sphere has been within `SIDE`.
 
     Off a surface that faces down there may be a floor below. Such a place lies farther to the side instead, by `SIDE`
     at most.
@@ -417,7 +420,7 @@ def _no_lower(rows: np.ndarray, places: list[int]) -> np.ndarray:
     been = rows[((rows[:, :2] > low) & (rows[:, :2] < high)).all(axis=1), :3]
     for k, beside in zip(down.tolist(), cKDTree(been[:, :2]).query_ball_point(flat, SIDE, p=np.inf)):
         at = rows[places[k], :3]
-        lowest = float(been[beside, 2].min(initial=at[2]))
+        lowest = float(been[beside, 2].min(initial=at[2])) - LOWER
         if off[k, 2] < lowest:
             normal = (off[k] - at) / LIFT
             level = float(np.hypot(normal[0], normal[1]))
