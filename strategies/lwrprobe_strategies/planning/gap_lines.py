@@ -77,7 +77,7 @@ def lines_across(
             line = _upwards(one, other, radius)
             if not line.on_surface:
                 line = _from_passed(line, trail, xs, heights > floor + 1e-4)
-                line = replace(line, height=lowest(_up_to(line, pitch)))
+                line = replace(line, height=lowest(up_to(line, pitch)))
             lines.append(line)
     return lines
 
@@ -109,7 +109,7 @@ def _from_passed(line: Line, trail: np.ndarray, xs: np.ndarray, touched: np.ndar
     return line
 
 
-def _up_to(line: Line, farthest: float) -> Line:
+def up_to(line: Line, farthest: float) -> Line:
     """The part of a line on which it meets the wall for which it is driven."""
     return replace(line, end=line.begin + line.sign * min(abs(line.end - line.begin), farthest))
 

@@ -13,7 +13,7 @@ from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.planning.body_space import BodySpace
 from lwrprobe_strategies.planning.contact_memory import GRID_X, NORMAL, NORMAL_X, NORMAL_Z, ContactMemory
 from lwrprobe_strategies.planning.floor_lines import floor_lines
-from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides
+from lwrprobe_strategies.planning.gap_lines import OVER, lines_across, near_sides, up_to
 from lwrprobe_strategies.planning.leaning_lines import leaning_lines
 from lwrprobe_strategies.planning.left_strips import left_strips
 from lwrprobe_strategies.planning.lines import NEIGHBOUR, ON_LINE, Line, X, Y, Z
@@ -21,6 +21,7 @@ from lwrprobe_strategies.planning.low_lines import low_lines
 from lwrprobe_strategies.planning.low_sides import ALIKE, FACING, HIGHER, RECEDES, SideOrientations, low_sides
 from lwrprobe_strategies.planning.outer_parts import AT_BORDER, outer_parts
 from lwrprobe_strategies.planning.outlines import outlines
+from lwrprobe_strategies.planning.paths import tip_pose
 from lwrprobe_strategies.planning.survey_lines import survey_lines
 from lwrprobe_strategies.planning.treads import hollow_floors, treads
 from lwrprobe_strategies.planning.unpassed_parts import unpassed_parts
@@ -211,6 +212,8 @@ class GapPlanner:
         radius = self._task.probe.radius
         lowest = self._lowest_before_receding if self._body is not None and self._options.near_sides else self._lowest
         lines = lines_across(contacts, trail, self._grid_x, self._spacing, floor, lowest, radius)
+        if self._body is not None:
+            lines = [self._begun_upright(line) for line in lines]
         self._across_y = np.unique([line.place for line in lines])
         return lines
 
@@ -331,6 +334,19 @@ class GapPlanner:
         poses = np.tile(np.eye(4), (3, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = line.rotation, (over, line.start, line.at(line.end))
         return self._task.reachable(list(poses))
+
+    def _begun_upright(self, line: Line) -> Line:
+        """A line across that begins in free space where the body may not come down to the place that was touched.
+
+        A leaning probe has touched it, whose body was elsewhere.
+        """
+        body = self._body
+        assert body is not None
+        line = line if line.fallback is None else replace(line, fallback=self._begun_upright(line.fallback))
+        if not line.on_surface or body.knows(tip_pose(line.start, body.upright)):
+            return line
+        free = replace(line, on_surface=False, free_to=np.inf)
+        return replace(free, height=self._lowest(up_to(free, self._spacing)))
 
     def _lowest_before_receding(self, line: Line) -> float:
         """m, height at which a line across may be driven: that of the grid where the side that it meets recedes below.
