@@ -7,10 +7,13 @@ import pytest
 
 from lwrprobe.contracts import Area, Done, Goal, Observation, VelocityCommand
 from lwrprobe.scene import load_scene
+from lwrprobe_strategies.coverage_config import CoverageConfig
 from lwrprobe_strategies.grid_version import GridVersion
 from lwrprobe_strategies.orientation_change import OrientationChange
 from lwrprobe_strategies.outcomes import Ended, UnknownSpace
 from lwrprobe_strategies.planning.body_space import BodySpace
+from lwrprobe_strategies.planning.contact_memory import ContactMemory
+from lwrprobe_strategies.planning.gap_planner import GapPlanner
 from lwrprobe_strategies.planning.lean import UP, turned
 from lwrprobe_strategies.planning.lines import Line, X, Y
 from lwrprobe_strategies.planning.low_sides import low_sides
@@ -499,3 +502,24 @@ def test_a_touch_on_the_border_is_known_where_the_sphere_came_down_to_it():
     found.note(pose(0.0, border, LOW - 0.0001), np.array([0.0, border + 0.005, LOW]))
     found.survey()
     assert np.isfinite(found._body.heights[:, 0]).any()
+
+
+@pytest.mark.parametrize(("plate", "on_surface"), [(0.0115, False), (LOW + 0.001, True)])
+def test_a_line_across_begins_above_a_floor_that_only_a_leaning_probe_could_touch(plate, on_surface):
+    """The upright body may not come down to the floor, and each line that began there had been given up."""
+    beside, over = 0.06, 0.045
+    known, memory = space((beside, over)), ContactMemory()
+    for x, height in ((beside, plate), (over, TALL)):
+        for y in np.arange(-0.02, 0.0201, 0.0005):
+            place = np.array([x, y, height])
+            memory.passed(place, x)
+            memory.add(place, place - [0.0, 0.0, 0.005], UP, x)
+    given = replace(task(links=LINKS, area=AREA))
+    options = CoverageConfig(step=PITCH)
+    planner = GapPlanner(given, memory, options, np.array([over, beside]), lambda line: 0.07, known, lambda away: ())
+    lines = planner._lines_across()
+    assert lines
+    for line in lines:
+        assert (line.begin, line.on_surface) == (beside, on_surface)
+        assert line.height == pytest.approx(plate if on_surface else 0.07)
+        assert line.fallback.on_surface, "the probe has been upright on the top"
