@@ -718,6 +718,15 @@ def test_a_sphere_is_wedged_where_it_lies_on_the_plane_of_what_faces_it():
     assert groove(np.radians(45.0)) == [False] * 9
 
 
+@pytest.mark.parametrize(("gap", "between"), [(0.0008, True), (0.0015, False)])
+def test_a_normal_says_nothing_beyond_a_gap_into_which_the_sphere_just_fits(gap, between):
+    """A rod before a thin wall: what its normal said of the space behind the gap made a hole in the wall."""
+    wall, rod = np.array([0.0, 1.0, 0.0]), np.array([-0.69, -0.72, 0.0]) / np.hypot(0.69, 0.72)
+    places = np.array([[0.0, 0.0, 0.0], [0.005, gap, 0.0]])
+    found = wedged(Clusters(places, np.array([wall, rod]), np.ones(2), np.arange(2)), 0.01)
+    assert found.tolist() == [False, between]
+
+
 def test_a_path_right_over_a_plate_makes_no_hole_in_it():
     """Between two lines the sphere had come down beside a rod, and passed 0.08 mm above the plate."""
     xs, ys = np.arange(-0.03, 0.0301, 0.01), np.arange(-0.03, 0.0301, 0.0005)

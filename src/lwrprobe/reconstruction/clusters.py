@@ -27,8 +27,9 @@ _MIN_SUPPORT, _MIN_SHARE = 1.5, 0.25
 _FACING = -0.2
 """Cosine between normals below which two surfaces face each other: they leave less than 78 degrees between them."""
 
-_ON_PLANE = 5e-4
-"""m beside a tangent plane, up to which the sphere touches that surface as well: noise, and a little curvature."""
+_ON_PLANE = 1e-3
+"""m beside a tangent plane, up to which the sphere touches that surface as well, or nearly: noise, a little curvature,
+and a gap so narrow that a normal on its one side says nothing of what is on the other."""
 
 _PORTION = 50_000
 """Points between two looks at the progress callback."""
