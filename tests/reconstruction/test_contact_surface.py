@@ -194,6 +194,21 @@ def test_expected_errors_beyond_what_was_touched_grow_with_the_distance_from_it(
     assert 0.4 < actual / result.mesh.vertex_error[there].mean() < 2.5
 
 
+def test_walls_below_all_that_was_touched_are_less_certain_the_lower_they_are(scenes):
+    """They are led on straight, down to the table; what stands there may be narrower."""
+    _, record = scenes("block", 0.01)
+    high, free = record.points[:, 2] > 0.04, record.free_path[record.free_path[:, 2] > 0.04]
+    above = replace(record, points=record.points[high], normals=record.normals[high], free_path=free)
+    result = surface(replace(above, confidence=None, times=None), pitch=0.01)
+    x, y, z = result.mesh.vertices.T
+    wall = (np.abs(np.abs(y) - 0.025) < 0.002) & (np.abs(x) < 0.04)
+    low, middle = wall & (z > 0.008) & (z < 0.012), wall & (z > 0.032) & (z < 0.036)
+    assert low.sum() > 20
+    assert middle.sum() > 20
+    assert result.mesh.vertex_error[low].min() > 0.3 * (0.028 - 0.005)
+    assert result.mesh.vertex_error[middle].mean() < 0.002
+
+
 def test_what_the_sphere_cannot_reach_is_marked(scenes):
     """A floor at z = 20 mm meets a wall at y = 20 mm: the sphere rests in the edge and cannot reach its bottom."""
     solid, record = scenes("inner_corner")

@@ -478,9 +478,11 @@ def _judge(
     # In an inner edge of 90 degrees the real surface lies up to (sqrt 2 - 1) radii behind the sphere's arc.
     hidden = np.where(unreachable, 0.4 * touches.radius, 0.0)
     # Places that are inferred agree with each other, so that the process is too sure of what lies between them. Only
-    # walls are bounded from both sides, by what is solid and what is free.
-    away = cKDTree(process.data.points[:touched]).query(hull.vertices)[0]
-    unbounded = source < touched + len(inferred.points)
-    guess = np.where(unbounded, _GUESS * np.maximum(away - 0.5 * between, 0.0), 0.0)[foot]
+    # walls are bounded from both sides, by what is solid and what is free; lower than anything that was touched, it is
+    # a guess that something is solid.
+    contacts = process.data.points[:touched]
+    away, below = cKDTree(contacts).query(hull.vertices)[0], contacts[:, 2].min() - hull.vertices[:, 2]
+    bounded = source >= touched + len(inferred.points)
+    guess = _GUESS * np.maximum(np.where(bounded, below, away) - 0.5 * between, 0.0)[foot]
     error = np.hypot(np.sqrt(2.0 / np.pi) * np.hypot(deviation, hidden), guess)
     return TriangleMesh(vertices, body.mesh.faces, error), unreachable
