@@ -115,7 +115,7 @@ def merge(points, normals, weights, label, centre, facing, total):
 
 
 @kernel
-def share(cells, claims, alike, weights, reach, agreement, agreeing, total):
+def support(cells, claims, alike, weights, reach, agreement, agreeing, total):
     """Weight within `reach` of each claim whose normals agree with the claim's: of those alike, and of all.
 
     The cells have an edge of `reach`; the cells beside a point's along z follow one another in the order of the keys.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lwrprobe.reconstruction.cluster_kernels import Cells, Seeds, assign, merge, share
+from lwrprobe.reconstruction.cluster_kernels import Cells, Seeds, assign, merge, support
 
 _AGREEMENT = 0.8
 """Cosine between normals above which two contacts may be of one surface: 37 degrees."""
@@ -122,7 +122,7 @@ def supported(
     order = np.argsort(keys, kind="stable")
     places = Cells(points[order], normals[order], keys[order], size)
     agreeing, all_weight = np.zeros(len(points)), np.zeros(len(points))
-    share(places, claims[order], alike[order], weight[order], reach, _AGREEMENT, agreeing, all_weight)
+    support(places, claims[order], alike[order], weight[order], reach, _AGREEMENT, agreeing, all_weight)
     kept = np.zeros(len(points), dtype=bool)
     kept[order] = claims[order] & (agreeing >= np.maximum(_MIN_SUPPORT, _MIN_SHARE * all_weight))
     return kept
